@@ -7,24 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.heel_strike import UpperMotion
-from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.gait.reference import Reference, Walk
 from stridetwin.sim.kinematics import rigid_tree
-from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.rotation import cross, matrix_from_quat
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.body import tracked
-from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.samples import Array
@@ -162,47 +158,6 @@ class Loads:
     residual_force: Array
     residual_torque: Array
     motors: dict[str, Array] = field(default_factory=dict)
-
-
-class Walk(Protocol):
-    """A walk as functions of time, planned or simulated; the attributes as in `gait.reference.Reference`."""
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the walk, s."""
-        ...
-
-    @property
-    def size(self) -> Wearer:
-        """Dimensions of the wearer."""
-        ...
-
-    @property
-    def steps(self) -> dict[str, list[Footstep]]:
-        """Footsteps of each foot in order of time."""
-        ...
-
-    @property
-    def coordinates(self) -> Coordinates:
-        """Layout of the generalised coordinates."""
-        ...
-
-    @property
-    def splines(self) -> BSpline:
-        """Splines of the coordinates."""
-        ...
-
-    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
-        """Position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s."""
-        ...
-
-    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two results of `state`, faster."""
-        ...
-
-    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot relative to its ground, toes down positive."""
-        ...
 
 
 AnyWalk = TypeVar("AnyWalk", bound=Walk)

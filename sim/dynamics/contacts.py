@@ -25,7 +25,7 @@ from stridetwin.streams.samples import Array
 
 _FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
 _UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
-_PUSHES_M = 0.0003  # a point bears force from here on; assuming force too early lets the foot slap
+_BEARS_M = 0.0003  # a point bears force from here on; assuming force too early lets the foot slap
 _LIFTS_M = 0.0015  # and until it is this far off, so that a trembling foot stays in contact
 _EARLY_S = 0.08  # this long before its planned landing, a foot in contact may already bear force
 
@@ -121,7 +121,7 @@ class Soles:
                 point[model.geom(f"sole_{side}_{i}").id] = k * PER_FOOT + i
         return cls(point=point)
 
-    def feel(
+    def sense(
         self, data: mujoco.MjData, plan: Plan, i: int, before: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
         """Which points may bear force, and where the floor is.
@@ -136,19 +136,19 @@ class Soles:
             (2, points) whether a point may bear force; (2,) m, height of the floor above the plane of the planned
             footprint, NaN for a foot without contact.
         """
-        return _feel(
+        return _sense(
             self.point, Contacts.of(data), data.contact.dist, plan.R_sole[i], plan.p_sole[i], plan.swinging[i],
             plan.until_landing[i], plan.touching[i], before,
         )  # fmt: skip
 
 
 @numba.njit(cache=True)
-def _feel(
+def _sense(
     point: NDArray[np.int64], contacts: Contacts, dist: Array, R_sole: Array, p_sole: Array,
     swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_], before: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
     geoms, pos, frame, _ = contacts
-    may_push = np.zeros((2, PER_FOOT), dtype=np.bool_)
+    may_bear = np.zeros((2, PER_FOOT), dtype=np.bool_)
     total, count = np.zeros(2), np.zeros(2)
     for c in range(len(dist)):
         n = max(point[geoms[c, 0]], point[geoms[c, 1]])
@@ -171,10 +171,10 @@ def _feel(
         if abs(above) > _FLOOR_M:
             continue
         i = n % PER_FOOT
-        near = _LIFTS_M if before[side, i] else _PUSHES_M
-        may_push[side, i] = dist[c] < near and (early or touching[side, i])
+        near = _LIFTS_M if before[side, i] else _BEARS_M
+        may_bear[side, i] = dist[c] < near and (early or touching[side, i])
         total[side] += above
         count[side] += 1.0
     for side in range(2):
         total[side] = total[side] / count[side] if count[side] > 0.0 else np.nan
-    return may_push, total
+    return may_bear, total

@@ -15,7 +15,7 @@ from stridetwin.sim.dynamics.footstep_replanning import StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
 from stridetwin.sim.dynamics.spatial import bias_acceleration, chain_of, cross, jacobian, rotate
-from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, eliminate, solve
+from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
@@ -94,7 +94,7 @@ class _State(NamedTuple):
 class _WantedFeet(NamedTuple):
     """A row of the plan (`Plan`), of both feet."""
 
-    price: Array
+    force_weight: Array
     share: Array
     R_sole: Array
     p_foot: Array
@@ -214,14 +214,14 @@ class Controller:
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
         forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
-        h, wanted = _aims(
+        h, wanted = _targets(
             self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
         )  # fmt: skip
         state = _State(
             data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat
         )  # fmt: skip
         feet = _WantedFeet(
-            plan.price[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
+            plan.force_weight[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
             plan.w_foot[i], plan.a_foot[i], plan.dw_foot[i],
         )  # fmt: skip
         torque = _step(
@@ -231,7 +231,7 @@ class Controller:
 
 
 @numba.njit(cache=True)
-def _aims(
+def _targets(
     rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
@@ -267,7 +267,7 @@ def _step(
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
     driven, free, weight, bodies, local, point_chain, feet, foot_chain, push, assist = body
     cdof, cdof_dot, cvel, centre, qvel, xpos, xmat = state
-    price, share, R_sole, p_foot, R_foot, v_foot, w_foot, a_foot, dw_foot = plan
+    force_weight, share, R_sole, p_foot, R_foot, v_foot, w_foot, a_foot, dw_foot = plan
     n = len(driven)
     axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     for j in range(n):
@@ -299,7 +299,7 @@ def _step(
                 along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
                 sign = 1.0 if e % 2 == 0 else -1.0
                 edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
-            cost[k] = price[side, i] * gains.force / max(share[side], 0.02) ** 2
+            cost[k] = force_weight[side, i] * gains.force / max(share[side], 0.02) ** 2
             last[k] = push[side, i]
             m += 3
             k += 1
@@ -334,7 +334,7 @@ def _step(
     A, bias_driven = eliminate(M, h, driven, free)
     _, torque, now, _ = solve(
         A, bias_driven, wanted[driven], weight, Tasks(tasks[:m], aims[:m], weights[:m]),
-        PushingPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
+        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
     )  # fmt: skip
     push[:] = 0.0
     k = 0

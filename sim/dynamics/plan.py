@@ -32,8 +32,8 @@ class Plan:
         a: (N, nv).
         share: (N, 2) share of the load.
         touching: (N, 2, points) whether a sole point is planned to bear force.
-        price: (N, 2, points) relative cost of force at a point: under a foot that stands on its toes alone, the cost is
-            lower the closer the point is to the planned centre of pressure.
+        force_weight: (N, 2, points) relative weight of force at a point: under a foot that stands on its toes alone, it
+            is lower the closer the point is to the planned centre of pressure.
         R_sole: (N, 2, 3, 3) axes in the world of the ground's frame under each foot (of the flat foot); in the air, of
             the next footprint.
         p_sole: (N, 2, 3) m, the footprint.
@@ -52,7 +52,7 @@ class Plan:
     a: Array
     share: Array
     touching: NDArray[np.bool_]
-    price: Array
+    force_weight: Array
     R_sole: Array
     p_sole: Array
     com: Array
@@ -104,7 +104,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
     loads = reference.loads(t)
     heading = np.mean([np.interp(t, reference.grid, reference.paths[side].heading) for side in SIDES], axis=0)
     R_way = np.stack([np.cos(heading), -np.sin(heading), np.sin(heading), np.cos(heading)], -1).reshape(-1, 2, 2)
-    touching, price = np.zeros((n, 2, PER_FOOT), dtype=bool), np.ones((n, 2, PER_FOOT))
+    touching, force_weight = np.zeros((n, 2, PER_FOOT), dtype=bool), np.ones((n, 2, PER_FOOT))
     R_sole, p_sole = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
     swinging, near_edge = np.zeros((n, 2), dtype=bool), np.zeros((n, 2), dtype=bool)
     until_landing = np.zeros((n, 2))
@@ -127,11 +127,11 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
-            price[toes, k, HEEL_POINTS:] = toe_weights(size, x)
+            force_weight[toes, k, HEEL_POINTS:] = toe_weights(size, x)
     return Plan(
-        t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, price=price, R_sole=R_sole, p_sole=p_sole,
-        com=com, swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,
-        a_foot=_rate(dp), R_foot=R, w_foot=w, dw_foot=_rate(w),
+        t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, force_weight=force_weight, R_sole=R_sole,
+        p_sole=p_sole, com=com, swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge,
+        p_foot=p, v_foot=dp, a_foot=_rate(dp), R_foot=R, w_foot=w, dw_foot=_rate(w),
     )  # fmt: skip
 
 

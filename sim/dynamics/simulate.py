@@ -114,7 +114,7 @@ class Simulation:
     def _control_step(self, i: int, known: Array) -> None:
         """Computes the wearer's torques from row i of the plan and the (nv,) forces that the wearer knows."""
         model, data, plan = self._model, self._data, self._plan
-        self._touching, floor = self._soles.feel(data, plan, i, self._touching)
+        self._touching, floor = self._soles.sense(data, plan, i, self._touching)
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))

@@ -11,8 +11,7 @@ from scipy.interpolate import BSpline
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.gait.reference import Reference, Walk
 from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -45,18 +44,13 @@ class FootRecord(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SimulatedWalk:
-    """Result of the simulation, with the same interface as a `Reference`.
+class SimulatedWalk(Walk):
+    """Result of the simulation; it ends where the walker fell.
 
     The coordinates of the physics steps are the control points of cubic B-splines, so that position, velocity and
     acceleration agree exactly at any instant.
 
     Attributes:
-        duration_s: Length of the walk; it ends where the walker fell.
-        size: Dimensions of the wearer.
-        steps: Footsteps of each foot as simulated.
-        coordinates: Layout of the generalised coordinates.
-        splines: Cubic splines of the coordinates.
         fell_at: When the walker fell, s, or None.
         t: (N,) s, the physics steps.
         torque: (N, nv) N m, generalised forces of the joints; the root's six rows are the assist (world force, torque
@@ -66,11 +60,6 @@ class SimulatedWalk:
         cop: (N, 2, 3) m, centre of pressure; undefined without load.
     """
 
-    duration_s: float
-    size: Wearer
-    steps: dict[str, list[Footstep]]
-    coordinates: Coordinates
-    splines: BSpline
     fell_at: float | None
     t: Array
     torque: Array
@@ -111,16 +100,8 @@ class SimulatedWalk:
             foot_torque=loads.moment, cop=loads.cop, _pitch=pitch,
         )  # fmt: skip
 
-    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
-        """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
-
-    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two results of `state`, faster."""
-        return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
-
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot against the ground under it, toes down positive."""
+        """As `Walk`."""
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
     def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:

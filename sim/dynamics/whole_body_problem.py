@@ -38,7 +38,7 @@ class Tasks(NamedTuple):
     weight: Array
 
 
-class PushingPoints(NamedTuple):
+class ContactPoints(NamedTuple):
     """The k contact points that may push, and the weights of their force.
 
     Attributes:
@@ -148,7 +148,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 
 @numba.njit(cache=True)
 def solve(
-    M: Array, h: Array, wanted: Array, weight: Array, tasks: Tasks, points: PushingPoints, assist: Array
+    M: Array, h: Array, wanted: Array, weight: Array, tasks: Tasks, points: ContactPoints, assist: Array
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 

@@ -130,4 +130,4 @@ NOMINAL: dict[str, Callable[[Any], Parameters]] = {
     "interaction": _interaction,
     "actuator": _actuator,
 }
-"""Parameters of sensors without a Kalibr section from the figures of their parts, by kind of `streams.rig.OtherSensor`."""
+"""Parameters of a sensor without a Kalibr section, from the figures of its part, by kind of `rig.OtherSensor`."""

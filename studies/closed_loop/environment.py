@@ -33,7 +33,7 @@ from stridetwin.streams.samples import Actuator, Ahrs, Array, Encoder, Insole, I
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
 SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
-HELPED = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
+WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
 _ORDER = ("hip", "knee", "ankle")
 _SEEDS = "a whole number from 0 on, or an iterable of them with one per walk"
 
@@ -59,7 +59,7 @@ class WalkPhysics(control.Physics):
         if not mounted:
             raise _unpowered(config)
         self.joints = tuple(sorted(mounted, key=_rank))
-        self.most = np.minimum(most_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
+        self.most = np.minimum(torque_limits_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
         self._driven = [self.joints.index(joint) for joint in mounted]  # in the order of the motors
         self._config, self._seeds = config, seeds
         self._seed = self._next_seed()
@@ -131,20 +131,20 @@ class WalkPhysics(control.Physics):
         return STEP_S
 
     def power(self, seconds: float) -> Array:
-        """(N, 4) W of the wearer's own hips and knees (`HELPED`) in each time step of the last `seconds`."""
-        torque, speed = helped_joints(self.live.simulation.recent(seconds))
+        """(N, 4) W of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of the last `seconds`."""
+        torque, speed = wearer_joints(self.live.simulation.recent(seconds))
         return torque * speed
 
 
-def helped_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
-    """(N, 4) N m and rad/s of the wearer's own hips and knees (`HELPED`) in each time step of a walk."""
+def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
+    """(N, 4) N m and rad/s of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of a walk."""
     _, speed = walk.moving(walk.t)
     names = walk.coordinates.names[6:]
-    dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in HELPED]
+    dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
     return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
 
 
-def most_nm(joints: Sequence[str]) -> Array:
+def torque_limits_nm(joints: Sequence[str]) -> Array:
     """(n,) torque limits of joints by name, N m, before the motors' own limits."""
     return np.array([HIP_NM if joint.startswith("hip") else KNEE_NM for joint in joints])
 

@@ -40,7 +40,7 @@ class Recognition(Protocol):
         ...
 
 
-class Unaware:
+class LevelGround:
     """No recognition: level ground everywhere."""
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class Unaware:
         """As `Recognition`."""
 
 
-class Predicted(Unaware):
+class Predicted(LevelGround):
     """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the coming steps.
 
     Args:
@@ -81,7 +81,7 @@ class Predicted(Unaware):
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
 
-class Felt(Unaware):
+class Measured(LevelGround):
     """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
 
     Args:
@@ -99,7 +99,7 @@ class Felt(Unaware):
             self.standing, self.coming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
 
 
-class Known(Unaware):
+class TrueModes(LevelGround):
     """The truth.
 
     Args:

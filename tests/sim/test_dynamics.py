@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_weights
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
-from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, contact_forces, eliminate, solve
+from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
 from stridetwin.streams.errors import ConfigError
@@ -168,7 +168,7 @@ def test_control_step_obeys_the_equations_of_motion() -> None:
     wanted, unaided = rng.normal(size=n), np.zeros(6)
     qacc, torque, push, rest = solve(
         M, h, wanted, np.full(n, 0.1), Tasks(tasks, aims, np.ones(4)),
-        PushingPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))), unaided,
+        ContactPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))), unaided,
     )  # fmt: skip
     assert push.min() >= 0.0
     force = np.einsum("ke,kei->ki", push, edges).ravel()
@@ -277,7 +277,7 @@ def test_a_point_that_has_pressed_keeps_its_footing_until_it_is_well_off_the_flo
         data.qpos = plan.q[0]
         data.qpos[2] += height
         mujoco.mj_step1(model, data)
-        found[height] = [soles.feel(data, plan, 0, before)[0].any() for before in (none, every)]
+        found[height] = [soles.sense(data, plan, 0, before)[0].any() for before in (none, every)]
     assert found == {-0.0005: [True, True], 0.001: [False, True], 0.003: [False, False]}
 
 

@@ -1,4 +1,4 @@
-"""Help by mode: who tells the mode, what the controller sees, what it asks for, and what a walk then costs."""
+"""Assistance by mode: the modes, the observations and torques of the controller, and the cost of a walk."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from stridetwin.sim.config import Exo, Gait, Level, Route, Stairs, TwinConfig
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.samples import Insole
 from stridetwin.studies import assistance
-from stridetwin.studies.closed_loop.assistance_controller import HELP, Helped, Helper
-from stridetwin.studies.closed_loop.assisted_walk import bare_walk, costs, helped_walk, truth_of
-from stridetwin.studies.closed_loop.recognition import Known, Predicted, Unaware
+from stridetwin.studies.closed_loop.assistance_controller import ASSISTANCE, AssistanceController, AssistanceObserver
+from stridetwin.studies.closed_loop.assisted_walk import assisted_walk, bare_walk, costs, truth_of
+from stridetwin.studies.closed_loop.recognition import LevelGround, Predicted, TrueModes
 
 JOINTS = ("hip_l", "hip_r", "knee_l", "knee_r")
 MOST = np.array([20.0, 20.0, 15.0, 15.0])
@@ -35,7 +35,7 @@ def seen(speed: float, loaded: tuple[int, int], modes: tuple[str, str]) -> dict[
 
 
 def settled(observation: dict[str, np.ndarray]) -> np.ndarray:
-    helper = Helper(JOINTS, MOST)
+    helper = AssistanceController(JOINTS, MOST)
     return [helper.torques(observation) for _ in range(200)][-1]
 
 
@@ -43,7 +43,7 @@ def test_joints_are_pushed_the_way_they_turn_by_what_the_mode_wants() -> None:
     climbing = ("SA", "SA")
     assert settled(seen(-2.0, (1, 1), climbing)) == pytest.approx(-MOST)  # in stance both extend
     assert settled(seen(2.0, (0, 1), climbing)) == pytest.approx([20.0, 0.0, 15.0, 0.0])  # a loaded leg bends alone
-    less = HELP["LG"].share
+    less = ASSISTANCE["LG"].share
     assert settled(seen(-2.0, (1, 1), ("LG", "LG"))) == pytest.approx(-less * MOST)
     assert settled(seen(-2.0, (1, 1), ("SA", "LG"))) == pytest.approx(-MOST * [1.0, less, 1.0, less])
     assert settled(seen(2.0, (1, 1), ("LG", "LG"))) == pytest.approx([20.0 * less, 20.0 * less, 0.0, 0.0])
@@ -62,25 +62,25 @@ def test_motors_beside_those_of_hips_and_knees_are_left_alone() -> None:
     observation = seen(-2.0, (1, 0), ("SA", "SA"))
     for side in "lr":
         observation[f"exo/ankle_{side}/actuator"] = np.array([0.0, 0.0, -2.0])
-    helper = Helper((*JOINTS, "ankle_l", "ankle_r"), np.array([*MOST, 15.0, 15.0]))
+    helper = AssistanceController((*JOINTS, "ankle_l", "ankle_r"), np.array([*MOST, 15.0, 15.0]))
     told = [helper.torques(observation) for _ in range(200)][-1]
     assert told == pytest.approx([*-MOST, 0.0, 0.0])
 
 
 def test_help_grows_smoothly() -> None:
-    helper = Helper(JOINTS, MOST)
+    helper = AssistanceController(JOINTS, MOST)
     told = np.array([helper.torques(seen(-2.0, (1, 1), ("SA", "SA")))[0] for _ in range(30)])
     assert -8.0 < told[0] < 0.0
     assert (np.diff(told) < 0.0).all()
 
 
 def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
-    class Told(Unaware):
+    class Told(LevelGround):
         def __init__(self) -> None:
             self.standing, self.coming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
 
     rig = sensor_rig(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).nominal(0)
-    observer = Helped(rig, Told)
+    observer = AssistanceObserver(rig, Told)
     assert observer.observation()["mode"].tolist() == [0.0, 0.0]  # before a walk has begun
     observer.reset()
     observer.update([insole("l", 300.0), insole("r", 40.0)])
@@ -90,14 +90,14 @@ def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
 
 def test_the_truth_is_told_step_by_step_and_spoilt_as_asked() -> None:
     steps = {"l": [(10**9, "SA"), (2 * 10**9, "LG")], "r": [(15 * 10**8, "SA")]}
-    known = Known(steps)
+    known = TrueModes(steps)
     told = []
     for t in (0.5, 1.05, 1.2, 1.9, 2.5):
         known.update(insole("l", 0.0, round(t * 1e9)))
         told.append((known.standing["l"], known.coming["l"], known.standing["r"]))
     assert told == [("LG", "SA", "LG"), ("SA", "SA", "LG"), ("SA", "LG", "LG"), ("SA", "LG", "SA"), ("LG", "LG", "SA")]
     many = {"l": [(k, "SA") for k in range(4000)], "r": []}
-    spoilt = Known(many, 0.01, np.random.default_rng(3))._modes["l"][1:-1]
+    spoilt = TrueModes(many, 0.01, np.random.default_rng(3))._modes["l"][1:-1]
     assert 20 < sum(mode != "SA" for mode in spoilt) < 60
 
 
@@ -107,7 +107,7 @@ def test_a_predicted_step_is_stood_on_once_its_foot_is_down() -> None:
         return SimpleNamespace(step=done, steps=tuple(steps))
 
     predicted = Predicted.__new__(Predicted)
-    Unaware.__init__(predicted)
+    LevelGround.__init__(predicted)
     predicted._next = None
     predicted._take(estimate(0, ("", "LG"), ("", "LG")))
     assert predicted.coming == {"l": "LG", "r": "LG"}
@@ -118,10 +118,10 @@ def test_a_predicted_step_is_stood_on_once_its_foot_is_down() -> None:
 
 
 def test_a_stair_costs_less_with_help_than_with_motors_that_carry_themselves() -> None:
-    helped = helped_walk(STAIR, 3, lambda rig, twin: truth_of(twin))
-    carried = helped_walk(STAIR, 3, None)
-    assert helped.walk.fell_at is None
-    own, more = costs(helped)["SA"], costs(carried)["SA"]
+    assisted = assisted_walk(STAIR, 3, lambda rig, twin: truth_of(twin))
+    carried = assisted_walk(STAIR, 3, None)
+    assert assisted.walk.fell_at is None
+    own, more = costs(assisted)["SA"], costs(carried)["SA"]
     assert own["steps"] == more["steps"] == 3
     assert more["rest_j"] < own["work_j"] < 0.85 * more["work_j"]
     assert own["cuff_n"] > more["cuff_n"] > 1.0
