@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.dynamics.plan import Plan
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import PER_FOOT
 from stridetwin.sim.dynamics.spatial import bias_acceleration, chain_of, cross
 from stridetwin.streams.samples import Array
@@ -122,32 +122,28 @@ class Soles:
         return cls(point=point)
 
     def sense(
-        self, data: mujoco.MjData, plan: Plan, i: int, before: NDArray[np.bool_]
+        self, data: mujoco.MjData, feet: PlannedFeet, before: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
         """Which points may bear force, and where the floor is.
 
         Args:
             data: State after `mj_step1`.
-            plan: Planned motion.
-            i: Row of the plan.
+            feet: Plan of the feet.
             before: (2, points) which points might bear force in the previous control step.
 
         Returns:
             (2, points) whether a point may bear force; (2,) m, height of the floor above the plane of the planned
             footprint, NaN for a foot without contact.
         """
-        return _sense(
-            self.point, Contacts.of(data), data.contact.dist, plan.R_sole[i], plan.p_sole[i], plan.swinging[i],
-            plan.until_landing[i], plan.touching[i], before,
-        )  # fmt: skip
+        return _sense(self.point, Contacts.of(data), data.contact.dist, feet, before)
 
 
 @numba.njit(cache=True)
 def _sense(
-    point: NDArray[np.int64], contacts: Contacts, dist: Array, R_sole: Array, p_sole: Array,
-    swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_], before: NDArray[np.bool_],
+    point: NDArray[np.int64], contacts: Contacts, dist: Array, feet: PlannedFeet, before: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
     geoms, pos, frame, _ = contacts
+    R_sole, p_sole, swinging = feet.R_sole, feet.p_sole, feet.swinging
     may_bear = np.zeros((2, PER_FOOT), dtype=np.bool_)
     total, count = np.zeros(2), np.zeros(2)
     for c in range(len(dist)):
@@ -155,7 +151,7 @@ def _sense(
         if n < 0:
             continue
         side = n // PER_FOOT
-        early = swinging[side] and until_landing[side] < _EARLY_S
+        early = swinging[side] and feet.until_landing[side] < _EARLY_S
         if swinging[side] and not early:
             continue
         upright = 0.0
@@ -172,7 +168,7 @@ def _sense(
             continue
         i = n % PER_FOOT
         near = _LIFTS_M if before[side, i] else _BEARS_M
-        may_bear[side, i] = dist[c] < near and (early or touching[side, i])
+        may_bear[side, i] = dist[c] < near and (early or feet.touching[side, i])
         total[side] += above
         count[side] += 1.0
     for side in range(2):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.dynamics.footstep_replanning import StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
 from stridetwin.sim.dynamics.spatial import bias_acceleration, chain_of, cross, jacobian, rotate
@@ -89,20 +89,6 @@ class _State(NamedTuple):
     qvel: Array
     xpos: Array
     xmat: Array
-
-
-class _WantedFeet(NamedTuple):
-    """A row of the plan (`Plan`), of both feet."""
-
-    force_weight: Array
-    share: Array
-    R_sole: Array
-    p_foot: Array
-    R_foot: Array
-    v_foot: Array
-    w_foot: Array
-    a_foot: Array
-    dw_foot: Array
 
 
 class _Forces(NamedTuple):
@@ -220,12 +206,8 @@ class Controller:
         state = _State(
             data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat
         )  # fmt: skip
-        feet = _WantedFeet(
-            plan.force_weight[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
-            plan.w_foot[i], plan.a_foot[i], plan.dw_foot[i],
-        )  # fmt: skip
         torque = _step(
-            self._believed * self._M, h, wanted, self._body, state, feet, touching, shift.foot, gains.foot
+            self._believed * self._M, h, wanted, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
         )  # fmt: skip
         return _limited(torque, self._body.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
@@ -261,13 +243,13 @@ def _limited(
 
 @numba.njit(cache=True)
 def _step(
-    M: Array, h: Array, wanted: Array, body: _Body, state: _State, plan: _WantedFeet, touching: NDArray[np.bool_],
+    M: Array, h: Array, wanted: Array, body: _Body, state: _State, feet: PlannedFeet, touching: NDArray[np.bool_],
     moved: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
-    driven, free, weight, bodies, local, point_chain, feet, foot_chain, push, assist = body
+    driven, free, weight, bodies, local, point_chain, foot_bodies, foot_chain, push, assist = body
     cdof, cdof_dot, cvel, centre, qvel, xpos, xmat = state
-    force_weight, share, R_sole, p_foot, R_foot, v_foot, w_foot, a_foot, dw_foot = plan
+    R_sole, R_foot = feet.R_sole, feet.R_foot
     n = len(driven)
     axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     for j in range(n):
@@ -299,12 +281,12 @@ def _step(
                 along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
                 sign = 1.0 if e % 2 == 0 else -1.0
                 edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
-            cost[k] = force_weight[side, i] * gains.force / max(share[side], 0.02) ** 2
+            cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
             last[k] = push[side, i]
             m += 3
             k += 1
             pushing += 1
-        b = feet[side]
+        b = foot_bodies[side]
         R = xmat[b].reshape(3, 3)
         w = cvel[b, :3].copy()
         p = xpos[b].copy()
@@ -317,7 +299,7 @@ def _step(
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
             turn += 0.5 * error
         rate = gains.pivot_rate if pushing else gains.swing_rate
-        aims[m : m + 3] = dw_foot[side] + rate * rate * turn + 2 * rate * (w_foot[side] - w) - bias_turn
+        aims[m : m + 3] = feet.dw_foot[side] + rate * rate * turn + 2 * rate * (feet.w_foot[side] - w) - bias_turn
         weights[m : m + 3] = gains.swing
         if pushing:
             rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
@@ -326,8 +308,8 @@ def _step(
         if not pushing:
             tasks[m : m + 3] = linear
             aims[m : m + 3] = (
-                a_foot[side] + moved[side, 2] - bias
-                + rate * rate * (p_foot[side] + moved[side, 0] - p) + 2 * rate * (v_foot[side] + moved[side, 1] - v)
+                feet.a_foot[side] + moved[side, 2] - bias + rate * rate * (feet.p_foot[side] + moved[side, 0] - p)
+                + 2 * rate * (feet.v_foot[side] + moved[side, 1] - v)
             )  # fmt: skip
             weights[m : m + 3] = gains.swing
             m += 3

@@ -114,11 +114,12 @@ class Simulation:
     def _control_step(self, i: int, known: Array) -> None:
         """Computes the wearer's torques from row i of the plan and the (nv,) forces that the wearer knows."""
         model, data, plan = self._model, self._data, self._plan
-        self._touching, floor = self._soles.sense(data, plan, i, self._touching)
+        feet = plan.feet_at(i)
+        self._touching, floor = self._soles.sense(data, feet, self._touching)
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
-        self._shift.update(CONTROL_S, plan.feet(i), sensed, self._misplace[i])
+        self._shift.update(CONTROL_S, feet, sensed, self._misplace[i])
         self._torque = self._control.torques(data, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
@@ -155,7 +156,7 @@ def pushing(dynamics: Dynamics, plan: Plan) -> Array:
     force = np.zeros((len(plan.t), 2))
     for push in dynamics.pushes:
         during = (plan.t >= push.at_s) & (plan.t < push.at_s + push.duration_s)
-        force[during] += plan.R_way[during] @ [push.forward_n, push.left_n]
+        force[during] += plan.feet.R_way[during] @ [push.forward_n, push.left_n]
     return force
 
 
@@ -163,14 +164,14 @@ def misplaced(dynamics: Dynamics, plan: Plan) -> Array:
     """(N, 2, 2) m, world, offset of each foot's landing from its foothold, at each instant of a plan."""
     off = np.zeros((len(plan.t), len(SIDES), 2))
     for misstep in dynamics.missteps:
-        landing = plan.t[:, None] + plan.until_landing
-        landing[~plan.swinging | (landing < misstep.at_s)] = np.inf
+        landing = plan.t[:, None] + plan.feet.until_landing
+        landing[~plan.feet.swinging | (landing < misstep.at_s)] = np.inf
         first = landing.min()
         if not np.isfinite(first):
             continue  # the last foot has already landed
         foot = int(landing.min(axis=0).argmin())
         during = np.isclose(landing[:, foot], first)
-        off[during, foot] += plan.R_way[during] @ [misstep.forward_m, misstep.left_m]
+        off[during, foot] += plan.feet.R_way[during] @ [misstep.forward_m, misstep.left_m]
     return off
 
 
@@ -213,11 +214,10 @@ class _Record:
     def recent(self, n: int, first: int, reference: Reference, size: Wearer) -> SimulatedWalk:
         """The steps from `first` to before `n` as a walk of their own; its footsteps are the planned ones."""
         t, x = STEP_S * np.arange(first, n, dtype=float), reference.coordinates.from_mujoco(self._q[first:n])
-        loads = self._loads.at(slice(first, n))
         return SimulatedWalk(
             duration_s=float(t[-1]), size=size, steps=reference.steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n], foot_force=loads.force,
-            foot_torque=loads.moment, cop=loads.cop, _pitch=np.zeros((n - first, len(SIDES))),
+            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n],
+            loads=self._loads.at(slice(first, n)), _pitch=np.zeros((n - first, len(SIDES))),
         )  # fmt: skip
 
     def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:

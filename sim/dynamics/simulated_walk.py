@@ -29,7 +29,7 @@ class FootRecord(NamedTuple):
         p: (N, 2, 3) m, their origins.
         force: (N, 2, 3) N, world.
         moment: (N, 2, 3) N m about the frames' origins.
-        cop: (N, 2, 3) m, centre of pressure; meaningless without load.
+        cop: (N, 2, 3) m, centre of pressure; undefined without load.
     """
 
     R: Array
@@ -38,7 +38,7 @@ class FootRecord(NamedTuple):
     moment: Array
     cop: Array
 
-    def at(self, rows: int | slice) -> FootRecord:
+    def at(self, rows: int | slice | NDArray[np.int64]) -> FootRecord:
         """One step, or some of them."""
         return FootRecord(*(values[rows] for values in self))
 
@@ -55,17 +55,13 @@ class SimulatedWalk(Walk):
         t: (N,) s, the physics steps.
         torque: (N, nv) N m, generalised forces of the joints; the root's six rows are the assist (world force, torque
             in the pelvis' axes), 0 without it.
-        foot_force: (N, 2, 3) N, world, left and right.
-        foot_torque: (N, 2, 3) N m about the foot frame's origin.
-        cop: (N, 2, 3) m, centre of pressure; undefined without load.
+        loads: The feet, left and right, at these steps.
     """
 
     fell_at: float | None
     t: Array
     torque: Array
-    foot_force: Array
-    foot_torque: Array
-    cop: Array
+    loads: FootRecord
     _pitch: Array
 
     @classmethod
@@ -96,8 +92,7 @@ class SimulatedWalk(Walk):
         pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
         return cls(
             duration_s=end, size=size, steps=steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, foot_force=loads.force,
-            foot_torque=loads.moment, cop=loads.cop, _pitch=pitch,
+            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, loads=loads, _pitch=pitch,
         )  # fmt: skip
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
@@ -109,14 +104,11 @@ class SimulatedWalk(Walk):
 
     def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
         """Ground reaction on each foot at (N,) s."""
-        i = self._nearest_steps(t)
+        _, _, force, torque, cop = self.loads.at(self._nearest_steps(t))
         return {
-            side: FootLoad(
-                force=self.foot_force[i, k], torque=self.foot_torque[i, k], cop=self.cop[i, k],
-                loaded=self.foot_force[i, k, 2] > _LOADED_N,
-            )
+            side: FootLoad(force=force[:, k], torque=torque[:, k], cop=cop[:, k], loaded=force[:, k, 2] > _LOADED_N)
             for k, side in enumerate(SIDES)
-        }  # fmt: skip
+        }
 
     def efforts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Joint torques (N, J) in the order of `coordinates.names[6:]`, and the assistance at the root in the world.

@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics.contacts import ContactBias, Soles
 from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
-from stridetwin.sim.dynamics.footstep_replanning import Planned, Sensed, StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -197,7 +197,7 @@ def test_nothing_but_the_ground_holds_the_walker(twin: Twin, walk: SimulatedWalk
             mujoco.mj_subtreeVel(twin.model, data)
             momenta.append(mass * data.subtree_linvel[0].copy())
         during = (walk.t >= moment) & (walk.t < moment + span)
-        push = walk.foot_force[during].sum(axis=(0, 1)) * 1e-3 - np.array([0.0, 0.0, 9.81 * mass * span])
+        push = walk.loads.force[during].sum(axis=(0, 1)) * 1e-3 - np.array([0.0, 0.0, 9.81 * mass * span])
         assert np.abs(momenta[1] - momenta[0] - push).max() < 0.01 * mass * 9.81 * span
 
 
@@ -229,10 +229,13 @@ def replanned(
     misplaced: Array = IN_PLACE, pressing: tuple[bool, bool] = (False, True),
 ) -> None:  # fmt: skip
     """One control step on the right foot; the left one lands in `until` s, or should have landed."""
-    planned = Planned(
-        swinging=np.array([until > 0.0, False]), until_landing=np.array([until, 0.0]),
-        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]), R_way=np.eye(2),
-        near_edge=np.zeros(2, dtype=bool), normal=np.tile(normal, (2, 1)),
+    R_sole, vec, points = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.zeros((2, 8))
+    R_sole[:, :, 2] = normal
+    planned = PlannedFeet(
+        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]), touching=points > 0.0, force_weight=points,
+        R_sole=R_sole, p_sole=vec, swinging=np.array([until > 0.0, False]), until_landing=np.array([until, 0.0]),
+        R_way=np.eye(2), near_edge=np.zeros(2, dtype=bool), p_foot=vec, v_foot=vec, a_foot=vec, R_foot=R_sole,
+        w_foot=vec, dw_foot=vec,
     )  # fmt: skip
     shift.update(0.002, planned, Sensed(com=off, floor=floor, pressing=np.array(pressing)), misplaced)
 
@@ -277,7 +280,7 @@ def test_a_point_that_has_pressed_keeps_its_footing_until_it_is_well_off_the_flo
         data.qpos = plan.q[0]
         data.qpos[2] += height
         mujoco.mj_step1(model, data)
-        found[height] = [soles.sense(data, plan, 0, before)[0].any() for before in (none, every)]
+        found[height] = [soles.sense(data, plan.feet_at(0), before)[0].any() for before in (none, every)]
     assert found == {-0.0005: [True, True], 0.001: [False, True], 0.003: [False, False]}
 
 
@@ -365,9 +368,9 @@ def test_pushes_and_missteps_happen_when_and_where_they_are_told(twin: Twin) -> 
     off = misplaced(Dynamics(missteps=(Misstep(at_s=4.0, forward_m=0.05),)), plan)
     foot = int(np.abs(off).max(axis=(0, 2)).argmax())
     during = np.flatnonzero(off[:, foot, 0])
-    landing = plan.t[during[-1]] + plan.until_landing[during[-1], foot]
+    landing = plan.t[during[-1]] + plan.feet.until_landing[during[-1], foot]
     assert landing > 4.0
-    assert plan.swinging[during, foot].all()
+    assert plan.feet.swinging[during, foot].all()
     assert np.abs(off[:, 1 - foot]).max() == 0.0
 
 
