@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import PER_FOOT
-from stridetwin.sim.dynamics.spatial import bias_acceleration, chain_of, cross
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross
 from stridetwin.streams.samples import Array
 
 _FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
@@ -52,8 +52,7 @@ class Contacts(NamedTuple):
         return cls(contact.geom, contact.pos, contact.frame, contact.efc_address)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ContactBias:
+class ContactBias(NamedTuple):
     """Bodies of a model that may touch static geometry.
 
     Attributes:
@@ -70,19 +69,15 @@ class ContactBias:
         body = model.body_weldid[model.geom_bodyid]
         return cls(body=body, chain=np.array([chain_of(model, b) for b in range(model.nbody)]))
 
-    def apply(self, data: mujoco.MjData) -> None:
+    def apply(self, data: mujoco.MjData, state: State) -> None:
         """Corrects the reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
-        _apply(
-            self.body, self.chain, Contacts.of(data), data.cvel, data.cdof_dot, data.subtree_com[1], data.qvel,
-            data.efc_aref,
-        )  # fmt: skip
+        _apply(self, Contacts.of(data), state, data.efc_aref)
 
 
 @numba.njit(cache=True)
-def _apply(
-    body: NDArray[np.int32], chain: NDArray[np.bool_], contacts: Contacts, cvel: Array, cdof_dot: Array,
-    centre: Array, qvel: Array, aref: Array,
-) -> None:  # fmt: skip
+def _apply(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
+    body, chain = bias_of
+    _, cdof_dot, cvel, centre, qvel, _, _ = state
     geoms, pos, frame, address = contacts
     v, bias, turn = np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(address)):

@@ -14,7 +14,7 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
-from stridetwin.sim.dynamics.spatial import bias_acceleration, chain_of, cross, jacobian, rotate
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross, jacobian, rotate
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -77,18 +77,6 @@ class _Body(NamedTuple):
     foot_chain: NDArray[np.bool_]
     push: Array
     assist: Array
-
-
-class _State(NamedTuple):
-    """The engine's state, under the engine's names but for `centre` (3,), the walker's centre of mass, m."""
-
-    cdof: Array
-    cdof_dot: Array
-    cvel: Array
-    centre: Array
-    qvel: Array
-    xpos: Array
-    xmat: Array
 
 
 class _Forces(NamedTuple):
@@ -184,12 +172,14 @@ class Controller:
         self._error = np.empty(model.nv)
 
     def torques(
-        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_], known: Array
+        self, data: mujoco.MjData, state: State, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_],
+        known: Array,
     ) -> Array:  # fmt: skip
         """Generalised forces (nv,): joint torques, and the assist at the root.
 
         Args:
             data: State after `mj_step1`.
+            state: Its views.
             plan: What is wanted.
             i: Row of the plan.
             shift: How feet and pelvis are shifted against the plan.
@@ -202,9 +192,6 @@ class Controller:
         forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
         h, wanted = _targets(
             self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
-        )  # fmt: skip
-        state = _State(
-            data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat
         )  # fmt: skip
         torque = _step(
             self._believed * self._M, h, wanted, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
@@ -243,7 +230,7 @@ def _limited(
 
 @numba.njit(cache=True)
 def _step(
-    M: Array, h: Array, wanted: Array, body: _Body, state: _State, feet: PlannedFeet, touching: NDArray[np.bool_],
+    M: Array, h: Array, wanted: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
     moved: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.dynamics.spatial import chain_of, cross, rotate
+from stridetwin.sim.dynamics.spatial import State, chain_of, cross, rotate
 from stridetwin.sim.wearer.exo_couplings import Coupling
 from stridetwin.streams.samples import Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CouplingSet:
+class CouplingSet(NamedTuple):
     """Couplings of a model as arrays.
 
     Attributes:
@@ -49,23 +48,10 @@ class CouplingSet:
 
 
 @numba.njit(cache=True)
-def coupling_forces(
-    bodies: NDArray[np.int64], points: Array, law: Array, chain: NDArray[np.bool_], xpos: Array, xmat: Array,
-    cvel: Array, cdof: Array, centre: Array,
-) -> Array:  # fmt: skip
-    """Generalised force (nv,) of all couplings, as in `coupling.wrench`.
-
-    Args:
-        bodies: As in `CouplingSet`, like the next three.
-        points: (C, 2, 3).
-        law: (C, 4, 3, 3).
-        chain: (C, 2, nv).
-        xpos: (nbody, 3) m.
-        xmat: (nbody, 9).
-        cvel: (nbody, 6) angular and linear velocity about `centre`.
-        cdof: (nv, 6) motion axes about `centre`.
-        centre: (3,) m.
-    """
+def coupling_forces(couplings: CouplingSet, state: State) -> Array:
+    """Generalised force (nv,) of all couplings, as in `exo_couplings.wrench`."""
+    bodies, points, law, chain = couplings
+    cdof, _, cvel, centre, _, xpos, xmat = state
     nv = len(cdof)
     applied = np.zeros(nv)
     point, arm, w, dp = np.empty(3), np.empty(3), np.empty(3), np.empty(3)

@@ -21,7 +21,7 @@ from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import CONTROL_S, Plan, plan_control
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk, through
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
-from stridetwin.sim.dynamics.spatial import cross
+from stridetwin.sim.dynamics.spatial import State, cross
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -61,6 +61,7 @@ class Simulation:
         self._reference, self._size, self._noise, self._rng = reference, size, dynamics.torque_noise, rng
         self._model = model = _physics(disturbed(model, dynamics))
         self._data = data = mujoco.MjData(model)
+        self._state = State.of(data)
         self._control = Controller(
             model, size, Coordinates.of(model), Gains(), assist=dynamics.assist,
             believed=1.0 / (1.0 + dynamics.mass_error),
@@ -90,11 +91,7 @@ class Simulation:
         """Advances by `STEP_S`."""
         model, data, plan, step = self._model, self._data, self._plan, self._step
         mujoco.mj_step1(model, data)
-        coupled = self._coupled
-        known = coupling_forces(
-            coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
-            data.subtree_com[1],
-        )  # fmt: skip
+        known = coupling_forces(self._coupled, self._state)
         motors = self._drive.torques(data)
         known += motors
         i = min(max(step, 0) // _EVERY, len(plan.t) - 1)
@@ -103,7 +100,7 @@ class Simulation:
         data.qfrc_applied = self._torque + known
         if step >= 0:
             self._record.before(step, data, self._torque + motors)
-        self._bias.apply(data)
+        self._bias.apply(data, self._state)
         mujoco.mj_step2(model, data)
         if step >= 0:
             self._record.after(step, data)
@@ -120,7 +117,7 @@ class Simulation:
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
         self._shift.update(CONTROL_S, feet, sensed, self._misplace[i])
-        self._torque = self._control.torques(data, plan, i, self._shift, self._touching, known)
+        self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
         self._pushed[:2] = self._push[i]

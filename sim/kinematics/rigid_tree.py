@@ -2,7 +2,8 @@
 
 The same results as MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb`, without an engine call for every
 instant: the recursive Newton-Euler method and the composite-rigid-body method (Featherstone 2008, chapters 5 and 6), in
-world axes.
+world axes. All functions take positions q (N, nq), velocities v (N, nv) and accelerations a (N, nv) at N instants in
+MuJoCo's layout, and gravity (3,) in m/s².
 """
 
 from __future__ import annotations
@@ -150,11 +151,6 @@ def _bodies(tree: Tree) -> _Bodies:
 def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Poses and velocities of all bodies at N instants.
 
-    Args:
-        tree: The bodies.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-
     Returns:
         (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
         origins, world axes; (N, B, 3) rad/s, the bodies' own axes.
@@ -173,13 +169,6 @@ def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
 @numba.njit(cache=True)
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
-
-    Args:
-        tree: The bodies.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-        a: (N, nv).
-        gravity: (3,) m/s².
 
     Returns:
         (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
@@ -205,20 +194,10 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
-    """Torques of the hinges for a motion of the tree under external forces.
+    """(N, J) N m, torques of the hinges for a motion of the tree, without rotors and friction of the joints.
 
-    Args:
-        tree: The bodies; all hinges of one body rotate about one point.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-        a: (N, nv).
-        gravity: (3,) m/s².
-        bodies: (K,) indices in the tree of the bodies under load; repetitions are allowed.
-        forces: (K, N, 3) N, world axes.
-        moments: (K, N, 3) N m about the bodies' origins, world axes.
-
-    Returns:
-        (N, J) N m, without rotors and friction of the joints.
+    All hinges of one body rotate about one point. External (K, N, 3) `forces`, N, and `moments` about the origins, N m,
+    world axes, act on the (K,) `bodies`: indices in the tree, repetitions allowed.
     """
     n, count, motions, g = len(q), len(tree.parent), _bodies(tree), vec3(gravity)
     p, R, axes, torque = motions.p, motions.R, motions.axes, np.empty((n, len(tree.axis)))
@@ -247,13 +226,7 @@ def hinge_torques(
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
-    Args:
-        tree: The bodies.
-        chains: (C, L) bodies from the first to the tip, each on one hinge through its own origin.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-        a: (N, nv).
-        gravity: (3,) m/s².
+    The (C, L) `chains` are the bodies from the first to the tip, each on one hinge through its own origin.
 
     Returns:
         (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.

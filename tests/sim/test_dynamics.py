@@ -11,13 +11,13 @@ from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics.contacts import ContactBias, Soles
-from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
+from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_weights
-from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross, jacobian
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
@@ -117,7 +117,7 @@ def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving:
     data.qpos[2] -= 0.01
     mujoco.mj_step1(model, data)
     before = data.efc_aref.copy()
-    ContactBias.of(model).apply(data)
+    ContactBias.of(model).apply(data, State.of(data))
     dot, found = np.empty((3, model.nv)), 0
     for contact in data.contact:
         body = model.geom_bodyid[contact.geom]
@@ -133,11 +133,7 @@ def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving:
 
 def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) -> None:
     model, told = twin.model, couplings(twin.size)
-    compiled = CouplingSet.of(model, told)
-    got = coupling_forces(
-        compiled.bodies, compiled.points, compiled.law, compiled.chain, moving.xpos, moving.xmat, moving.cvel,
-        moving.cdof, moving.subtree_com[1],
-    )  # fmt: skip
+    got = coupling_forces(CouplingSet.of(model, told), State.of(moving))
     expected, read = np.zeros(model.nv), np.empty(6)
 
     def pose(body: str) -> Pose:
