@@ -46,13 +46,9 @@ class FootLoad:
 
 
 def share_out(
-    force: Array,
-    torque: Array,
-    origin: Array,
-    shares: dict[str, Array],
-    planned: dict[str, Array],
+    force: Array, torque: Array, origin: Array, shares: dict[str, Array], planned: dict[str, Array],
     p_foot: dict[str, Array],
-) -> tuple[dict[str, FootLoad], Array, Array]:
+) -> tuple[dict[str, FootLoad], Array, Array]:  # fmt: skip
     """Splits a total wrench between the feet.
 
     Each foot takes its share of the force. The centres of pressure are the planned ones, both translated equally in the

@@ -144,15 +144,18 @@ class Controller:
         driven, free = np.concatenate([np.arange(6), layout.dof[motor]]), layout.dof[~motor]
         weights = np.full(model.nv, gains.joint)
         weights[:3], weights[3:6] = gains.root, gains.tilt
+        arm, leg = gains.arm, gains.leg
+        of = {
+            "lumbar": gains.lumbar,
+            "shoulder": arm,
+            "elbow": arm,
+            "hip": leg,
+            "knee": leg,
+            "ankle": leg,
+            "toe": gains.toe,
+        }
         for name, dof in zip(names, layout.dof):
-            if name.startswith("lumbar"):
-                weights[dof] = gains.lumbar
-            elif name.startswith(("shoulder", "elbow")):
-                weights[dof] = gains.arm
-            elif name.startswith(("hip", "knee", "ankle")):
-                weights[dof] = gains.leg
-            elif name.startswith("toe"):
-                weights[dof] = gains.toe
+            weights[dof] = of.get(name.split("_")[0], gains.joint)
         self._rate = np.full(model.nv, gains.joint_rate)
         self._rate[:6] = gains.root_rate
         self._rate[:2] = gains.sway_rate

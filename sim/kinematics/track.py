@@ -54,23 +54,11 @@ class Track:
 
     def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> Track:
         """Track of some of the instants: a slice, or increasing numbers."""
-        return Track(
-            t_ns=self.t_ns[rows],
-            p_body_in_world=self.p_body_in_world[rows],
-            q_world_body=self.q_world_body[rows],
-            v_body_in_world=self.v_body_in_world[rows],
-            w_body=self.w_body[rows],
-        )
+        return Track(**{name: values[rows] for name, values in vars(self).items()})
 
     def then(self, after: Track) -> Track:
         """This track followed by a later one."""
-        return Track(
-            t_ns=np.concatenate([self.t_ns, after.t_ns]),
-            p_body_in_world=np.concatenate([self.p_body_in_world, after.p_body_in_world]),
-            q_world_body=np.concatenate([self.q_world_body, after.q_world_body]),
-            v_body_in_world=np.concatenate([self.v_body_in_world, after.v_body_in_world]),
-            w_body=np.concatenate([self.w_body, after.w_body]),
-        )
+        return Track(**{name: np.concatenate([values, getattr(after, name)]) for name, values in vars(self).items()})
 
     @property
     def rotation(self) -> Rotation:

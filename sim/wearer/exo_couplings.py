@@ -28,9 +28,15 @@ from stridetwin.sim.wearer.exoskeleton import (
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
-HIGHEST_HZ = 80.0
+COMPLIANCE = {
+    "strap": ((4000.0, 4000.0, 0.0), (90.0, 90.0, 20.0), (3.0, 3.0, 20.0), (0.1, 0.1, 0.5)),
+    "holder": ((15e3, 15e3, 15e3), (80.0, 80.0, 80.0), (120.0, 160.0, 120.0), (0.5, 1.0, 0.5)),
+}
+"""Stiffness (N/m), damping (N s/m), and both of rotation (N m/rad, N m s/rad), each fore-aft, sideways and along the
+limb: a strap on soft tissue has some kN/m and slides along the limb, a holder does not."""
+_HIGHEST_HZ = 80.0
 """Highest natural frequency of a leg on its cuffs at which a simulation in steps of 1 ms is stable."""
-LOOSEST = 1e-7
+_LOOSEST = 1e-7
 """Least ratio of smallest to largest stiffness of a leg on its cuffs; below it a joint is not held."""
 _FARTHEST_M = 0.3
 _STEP_S = 1e-3
@@ -168,10 +174,9 @@ def leg_frame(size: Wearer, side: str) -> LegFrame:
 def couplings(size: Wearer) -> list[Coupling]:
     """Couplings between the exoskeleton's legs and the wearer: cuffs at thigh and shank, heel holder; [] without it.
 
-    The cuffs push fore-aft and sideways and slide along the limb. The holder is buckled over the instep and leaves the
-    forefoot free: the heel can lift and pitch in it. A strap on soft tissue has a stiffness of some kN/m. On a
-    wearer whose body is held fixed, a leg has natural frequencies of 7-41 Hz, damped by 0.4-1.3 of critical (with
-    modules on hip and knee 2-40 Hz, 0.13-0.9), so that a simulation in steps of 1 ms stays stable.
+    The holder is buckled over the instep and leaves the forefoot free: the heel can lift and pitch in it. On a wearer
+    whose body is held fixed, a leg has natural frequencies of 7-41 Hz, damped by 0.4-1.3 of critical (with modules on
+    hip and knee 2-40 Hz, 0.13-0.9), so that a simulation in steps of 1 ms stays stable.
     """
     if size.exo is None:
         return []
@@ -179,28 +184,24 @@ def couplings(size: Wearer) -> list[Coupling]:
         return _own_couplings(size.exo, size)
     links, made = size.exo, []
     for side in SIDES:
-        s = outward(side)
         for part, length in (("thigh", links.thigh), ("shank", links.shank)):
             down = CUFF_SHARE[part] * length
-            made.append(
-                Coupling(
-                    name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
-                    p_in_exo=np.array([0.0, -s * links.hip2, -down]), p_in_body=np.array([0.0, 0.0, -down]),
-                    stiffness=np.diag([4000.0, 4000.0, 0.0]), damping=np.diag([90.0, 90.0, 20.0]),
-                    rotation_stiffness=np.diag([3.0, 3.0, 20.0]), rotation_damping=np.diag([0.1, 0.1, 0.5]),
-                )
-            )  # fmt: skip
+            in_frame = np.array([0.0, -outward(side) * links.hip2, -down])
+            on_limb = np.array([0.0, 0.0, -down])
+            made.append(_coupling("strap", f"{part}_{side}", f"exo_{part}_{side}", f"{part}_{side}", in_frame, on_limb))
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
-        made.append(
-            Coupling(
-                name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}",
-                p_in_exo=p_heel - p_holder, p_in_body=p_heel,
-                stiffness=np.diag([15e3, 15e3, 15e3]), damping=np.diag([80.0, 80.0, 80.0]),
-                rotation_stiffness=np.diag([120.0, 160.0, 120.0]), rotation_damping=np.diag([0.5, 1.0, 0.5]),
-            )
-        )  # fmt: skip
+        in_frame = p_heel - p_holder
+        made.append(_coupling("holder", f"heel_{side}", f"exo_foot_{side}", f"foot_{side}", in_frame, p_heel))
     return made
+
+
+def _coupling(kind: str, name: str, exo_body: str, body: str, p_in_exo: Array, p_in_body: Array) -> Coupling:
+    stiffness, damping, rotation_stiffness, rotation_damping = (np.diag(values) for values in COMPLIANCE[kind])
+    return Coupling(
+        name=name, exo_body=exo_body, body=body, p_in_exo=p_in_exo, p_in_body=p_in_body, stiffness=stiffness,
+        damping=damping, rotation_stiffness=rotation_stiffness, rotation_damping=rotation_damping,
+    )  # fmt: skip
 
 
 def _own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
@@ -248,12 +249,12 @@ def check_held(own: OwnExo, side: str, mass: Array, stiffness: Array, damping: A
         ConfigError: The leg is not held, or held too stiffly.
     """
     whole, modes = np.linalg.eigh(stiffness)
-    if whole[0] < LOOSEST * whole[-1]:
+    if whole[0] < _LOOSEST * whole[-1]:
         joint = own.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
         raise ConfigError(own.rig, "cuffs", f"none that hold {joint}", "cuffs beyond every joint of a leg")
     fastest = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.max()) / (2 * np.pi))
-    if fastest > HIGHEST_HZ:
-        valid = f"up to {HIGHEST_HZ:g} Hz (softer cuffs, or links and armatures with more inertia)"
+    if fastest > _HIGHEST_HZ:
+        valid = f"up to {_HIGHEST_HZ:g} Hz (softer cuffs, or links and armatures with more inertia)"
         raise ConfigError(own.rig, "cuffs", f"leg {side} at {fastest:.0f} Hz on its cuffs", valid)
     decay = float(np.linalg.eigvals(np.linalg.solve(mass, damping)).real.max())
     if decay * _STEP_S > 1.0:

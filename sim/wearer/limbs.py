@@ -176,14 +176,12 @@ def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
             a, b = _slab(o[i], d[i], size[i])
             enters, leaves = max(enters, a), min(leaves, b)
         return enters, leaves
-    if kind == _CYLINDER:
-        a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
-        c, e = _slab(o[2], d[2], size[1])
-        return max(a, c), min(b, e)
-    if kind == _CAPSULE:
+    if kind in (_CYLINDER, _CAPSULE):
         a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
         c, e = _slab(o[2], d[2], size[1])
         enters, leaves = max(a, c), min(b, e)
+        if kind == _CYLINDER:
+            return enters, leaves
         if enters > leaves:
             enters, leaves = _NOTHING
         for end in (-size[1], size[1]):  # the union is convex, so that the spans are one

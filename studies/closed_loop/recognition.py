@@ -66,18 +66,18 @@ class Predicted(LevelGround):
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
         self._ahead.lead(sample)
-        told = self._ahead.update(sample)
-        if isinstance(told, ModeEstimate):
-            self._take(told)
+        estimate = self._ahead.update(sample)
+        if isinstance(estimate, ModeEstimate):
+            self._take(estimate)
 
-    def _take(self, told: ModeEstimate) -> None:
-        if self._next is not None and told.step >= self._next[0]:
+    def _take(self, estimate: ModeEstimate) -> None:
+        if self._next is not None and estimate.step >= self._next[0]:
             _, foot, mode = self._next
             self.standing[foot] = mode
-        for step in reversed(told.steps):  # of a foot's steps the first one counts
+        for step in reversed(estimate.steps):  # of a foot's steps the first one counts
             if step.foot:
                 self.coming[step.foot] = step.mode
-        first = told.steps[0]
+        first = estimate.steps[0]
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
 
