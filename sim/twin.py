@@ -212,10 +212,10 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
-                    asked = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
+                    requested = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
                     for image in images:
                         yield [image]
-                    images = asked
+                    images = requested
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
                         *truth.truth(

@@ -79,7 +79,7 @@ def _apply(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) 
     body, chain = bias_of
     _, cdof_dot, cvel, centre, qvel, _, _ = state
     geoms, pos, frame, address = contacts
-    v, bias, turn = np.empty(3), np.empty(3), np.empty(3)
+    v, bias, rotation_bias = np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(address)):
         if address[c] < 0:
             continue
@@ -90,7 +90,7 @@ def _apply(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) 
             w = cvel[b, :3].copy()
             cross(w, pos[c] - centre, v)
             v += cvel[b, 3:]
-            bias_acceleration(cdof_dot, chain[b], centre, qvel, v, w, pos[c], bias, turn)
+            bias_acceleration(cdof_dot, chain[b], centre, qvel, v, w, pos[c], bias, rotation_bias)
             sign = 1.0 if which == 1 else -1.0
             for row in range(3):
                 for axis in range(3):

@@ -33,8 +33,8 @@ class FootGains(NamedTuple):
         stance: Weight of the attitude of a foot that stands flat.
         contact: Weight of contact points at rest.
         pivot_rad: Angle between sole and ground from which on a foot counts as rolling.
-        force: Price of contact force.
-        force_change: Price of its change from one control step to the next.
+        force: Weight of contact force.
+        force_change: Weight of its change from one control step to the next.
         friction: Friction coefficient that the controller counts on.
     """
 
@@ -63,7 +63,7 @@ class _Body(NamedTuple):
         point_chain: (2, points, n) which coordinates move a point.
         feet: (2,) bodies of the feet.
         foot_chain: (2, n) which coordinates move a foot.
-        push: (2, points, 4) N, forces along the edges of the friction cones; overwritten at each step.
+        force: (2, points, 4) N, forces along the edges of the friction cones; overwritten at each step.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
     """
 
@@ -75,7 +75,7 @@ class _Body(NamedTuple):
     point_chain: NDArray[np.bool_]
     feet: NDArray[np.int64]
     foot_chain: NDArray[np.bool_]
-    push: Array
+    force: Array
     assist: Array
 
 
@@ -167,7 +167,7 @@ class Controller:
             local=np.array([p for _, p in points]),
             point_chain=np.array([[chain_of(model, b)[driven] for b in row] for row in bodies]), feet=feet,
             foot_chain=np.array([chain_of(model, b)[driven] for b in feet]),
-            push=np.zeros((len(SIDES), len(points), 4)),
+            force=np.zeros((len(SIDES), len(points), 4)),
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
         )  # fmt: skip
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
@@ -193,11 +193,11 @@ class Controller:
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
         forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
-        h, wanted = _targets(
+        h, target = _targets(
             self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
         )  # fmt: skip
         torque = _step(
-            self._believed * self._M, h, wanted, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
+            self._believed * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
         )  # fmt: skip
         return _limited(torque, self._body.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
@@ -207,13 +207,13 @@ def _targets(
     rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Bias less the known forces, and the accelerations wanted; both (nv,)."""
-    wanted = a + rate * (rate * error + 2.0 * (v - qvel))
-    wanted[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
+    """Bias less the known forces, and the target accelerations; both (nv,)."""
+    target = a + rate * (rate * error + 2.0 * (v - qvel))
+    target[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
     h = believed * forces.bias - forces.passive - forces.known
     for toe in toes:
         h[toe] += forces.passive[toe]
-    return h, wanted
+    return h, target
 
 
 @numba.njit(cache=True)
@@ -233,11 +233,11 @@ def _limited(
 
 @numba.njit(cache=True)
 def _step(
-    M: Array, h: Array, wanted: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
+    M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
     moved: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
-    driven, free, weight, bodies, local, point_chain, foot_bodies, foot_chain, push, assist = body
+    driven, free, weight, bodies, local, point_chain, foot_bodies, foot_chain, force, assist = body
     cdof, cdof_dot, cvel, centre, qvel, xpos, xmat = state
     R_sole, R_foot = feet.R_sole, feet.R_foot
     n = len(driven)
@@ -245,14 +245,14 @@ def _step(
     for j in range(n):
         axes[j], axes_dot[j], speed[j] = cdof[driven[j]], cdof_dot[driven[j]], qvel[driven[j]]
     per_foot = bodies.shape[1]
-    tasks, aims, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))
     linear, angular, bias, bias_turn = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
     swept, error = np.empty(3), np.empty(3)
     m, k = 0, 0
     for side in range(2):
-        pushing = 0
+        in_contact = 0
         for i in range(per_foot):
             if not touching[side, i]:
                 continue
@@ -264,7 +264,7 @@ def _step(
             v = cvel[b, 3:] + swept
             jacobian(axes, point_chain[side, i], centre, p, tasks[m : m + 3], angular)
             bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, bias_turn)
-            aims[m : m + 3] = -gains.contact_damping * v - bias
+            targets[m : m + 3] = -gains.contact_damping * v - bias
             weights[m : m + 3] = gains.contact
             contacts[3 * k : 3 * k + 3] = tasks[m : m + 3]
             for e in range(4):
@@ -272,10 +272,10 @@ def _step(
                 sign = 1.0 if e % 2 == 0 else -1.0
                 edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
             cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
-            last[k] = push[side, i]
+            last[k] = force[side, i]
             m += 3
             k += 1
-            pushing += 1
+            in_contact += 1
         b = foot_bodies[side]
         R = xmat[b].reshape(3, 3)
         w = cvel[b, :3].copy()
@@ -284,20 +284,22 @@ def _step(
         v = cvel[b, 3:] + swept
         jacobian(axes, foot_chain[side], centre, p, linear, tasks[m : m + 3])
         bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, bias_turn)
-        turn = np.zeros(3)
+        rotation = np.zeros(3)
         for axis in range(3):
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
-            turn += 0.5 * error
-        rate = gains.pivot_rate if pushing else gains.swing_rate
-        aims[m : m + 3] = feet.dw_foot[side] + rate * rate * turn + 2 * rate * (feet.w_foot[side] - w) - bias_turn
+            rotation += 0.5 * error
+        rate = gains.pivot_rate if in_contact else gains.swing_rate
+        targets[m : m + 3] = (
+            feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - bias_turn
+        )
         weights[m : m + 3] = gains.swing
-        if pushing:
+        if in_contact:
             rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
             weights[m : m + 3] = gains.stance + rolling * (gains.pivot - gains.stance)
         m += 3
-        if not pushing:
+        if not in_contact:
             tasks[m : m + 3] = linear
-            aims[m : m + 3] = (
+            targets[m : m + 3] = (
                 feet.a_foot[side] + moved[side, 2] - bias + rate * rate * (feet.p_foot[side] + moved[side, 0] - p)
                 + 2 * rate * (feet.v_foot[side] + moved[side, 1] - v)
             )  # fmt: skip
@@ -305,15 +307,15 @@ def _step(
             m += 3
     A, bias_driven = eliminate(M, h, driven, free)
     _, torque, now, _ = solve(
-        A, bias_driven, wanted[driven], weight, Tasks(tasks[:m], aims[:m], weights[:m]),
+        A, bias_driven, target[driven], weight, Tasks(tasks[:m], targets[:m], weights[:m]),
         ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
     )  # fmt: skip
-    push[:] = 0.0
+    force[:] = 0.0
     k = 0
     for side in range(2):
         for i in range(per_foot):
             if touching[side, i]:
-                push[side, i] = now[k]
+                force[side, i] = now[k]
                 k += 1
     return torque
 

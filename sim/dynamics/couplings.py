@@ -55,7 +55,7 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
     nv = len(cdof)
     applied = np.zeros(nv)
     point, arm, w, dp = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    displacement, rate, turn, turning = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    displacement, rate, rotation, rotation_rate = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     force, torque, a, b = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(bodies)):
         exo, own = bodies[c]
@@ -73,18 +73,18 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
             dp[k] += cvel[own, 3 + k] - cvel[exo, 3 + k]
         rotate(R_exo.T, dp, rate)
         R = R_exo.T @ R_own
-        turn[0], turn[1], turn[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-        turn *= 0.5
+        rotation[0], rotation[1], rotation[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+        rotation *= 0.5
         change = 0.5 * ((R[0, 0] + R[1, 1] + R[2, 2]) * np.eye(3) - R)
         rotate(R_exo.T, w, a)
-        rotate(change, a, turning)
+        rotate(change, a, rotation_rate)
         rotate(law[c, 0], displacement, a)
         rotate(law[c, 1], rate, b)
         rotate(R_exo, a + b, force)  # on the exoskeleton
-        rotate(law[c, 2], turn, a)
-        rotate(law[c, 3], turning, b)
-        rotate(change.T, a + b, turning)
-        rotate(R_exo, turning, torque)
+        rotate(law[c, 2], rotation, a)
+        rotate(law[c, 3], rotation_rate, b)
+        rotate(change.T, a + b, rotation_rate)
+        rotate(R_exo, rotation_rate, torque)
         cross(arm, force, a)
         torque += a
         for j in range(nv):

@@ -170,10 +170,10 @@ class Replay(Player[SimulatedWalk]):
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants; the residual is the assistance at the root alone."""
         t = t_ns * 1e-9
-        torque, push, turn = self._walk.efforts(t)
+        torque, force, moment = self._walk.efforts(t)
         names = self._walk.coordinates.names[6:]
         motors = {name: torque[:, k] for k, name in enumerate(names) if name.startswith("exo_")}
         return Loads(
-            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=push, residual_torque=turn,
+            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=force, residual_torque=moment,
             motors=motors,
         )  # fmt: skip

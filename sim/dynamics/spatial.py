@@ -103,8 +103,8 @@ def bias_acceleration(
             for k in range(3):
                 angular[k] += cdof_dot[j, k] * qvel[j]
                 linear[k] += cdof_dot[j, 3 + k] * qvel[j]
-    turn = np.empty(3)
-    cross(angular, r, turn)
-    linear += turn
-    cross(w, v_point, turn)
-    linear += turn
+    product = np.empty(3)
+    cross(angular, r, product)
+    linear += product
+    cross(w, v_point, product)
+    linear += product

@@ -43,7 +43,7 @@ class Tree(NamedTuple):
         ids: (B,) the bodies in the model.
         parent: (B,) index in the tree, -1 of the root.
         offset: (B, 3) m, origin in the parent's frame.
-        turn: (B, 4) rotation in the parent's frame with the hinges at zero.
+        rotation: (B, 4) rotation in the parent's frame with the hinges at zero.
         mass: (B,) kg.
         com: (B, 3) m, in the body's frame.
         inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
@@ -57,7 +57,7 @@ class Tree(NamedTuple):
     ids: Indices
     parent: Indices
     offset: Array
-    turn: Array
+    rotation: Array
     mass: Array
     com: Array
     inertia: Array
@@ -82,7 +82,7 @@ class Tree(NamedTuple):
         axes = R.reshape(-1, 3, 3)
         return cls(
             ids=ids, parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
-            offset=model.body_pos[ids], turn=model.body_quat[ids], mass=model.body_mass[ids],
+            offset=model.body_pos[ids], rotation=model.body_quat[ids], mass=model.body_mass[ids],
             com=model.body_ipos[ids], inertia=(axes * model.body_inertia[ids][:, None]) @ np.swapaxes(axes, 1, 2),
             hinges=np.column_stack([ends[:-1], ends[1:]]), axis=model.jnt_axis[flat], anchor=model.jnt_pos[flat],
             qpos=model.jnt_qposadr[flat].astype(np.int64), dof=model.jnt_dofadr[flat].astype(np.int64),
@@ -107,7 +107,7 @@ class Tree(NamedTuple):
         ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])
         return Tree(
             ids=self.ids[rows], parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
-            offset=self.offset[rows], turn=self.turn[rows], mass=self.mass[rows], com=self.com[rows],
+            offset=self.offset[rows], rotation=self.rotation[rows], mass=self.mass[rows], com=self.com[rows],
             inertia=self.inertia[rows], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
             anchor=self.anchor[hinges], qpos=self.qpos[hinges], dof=self.dof[hinges],
         )  # fmt: skip
@@ -260,11 +260,11 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
                 b = chains[k, j]
                 axis = vec3(axes[tree.hinges[b, 0]])
                 load[i, k, j] = dot(axis, vec3(moment[b]))
-                push, turn = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
+                force_, moment_ = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
                 for o in range(j + 1):
                     d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
                     other = vec3(axes[tree.hinges[chains[k, o], 0]])
-                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(turn, cross(d, push)))
+                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(moment_, cross(d, force_)))
     return mass, load
 
 
@@ -286,7 +286,7 @@ def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
             gains = _gained(r, omega, vec3(dv[up]), alpha)
             pose = multiply(
                 (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
-                (tree.turn[b, 0], tree.turn[b, 1], tree.turn[b, 2], tree.turn[b, 3]),
+                (tree.rotation[b, 0], tree.rotation[b, 1], tree.rotation[b, 2], tree.rotation[b, 3]),
             )
             M = matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):

@@ -104,9 +104,11 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
     point = p_body + R_body @ c.p_in_body
     displacement = np.einsum("...ji,...j->...i", R_exo, point - p_exo) - c.p_in_exo
     R = np.swapaxes(R_exo, -1, -2) @ R_body
-    turn = 0.5 * np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
+    rotation = 0.5 * np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
+    )
     trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
-    return displacement, turn, 0.5 * (trace * np.eye(3) - R), point
+    return displacement, rotation, 0.5 * (trace * np.eye(3) - R), point
 
 
 def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
@@ -122,12 +124,14 @@ def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
     Returns:
         (..., 3) force, N, and (..., 3) torque, N m, in the common axes, and (..., 3) the point where the force acts.
     """
-    displacement, turn, change, point = strain(c, exo.p, exo.R, body.p, body.R)
+    displacement, rotation, change, point = strain(c, exo.p, exo.R, body.p, body.R)
     relative = body.v + cross(body.w, point - body.p) - exo.v - cross(exo.w, point - exo.p)
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
-    turning = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
+    rotation_rate = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
     force = displacement @ c.stiffness.T + rate @ c.damping.T
-    torque = np.einsum("...ji,...j->...i", change, turn @ c.rotation_stiffness.T + turning @ c.rotation_damping.T)
+    torque = np.einsum(
+        "...ji,...j->...i", change, rotation @ c.rotation_stiffness.T + rotation_rate @ c.rotation_damping.T
+    )
     return np.einsum("...ij,...j->...i", exo.R, force), np.einsum("...ij,...j->...i", exo.R, torque), point
 
 

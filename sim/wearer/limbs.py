@@ -49,16 +49,16 @@ class Limbs:
     def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
         """The shapes at (N, nq) positions; the velocities (N, nv) have no effect."""
         tree = Tree.of(model)
-        worn = shapes(model, set(tree.ids.tolist()))
+        shapes_ = shapes(model, set(tree.ids.tolist()))
         p_body, quat, _, _ = rigid_tree.motion(tree, q, v)
-        rows = np.searchsorted(tree.ids, [shape.body for shape in worn])
+        rows = np.searchsorted(tree.ids, [shape.body for shape in shapes_])
         R_body = matrix_from_quat(quat)[:, rows]
         return cls(
-            kind=np.array([shape.kind for shape in worn], np.int64),
-            size=np.array([shape.size for shape in worn]),
-            reach=np.array([shape.reach for shape in worn]),
-            p=p_body[:, rows] + np.einsum("ngij,gj->ngi", R_body, [shape.p for shape in worn]),
-            R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in worn]),
+            kind=np.array([shape.kind for shape in shapes_], np.int64),
+            size=np.array([shape.size for shape in shapes_]),
+            reach=np.array([shape.reach for shape in shapes_]),
+            p=p_body[:, rows] + np.einsum("ngij,gj->ngi", R_body, [shape.p for shape in shapes_]),
+            R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in shapes_]),
         )
 
     def hide(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:

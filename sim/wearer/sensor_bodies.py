@@ -12,7 +12,7 @@ from stridetwin.sim.kinematics.rotation import quat_from_matrix
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
-"""Body that carries the mounts of a foot: the shoe's upper, which moves a little (`shock.UpperMotion`)."""
+"""Body that carries the mounts of a foot: the shoe's upper, which moves a little (`heel_strike.UpperMotion`)."""
 
 
 def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
