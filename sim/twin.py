@@ -138,7 +138,7 @@ class Twin:
         """
         dynamics = self.config.dynamics or Dynamics()
         noise = self._rng(_JOINT_TORQUE)
-        return Simulation(self.model, self.reference, self.size, dynamics, self.config.exo, noise, law)
+        return Simulation(self.model, self.reference, dynamics, self.config.exo, noise, law)
 
     @cached_property
     def mount_slips(self) -> MountSlips:

@@ -12,7 +12,6 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_weights
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002
@@ -45,13 +44,12 @@ class Plan:
         return PlannedFeet(*(values[i] for values in self.feet))
 
 
-def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> Plan:
+def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
     """Samples a reference at the control rate.
 
     Args:
         reference: The planned motion.
         model: Model of the wearer; its kinematics give the pose of the feet.
-        size: Wearer.
     """
     t = np.arange(0.0, reference.duration_s, CONTROL_S)
     q, v, a = reference.state(t)
@@ -97,7 +95,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
-            force_weight[toes, k, HEEL_POINTS:] = toe_weights(size, x)
+            force_weight[toes, k, HEEL_POINTS:] = toe_weights(reference.size, x)
     feet = PlannedFeet(
         share=loads[:, [0, 4]], touching=touching, force_weight=force_weight, R_sole=R_sole, p_sole=p_sole,
         swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,

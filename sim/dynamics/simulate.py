@@ -19,12 +19,10 @@ from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
 from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import CONTROL_S, Plan, plan_control
-from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk, through
+from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import State, cross
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import couplings
 from stridetwin.streams.samples import Array
 
@@ -42,7 +40,6 @@ class Simulation:
     Args:
         model: Model with soles; contacts are off outside the simulation.
         reference: The planned motion.
-        size: Wearer.
         dynamics: Assistance and disturbances.
         exo: The exoskeleton and its drive; the wearer is used to it and knows the torques of its motors.
         rng: Noise of the joint torques.
@@ -53,20 +50,20 @@ class Simulation:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
+        self, model: mujoco.MjModel, reference: Reference, dynamics: Dynamics, exo: Exo | None,
         rng: np.random.Generator, law: ControlLaw | None = None,
     ) -> None:  # fmt: skip
-        self._plan = plan = plan_control(reference, model, size)
+        self._plan = plan = plan_control(reference, model)
         self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
-        self._reference, self._size, self._noise, self._rng = reference, size, dynamics.torque_noise, rng
+        self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
         self._model = model = _physics(disturbed(model, dynamics))
         self._data = data = mujoco.MjData(model)
         self._state = State.of(data)
         self._control = Controller(
-            model, size, Coordinates.of(model), Gains(), assist=dynamics.assist,
+            model, reference.size, reference.coordinates, Gains(), assist=dynamics.assist,
             believed=1.0 / (1.0 + dynamics.mass_error),
         )  # fmt: skip
-        self._coupled = CouplingSet.of(model, couplings(size))
+        self._coupled = CouplingSet.of(model, couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
         self._record, self._soles = _Record(self._steps, model), Soles.of(model)
         self._bias, self._drive = ContactBias.of(model), Drive(model, exo, law)
@@ -124,13 +121,12 @@ class Simulation:
 
     def recent(self, seconds: float) -> SimulatedWalk:
         """The most recent part of the walk; its last `MARGIN_S` may still change."""
-        return self._record.recent(
-            self._step, max(self._step - round(seconds / STEP_S), 0), self._reference, self._size
-        )
+        first = max(self._step - round(seconds / STEP_S), 0)
+        return SimulatedWalk.of_part(self._reference, *self._record.rows(first, self._step))
 
     def walk(self) -> SimulatedWalk:
         """The walk so far."""
-        return self._record.walk(self._step, self._reference, self._size, self.fell_at)
+        return SimulatedWalk.of(self._reference, *self._record.rows(0, self._step), self.fell_at)
 
 
 def disturbed(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
@@ -208,21 +204,10 @@ class _Record:
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )  # fmt: skip
 
-    def recent(self, n: int, first: int, reference: Reference, size: Wearer) -> SimulatedWalk:
-        """The steps from `first` to before `n` as a walk of their own; its footsteps are the planned ones."""
-        t, x = STEP_S * np.arange(first, n, dtype=float), reference.coordinates.from_mujoco(self._q[first:n])
-        return SimulatedWalk(
-            duration_s=float(t[-1]), size=size, steps=reference.steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n],
-            loads=self._loads.at(slice(first, n)), _pitch=np.zeros((n - first, len(SIDES))),
-        )  # fmt: skip
-
-    def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:
-        """The walk of the first n steps."""
-        return SimulatedWalk.of(
-            reference, size, STEP_S * np.arange(n, dtype=float), self._q[:n], self._torque[:n],
-            self._loads.at(slice(n)), fell_at,
-        )  # fmt: skip
+    def rows(self, first: int, end: int) -> tuple[Array, Array, Array, FootRecord]:
+        """Times, positions, torques and loads of the steps from `first` to before `end`."""
+        rows = slice(first, end)
+        return STEP_S * np.arange(first, end, dtype=float), self._q[rows], self._torque[rows], self._loads.at(rows)
 
 
 @numba.njit(cache=True)

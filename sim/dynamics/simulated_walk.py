@@ -14,7 +14,6 @@ from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference, Walk
 from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
-from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 _LOADED_N = 20.0
@@ -66,21 +65,9 @@ class SimulatedWalk(Walk):
 
     @classmethod
     def of(
-        cls, reference: Reference, size: Wearer, t: Array, q: Array, torque: Array, loads: FootRecord,
-        fell_at: float | None,
-    ) -> SimulatedWalk:  # fmt: skip
-        """The walk of N physics steps.
-
-        Args:
-            reference: The planned walk.
-            size: Wearer.
-            t: (N,) s.
-            q: (N, nq).
-            torque: (N, nv), as in the class.
-            loads: Of the feet at these steps.
-            fell_at: s, or None.
-        """
-        x = reference.coordinates.from_mujoco(q)
+        cls, reference: Reference, t: Array, q: Array, torque: Array, loads: FootRecord, fell_at: float | None = None
+    ) -> SimulatedWalk:
+        """The walk of a reference as N physics steps: (N,) s, (N, nq), and the rest as in the class."""
         end = float(t[-1])
         steps = {
             side: [
@@ -90,9 +77,15 @@ class SimulatedWalk(Walk):
             for k, side in enumerate(SIDES)
         }  # fmt: skip
         pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
+        return replace(cls.of_part(reference, t, q, torque, loads), steps=steps, fell_at=fell_at, _pitch=pitch)
+
+    @classmethod
+    def of_part(cls, reference: Reference, t: Array, q: Array, torque: Array, loads: FootRecord) -> SimulatedWalk:
+        """A part of the walk, with the planned footsteps and no pitch of the feet."""
         return cls(
-            duration_s=end, size=size, steps=steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, loads=loads, _pitch=pitch,
+            duration_s=float(t[-1]), size=reference.size, steps=reference.steps, coordinates=reference.coordinates,
+            splines=through(t, reference.coordinates.from_mujoco(q)), fell_at=None, t=t, torque=torque, loads=loads,
+            _pitch=np.zeros((len(t), len(SIDES))),
         )  # fmt: skip
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:

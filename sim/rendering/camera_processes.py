@@ -57,14 +57,9 @@ class CameraProcesses:
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        sensor_rig: SensorRig,
-        crowd: Crowd,
-        seed: int,
-        mount_slips: MountSlips | None = None,
-        processes: int | None = None,
-    ) -> None:
+        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,
+        mount_slips: MountSlips | None = None, processes: int | None = None,
+    ) -> None:  # fmt: skip
         self._cameras = list(sensor_rig.rig.cameras.values())
         self._seen = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0

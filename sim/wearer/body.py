@@ -10,11 +10,11 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import resources
 
 import mujoco
 import numpy as np
 
+from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
@@ -103,8 +103,7 @@ def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _leaf(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
-    text = resources.files("stridetwin.assets").joinpath("mjcf", f"{name}.xml").read_text()
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco.MjSpec.from_string(mjcf(name))
     for body in spec.bodies[1:]:
         k = length_scale.get(body.name, 1.0)
         for child in body.bodies:
@@ -144,11 +143,7 @@ def _mirror(spec: mujoco.MjSpec) -> None:
 
 
 def _attach(
-    parent: mujoco.MjsBody,
-    leaf: mujoco.MjSpec,
-    body: str,
-    pos: np.ndarray | list[float] | None = None,
-    side: str = "",
+    parent: mujoco.MjsBody, leaf: mujoco.MjSpec, body: str, pos: np.ndarray | list[float] | None = None, side: str = ""
 ) -> None:
     if side == "r":
         _mirror(leaf)

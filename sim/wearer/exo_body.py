@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from importlib import resources
 from itertools import pairwise
 
 import mujoco
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.exo_description import Link, Module, OwnExo, hinge_of
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -26,8 +26,7 @@ def exoskeleton(size: Wearer, modules: Mapping[str, Module]) -> mujoco.MjSpec:
         size: Wearer with its links.
         modules: Actuation modules by joint (`exoskeleton.modules`).
     """
-    template = resources.files("stridetwin.assets").joinpath("mjcf", "exoskeleton.xml").read_text()
-    text = Environment(undefined=StrictUndefined).from_string(template).render(
+    text = Environment(undefined=StrictUndefined).from_string(mjcf("exoskeleton")).render(
         links=size.exo, girth=size.girth, legs={side: leg_frame(size, side) for side in SIDES}, modules=modules,
         cuffs=CUFF_SHARE, band=_band, xyz=lambda values: " ".join(map(str, values)),
     )  # fmt: skip

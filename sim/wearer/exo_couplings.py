@@ -89,12 +89,7 @@ class Pose:
 def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array) -> tuple[Array, Array, Array, Array]:
     """Displacement and rotation of a coupling.
 
-    Args:
-        c: The coupling.
-        p_exo: (..., 3) m, origin of the exoskeleton's body in a common frame.
-        R_exo: (..., 3, 3) its rotation.
-        p_body: (..., 3) m, origin of the wearer's body.
-        R_body: (..., 3, 3) its rotation.
+    The bodies' origins are (..., 3) m and their rotations (..., 3, 3) in a common frame.
 
     Returns:
         (..., 3) displacement of the wearer's point, m, and (..., 3) vector part of the relative rotation
@@ -113,11 +108,6 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
 
 def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
     """Wrench of the wearer on the exoskeleton; the exoskeleton exerts the opposite on the wearer.
-
-    Args:
-        c: The coupling.
-        exo: Motion of the exoskeleton's body.
-        body: Motion of the wearer's body.
 
     The elastic part is the gradient of ½ dᵀ K d + ½ rᵀ K_turn r in the strains d and r.
 

@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.drive import PERIOD_S
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Insole, Sample
 from stridetwin.studies.closed_loop.environment import Streams
-from stridetwin.studies.closed_loop.recognition import LevelGround, Recognition
+from stridetwin.studies.closed_loop.recognition import Recognition
 
 LOADED_N = 80.0
 """Force above which a foot is loaded; an unloaded insole measures far less."""
@@ -89,7 +89,7 @@ class AssistanceObserver(Streams):
     def __init__(self, rig: Rig, recognition: Callable[[], Recognition]) -> None:
         super().__init__(rig)
         self._begin = recognition
-        self._recognition: Recognition = LevelGround()
+        self._recognition = Recognition()
         self._loaded = dict.fromkeys(SIDES, True)
 
     def reset(self) -> None:

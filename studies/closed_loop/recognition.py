@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -24,34 +23,23 @@ _LATE_NS = 100_000_000
 """A foot that lands later than planned is still in swing."""
 
 
-class Recognition(Protocol):
-    """Modes of each foot's steps, from samples alone.
+class Recognition:
+    """Modes of each foot's steps, from samples alone; without any recognition, level ground everywhere.
 
     Attributes:
         standing: By foot, mode of its current step.
         coming: By foot, mode of its next step.
     """
 
-    standing: dict[str, str]
-    coming: dict[str, str]
-
-    def update(self, sample: Sample) -> None:
-        """Processes a sample; samples come in time order."""
-        ...
-
-
-class LevelGround:
-    """No recognition: level ground everywhere."""
-
     def __init__(self) -> None:
         self.standing = dict.fromkeys(SIDES, LEVEL)
         self.coming = dict.fromkeys(SIDES, LEVEL)
 
     def update(self, sample: Sample) -> None:
-        """As `Recognition`."""
+        """Processes a sample; samples come in time order."""
 
 
-class Predicted(LevelGround):
+class Predicted(Recognition):
     """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the coming steps.
 
     Args:
@@ -81,7 +69,7 @@ class Predicted(LevelGround):
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
 
-class Measured(LevelGround):
+class Measured(Recognition):
     """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
 
     Args:
@@ -99,7 +87,7 @@ class Measured(LevelGround):
             self.standing, self.coming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
 
 
-class TrueModes(LevelGround):
+class TrueModes(Recognition):
     """The truth.
 
     Args:

@@ -266,7 +266,7 @@ def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it
 
 
 def test_a_point_that_has_pressed_keeps_its_footing_until_it_is_well_off_the_floor(twin: Twin) -> None:
-    plan = plan_control(twin.reference, twin.model, twin.size)
+    plan = plan_control(twin.reference, twin.model)
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data, soles = mujoco.MjData(model), Soles.of(model)
@@ -356,7 +356,7 @@ def test_the_body_and_the_floor_are_as_disturbed(twin: Twin) -> None:
 
 
 def test_pushes_and_missteps_happen_when_and_where_they_are_told(twin: Twin) -> None:
-    plan = plan_control(twin.reference, twin.model, twin.size)
+    plan = plan_control(twin.reference, twin.model)
     push = pushing(Dynamics(pushes=(Push(at_s=3.0, duration_s=0.2, left_n=100.0),)), plan)
     on = (plan.t >= 3.0) & (plan.t < 3.2)
     assert np.allclose(push[on], [0.0, 100.0], atol=1.0)

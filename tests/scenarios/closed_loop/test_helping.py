@@ -15,7 +15,7 @@ from stridetwin.streams.samples import Insole
 from stridetwin.studies import assistance
 from stridetwin.studies.closed_loop.assistance_controller import ASSISTANCE, AssistanceController, AssistanceObserver
 from stridetwin.studies.closed_loop.assisted_walk import assisted_walk, bare_walk, costs, truth_of
-from stridetwin.studies.closed_loop.recognition import LevelGround, Predicted, TrueModes
+from stridetwin.studies.closed_loop.recognition import Predicted, Recognition, TrueModes
 
 JOINTS = ("hip_l", "hip_r", "knee_l", "knee_r")
 MOST = np.array([20.0, 20.0, 15.0, 15.0])
@@ -75,7 +75,7 @@ def test_help_grows_smoothly() -> None:
 
 
 def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
-    class Told(LevelGround):
+    class Told(Recognition):
         def __init__(self) -> None:
             self.standing, self.coming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
 
@@ -107,7 +107,7 @@ def test_a_predicted_step_is_stood_on_once_its_foot_is_down() -> None:
         return SimpleNamespace(step=done, steps=tuple(steps))
 
     predicted = Predicted.__new__(Predicted)
-    LevelGround.__init__(predicted)
+    Recognition.__init__(predicted)
     predicted._next = None
     predicted._take(estimate(0, ("", "LG"), ("", "LG")))
     assert predicted.coming == {"l": "LG", "r": "LG"}
