@@ -187,7 +187,7 @@ class Player(Generic[AnyWalk]):
             uppers={foot: upper.carried(tracks[foot]) for foot, upper in self._uppers.items()},
             angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
-            cuff_force={c.name: _push_forward(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
+            cuff_force={c.name: _cuff_force(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
         )
 
     def _tracks(
@@ -220,22 +220,23 @@ class Playback(Player[Reference]):
         model, tree, reference = self._model, self._tree, self._walk
         q, v, a = reference.state(t_ns * 1e-9)
         rows = motion.rows(t_ns)
-        force, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
+        total, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
         planned = reference.loads(t_ns * 1e-9)
         feet, left_force, left_torque = share_out(
-            force, torque, q[:, :3],
+            total, torque, q[:, :3],
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )  # fmt: skip
-        pushes = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
+        applied = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
         for c in self._couplings:
-            push, turn, point = _wrench(c, motion.tracks, rows)
+            exo, own = (_pose(motion.tracks[body][rows]) for body in (c.exo_body, c.body))
+            force, moment, point = wrench(c, exo, own)
             for body, sign in ((c.exo_body, 1.0), (c.body, -1.0)):
                 arm = point - motion.tracks[body].p_body_in_world[rows]
-                pushes.append((body, sign * push, sign * (turn + cross(arm, push))))
-        bodies = np.array([tree.row(model.body(body).id) for body, _, _ in pushes])
-        forces, moments = (np.stack([push[k] for push in pushes]) for k in (1, 2))
+                applied.append((body, sign * force, sign * (moment + cross(arm, force))))
+        bodies = np.array([tree.row(model.body(body).id) for body, _, _ in applied])
+        forces, moments = (np.stack([load[k] for load in applied]) for k in (1, 2))
         needed = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
         needed += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
         return Loads(
@@ -243,11 +244,7 @@ class Playback(Player[Reference]):
         )  # fmt: skip
 
 
-def _wrench(c: Coupling, tracks: dict[str, Track], rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    return wrench(c, _pose(tracks[c.exo_body][rows]), _pose(tracks[c.body][rows]))
-
-
-def _push_forward(c: Coupling, tracks: dict[str, Track]) -> Array:
+def _cuff_force(c: Coupling, tracks: dict[str, Track]) -> Array:
     """(N,) N, force of a coupling on the wearer along its own fore-aft axis."""
     exo = _pose(tracks[c.exo_body])
     force, _, _ = wrench(c, exo, _pose(tracks[c.body]))

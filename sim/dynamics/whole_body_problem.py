@@ -115,16 +115,10 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
 
 @numba.njit(cache=True)
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Equations of motion of the driven coordinates after elimination of the free ones (no motor, no contact).
+    """Mass matrix (a, a) and bias (a,) of the (a,) driven coordinates after elimination of the (b,) free ones.
 
-    Args:
-        M: (nv, nv) mass matrix.
-        h: (nv,) bias minus all known forces.
-        driven: (a,) coordinates to keep.
-        free: (b,) coordinates whose generalised force is known and in `h`.
-
-    Returns:
-        (a, a) mass matrix and (a,) bias.
+    `M` is the (nv, nv) mass matrix and `h` the (nv,) bias minus all known forces, among them those on the free
+    coordinates, which have neither motor nor contact.
     """
     a, b = len(driven), len(free)
     A, c = np.empty((a, a)), np.empty(a)
@@ -152,14 +146,8 @@ def solve(
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 
-    Args:
-        M: (n, n) mass matrix of the driven coordinates, the root's six first.
-        h: (n,) bias.
-        target: (n,) accelerations.
-        weight: (n,) their weights.
-        tasks: What else should accelerate.
-        points: Contact points that may bear force.
-        assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
+    `M` (n, n) and `h` (n,) are mass matrix and bias of the driven coordinates, the root's six first; `target` and
+    `weight` (n,) their accelerations; `assist` (6,) standard deviations of the root's assist, N and N m, 0 for none.
 
     Returns:
         (n,) accelerations; (n,) generalised forces, where those of the root are the assist; (k, 4) contact forces along

@@ -110,7 +110,7 @@ class AssistanceObserver(Streams):
     def observation(self) -> dict[str, Array]:
         """As `Observer`."""
         known = self._recognition
-        modes = [known.standing[foot] if self._loaded[foot] else known.coming[foot] for foot in SIDES]
+        modes = [known.current[foot] if self._loaded[foot] else known.upcoming[foot] for foot in SIDES]
         return {
             **super().observation(),
             "loaded": np.array([float(self._loaded[foot]) for foot in SIDES]),

@@ -27,20 +27,20 @@ class Recognition:
     """Modes of each foot's steps, from samples alone; without any recognition, level ground everywhere.
 
     Attributes:
-        standing: By foot, mode of its current step.
-        coming: By foot, mode of its next step.
+        current: By foot, mode of its current step.
+        upcoming: By foot, mode of its next step.
     """
 
     def __init__(self) -> None:
-        self.standing = dict.fromkeys(SIDES, LEVEL)
-        self.coming = dict.fromkeys(SIDES, LEVEL)
+        self.current = dict.fromkeys(SIDES, LEVEL)
+        self.upcoming = dict.fromkeys(SIDES, LEVEL)
 
     def update(self, sample: Sample) -> None:
         """Processes a sample; samples come in time order."""
 
 
 class Predicted(Recognition):
-    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the coming steps.
+    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the upcoming steps.
 
     Args:
         rig: With a camera with depth and IMU on head or chest, and insoles.
@@ -61,10 +61,10 @@ class Predicted(Recognition):
     def _take(self, estimate: ModeEstimate) -> None:
         if self._next is not None and estimate.step >= self._next[0]:
             _, foot, mode = self._next
-            self.standing[foot] = mode
+            self.current[foot] = mode
         for step in reversed(estimate.steps):  # of a foot's steps the first one counts
             if step.foot:
-                self.coming[step.foot] = step.mode
+                self.upcoming[step.foot] = step.mode
         first = estimate.steps[0]
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
@@ -84,7 +84,7 @@ class Measured(Recognition):
         """As `Recognition`."""
         step = self._legs.update(sample)
         if step is not None and step.step > 0 and step.mode != UNKNOWN:
-            self.standing, self.coming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
+            self.current, self.upcoming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
 
 
 class TrueModes(Recognition):
@@ -109,8 +109,8 @@ class TrueModes(Recognition):
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
         for foot, times in self._times.items():
-            self.standing[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
-            self.coming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
+            self.current[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
+            self.upcoming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
 
 
 def _corrupted(mode: str, wrong: float, rng: np.random.Generator) -> str:
