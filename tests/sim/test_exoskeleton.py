@@ -189,6 +189,40 @@ def test_mass_of_every_mode_and_what_the_joints_feel() -> None:
     assert one.joint("exo_knee_flexion_r").armature == 0
 
 
+def weighted(values: Array) -> float:
+    """Sum over bodies or geoms, where each column has its own weight."""
+    return float(np.sum(values * (1.0 + np.arange(values.shape[1]))))
+
+
+@pytest.mark.parametrize(
+    ("who", "com", "pos", "size", "quat"),
+    [
+        (0, -2.402, -31.5638, 14.567329627, 65.100601539),
+        (1, -2.0972, -27.0278, 14.136102151, 65.099680723),
+        (2, -2.698, -35.4278, 15.203633707, 64.757932695),
+        (3, -2.031, -26.6234, 13.896928997, 65.273648338),
+    ],
+)
+def test_template_fits_the_wearer(who: int, com: float, pos: float, size: float, quat: float) -> None:
+    """Centres of mass and shapes as before the bodies came from a template, to the last digit here."""
+    model = model_of(WEARERS[who], Exo(mode=1))
+    bodies = [b for b in range(model.nbody) if model.body(b).name.startswith("exo_")]
+    shapes = np.isin(model.geom_bodyid, bodies)
+    assert (len(bodies), int(shapes.sum())) == (17, 118)
+    assert weighted(model.body_inertia[bodies]) == pytest.approx(0.5352)
+    assert weighted(model.body_ipos[bodies]) == pytest.approx(com)
+    assert weighted(model.geom_pos[shapes]) == pytest.approx(pos)
+    assert weighted(model.geom_size[shapes]) == pytest.approx(size)
+    assert weighted(model.geom_quat[shapes]) == pytest.approx(quat)
+    assert not model.geom_contype[shapes].any()
+    for body in bodies:
+        left = model.body(body)
+        if left.name.endswith("_l"):
+            right = model.body(left.name[:-1] + "r")
+            np.testing.assert_allclose(right.ipos, left.ipos * [1, -1, 1], atol=1e-15)
+            np.testing.assert_allclose(right.pos, left.pos * [1, -1, 1], atol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("exo", "joints"),
     [

@@ -77,7 +77,7 @@ def test_help_grows_smoothly() -> None:
 def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
     class Told(Recognition):
         def __init__(self) -> None:
-            self.standing, self.coming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
+            self.current, self.upcoming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
 
     rig = sensor_rig(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).nominal(0)
     observer = AssistanceObserver(rig, Told)
@@ -94,7 +94,7 @@ def test_the_truth_is_told_step_by_step_and_spoilt_as_asked() -> None:
     told = []
     for t in (0.5, 1.05, 1.2, 1.9, 2.5):
         known.update(insole("l", 0.0, round(t * 1e9)))
-        told.append((known.standing["l"], known.coming["l"], known.standing["r"]))
+        told.append((known.current["l"], known.upcoming["l"], known.current["r"]))
     assert told == [("LG", "SA", "LG"), ("SA", "SA", "LG"), ("SA", "LG", "LG"), ("SA", "LG", "SA"), ("LG", "LG", "SA")]
     many = {"l": [(k, "SA") for k in range(4000)], "r": []}
     spoilt = TrueModes(many, 0.01, np.random.default_rng(3))._modes["l"][1:-1]
@@ -110,11 +110,11 @@ def test_a_predicted_step_is_stood_on_once_its_foot_is_down() -> None:
     Recognition.__init__(predicted)
     predicted._next = None
     predicted._take(estimate(0, ("", "LG"), ("", "LG")))
-    assert predicted.coming == {"l": "LG", "r": "LG"}
+    assert predicted.upcoming == {"l": "LG", "r": "LG"}
     predicted._take(estimate(3, ("l", "SA"), ("r", "RA"), ("l", "SD")))
-    assert (predicted.coming, predicted.standing["l"]) == ({"l": "SA", "r": "RA"}, "LG")
+    assert (predicted.upcoming, predicted.current["l"]) == ({"l": "SA", "r": "RA"}, "LG")
     predicted._take(estimate(4, ("r", "RA"), ("l", "SD"), ("r", "LG")))
-    assert (predicted.coming, predicted.standing) == ({"l": "SD", "r": "RA"}, {"l": "SA", "r": "LG"})
+    assert (predicted.upcoming, predicted.current) == ({"l": "SD", "r": "RA"}, {"l": "SA", "r": "LG"})
 
 
 def test_a_stair_costs_less_with_help_than_with_motors_that_carry_themselves() -> None:
