@@ -107,7 +107,7 @@ def test_jacobians_are_the_engines(twin: Twin, moving: mujoco.MjData, body: str)
     assert np.allclose(turn, expected[1] @ moving.qvel, atol=1e-9)
 
 
-def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving: mujoco.MjData) -> None:
+def test_reference_accelerations_of_contacts_include_the_missing_term(twin: Twin, moving: mujoco.MjData) -> None:
     """The reference acceleration falls by J' q', along each axis of the contact's frame."""
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -132,8 +132,8 @@ def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving:
 
 
 def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) -> None:
-    model, told = twin.model, couplings(twin.size)
-    got = coupling_forces(CouplingSet.of(model, told), State.of(moving))
+    model, coupled = twin.model, couplings(twin.size)
+    got = coupling_forces(CouplingSet.of(model, coupled), State.of(moving))
     expected, read = np.zeros(model.nv), np.empty(6)
 
     def pose(body: str) -> Pose:
@@ -143,7 +143,7 @@ def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) 
             p=moving.xpos[b].copy(), R=moving.xmat[b].reshape(3, 3).copy(), v=read[3:].copy(), w=read[:3].copy()
         )
 
-    for c in told:
+    for c in coupled:
         force, torque, point = wrench(c, pose(c.exo_body), pose(c.body))
         mujoco.mj_applyFT(model, moving, force, torque, point, model.body(c.exo_body).id, expected)
         mujoco.mj_applyFT(model, moving, -force, -torque, point, model.body(c.body).id, expected)
@@ -246,9 +246,9 @@ def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:
     assert np.abs(falling.foot[1]).max() == 0.0
 
 
-@pytest.mark.parametrize(("felt", "down_m"), [(np.nan, 0.010), (-0.008, 0.002)])
-def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it_presses(
-    felt: float, down_m: float
+@pytest.mark.parametrize(("measured", "down_m"), [(np.nan, 0.010), (-0.008, 0.002)])
+def test_a_foot_expects_the_measured_floor_of_the_other_and_descends_until_it_presses(
+    measured: float, down_m: float
 ) -> None:
     shift, slope = StepReplan.none(), np.array([-np.sin(0.2), 0.0, np.cos(0.2)])
     for until in np.arange(0.35, 0.0, -0.002):
@@ -256,8 +256,8 @@ def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it
     # 50 mm further up the slope, on a floor that lies 8 mm lower than planned
     assert shift.foot[0, 0] == pytest.approx([0.05, 0.0, 0.05 * np.tan(0.2) - 0.008], abs=2e-3)
     before = shift.foot[0, 0, 2]
-    for _ in range(25):  # it hovers: fast where it feels no floor, slowly over one
-        replanned(shift, 0.0, slope, floor=np.array([felt, -0.008]))
+    for _ in range(25):  # it hovers: fast where it measures no floor, slowly over one
+        replanned(shift, 0.0, slope, floor=np.array([measured, -0.008]))
     assert shift.foot[0, 0, 2] < before - down_m
     landed = shift.foot[0, 0, 2]
     for _ in range(200):
@@ -265,7 +265,7 @@ def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it
     assert shift.foot[0, 0, 2] == pytest.approx(landed, abs=0.01)
 
 
-def test_a_point_that_has_pressed_keeps_its_footing_until_it_is_well_off_the_floor(twin: Twin) -> None:
+def test_a_point_in_contact_stays_so_until_it_is_well_off_the_floor(twin: Twin) -> None:
     plan = plan_control(twin.reference, twin.model)
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -355,7 +355,7 @@ def test_the_body_and_the_floor_are_as_disturbed(twin: Twin) -> None:
     assert twin.model.geom("sole_l_0").friction[0] != 0.5
 
 
-def test_pushes_and_missteps_happen_when_and_where_they_are_told(twin: Twin) -> None:
+def test_pushes_and_missteps_happen_at_the_configured_times_and_places(twin: Twin) -> None:
     plan = plan_control(twin.reference, twin.model)
     push = pushing(Dynamics(pushes=(Push(at_s=3.0, duration_s=0.2, left_n=100.0),)), plan)
     on = (plan.t >= 3.0) & (plan.t < 3.2)

@@ -89,7 +89,7 @@ def links_of(person: Person):  # type: ignore[no-untyped-def]
 
 @settings(max_examples=60, deadline=None)
 @given(angles=ANGLES, side=st.sampled_from("lr"), who=st.integers(0, len(WEARERS) - 1))
-def test_bodies_stand_where_the_table_of_the_paper_says(angles: Array, side: str, who: int) -> None:
+def test_poses_of_the_bodies_are_those_of_the_papers_table(angles: Array, side: str, who: int) -> None:
     model, links = MODELS[who], links_of(WEARERS[who])
     data = mujoco.MjData(model)
     for joint, angle in zip(EXO_LEG_JOINTS, angles):
@@ -175,7 +175,7 @@ def exo_mass(model: mujoco.MjModel) -> float:
     return float(sum(model.body_mass[i] for i in range(model.nbody) if model.body(i).name.startswith("exo_")))
 
 
-def test_mass_of_every_mode_and_what_the_joints_feel() -> None:
+def test_mass_of_every_mode_and_inertia_of_the_joints() -> None:
     mass = PAPER["exoskeleton"]["mass_kg"]
     assert exo_mass(MODELS[0]) == pytest.approx(mass["without_actuators"])
     full = model_of(Person(), Exo(mode=1))
@@ -461,7 +461,7 @@ def test_idle_modules_load_the_cuffs(level: Twin) -> None:
 
 
 @pytest.mark.parametrize("exo", [Exo(mode=1), Exo(mode=3, joints=("hip_l", "knee_l"))])
-def test_unpowered_modules_are_carried_in_a_simulated_walk_without_help(exo: Exo) -> None:
+def test_a_simulated_walk_with_unpowered_modules_needs_no_assist(exo: Exo) -> None:
     twin = Twin(
         TwinConfig(
             name="modules", route=Route(segments=(Level(length_m=2.0),)), exo=exo, physics="dynamic", sensors=()

@@ -30,8 +30,8 @@ def insole(side: str, newtons: float, t_ns: int = 0) -> Insole:
 
 
 def seen(speed: float, loaded: tuple[int, int], modes: tuple[str, str]) -> dict[str, np.ndarray]:
-    told = {f"exo/{joint}/actuator": np.array([0.0, 0.0, speed]) for joint in JOINTS}
-    return told | {"loaded": np.array(loaded, float), "mode": np.array([float(MODES.index(m)) for m in modes])}
+    found = {f"exo/{joint}/actuator": np.array([0.0, 0.0, speed]) for joint in JOINTS}
+    return found | {"loaded": np.array(loaded, float), "mode": np.array([float(MODES.index(m)) for m in modes])}
 
 
 def settled(observation: dict[str, np.ndarray]) -> np.ndarray:
@@ -39,7 +39,7 @@ def settled(observation: dict[str, np.ndarray]) -> np.ndarray:
     return [helper.torques(observation) for _ in range(200)][-1]
 
 
-def test_joints_are_pushed_the_way_they_turn_by_what_the_mode_wants() -> None:
+def test_torque_follows_the_joints_speed_with_the_share_of_the_mode() -> None:
     climbing = ("SA", "SA")
     assert settled(seen(-2.0, (1, 1), climbing)) == pytest.approx(-MOST)  # in stance both extend
     assert settled(seen(2.0, (0, 1), climbing)) == pytest.approx([20.0, 0.0, 15.0, 0.0])  # a loaded leg bends alone
@@ -49,11 +49,11 @@ def test_joints_are_pushed_the_way_they_turn_by_what_the_mode_wants() -> None:
     assert settled(seen(2.0, (1, 1), ("LG", "LG"))) == pytest.approx([20.0 * less, 20.0 * less, 0.0, 0.0])
 
 
-def test_a_leg_that_swings_off_the_last_tread_is_helped_as_on_the_stair() -> None:
+def test_a_leg_that_swings_off_the_last_tread_is_assisted_as_on_the_stair() -> None:
     assert settled(seen(2.0, (0, 1), ("LG", "SA")))[0] == pytest.approx(20.0)
 
 
-def test_nothing_is_asked_where_nothing_turns_or_nothing_has_come() -> None:
+def test_no_torque_without_speed_or_before_the_first_sample() -> None:
     assert not settled(seen(0.0, (1, 1), ("SA", "SA"))).any()
     assert not settled(seen(np.nan, (1, 1), ("SA", "SA"))).any()
 
@@ -63,24 +63,24 @@ def test_motors_beside_those_of_hips_and_knees_are_left_alone() -> None:
     for side in "lr":
         observation[f"exo/ankle_{side}/actuator"] = np.array([0.0, 0.0, -2.0])
     helper = AssistanceController((*JOINTS, "ankle_l", "ankle_r"), np.array([*MOST, 15.0, 15.0]))
-    told = [helper.torques(observation) for _ in range(200)][-1]
-    assert told == pytest.approx([*-MOST, 0.0, 0.0])
+    found = [helper.torques(observation) for _ in range(200)][-1]
+    assert found == pytest.approx([*-MOST, 0.0, 0.0])
 
 
 def test_help_grows_smoothly() -> None:
     helper = AssistanceController(JOINTS, MOST)
-    told = np.array([helper.torques(seen(-2.0, (1, 1), ("SA", "SA")))[0] for _ in range(30)])
-    assert -8.0 < told[0] < 0.0
-    assert (np.diff(told) < 0.0).all()
+    found = np.array([helper.torques(seen(-2.0, (1, 1), ("SA", "SA")))[0] for _ in range(30)])
+    assert -8.0 < found[0] < 0.0
+    assert (np.diff(found) < 0.0).all()
 
 
-def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
-    class Told(Recognition):
+def test_mode_is_that_of_the_current_step_or_the_next_one() -> None:
+    class Fixed(Recognition):
         def __init__(self) -> None:
             self.current, self.upcoming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
 
     rig = sensor_rig(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).nominal(0)
-    observer = AssistanceObserver(rig, Told)
+    observer = AssistanceObserver(rig, Fixed)
     assert observer.observation()["mode"].tolist() == [0.0, 0.0]  # before a walk has begun
     observer.reset()
     observer.update([insole("l", 300.0), insole("r", 40.0)])
@@ -88,20 +88,20 @@ def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
     assert [MODES[int(m)] for m in observer.observation()["mode"]] == ["LG", "RA"]
 
 
-def test_the_truth_is_told_step_by_step_and_spoilt_as_asked() -> None:
+def test_true_modes_change_step_by_step_and_are_corrupted_at_the_given_rate() -> None:
     steps = {"l": [(10**9, "SA"), (2 * 10**9, "LG")], "r": [(15 * 10**8, "SA")]}
     known = TrueModes(steps)
-    told = []
+    found = []
     for t in (0.5, 1.05, 1.2, 1.9, 2.5):
         known.update(insole("l", 0.0, round(t * 1e9)))
-        told.append((known.current["l"], known.upcoming["l"], known.current["r"]))
-    assert told == [("LG", "SA", "LG"), ("SA", "SA", "LG"), ("SA", "LG", "LG"), ("SA", "LG", "SA"), ("LG", "LG", "SA")]
+        found.append((known.current["l"], known.upcoming["l"], known.current["r"]))
+    assert found == [("LG", "SA", "LG"), ("SA", "SA", "LG"), ("SA", "LG", "LG"), ("SA", "LG", "SA"), ("LG", "LG", "SA")]
     many = {"l": [(k, "SA") for k in range(4000)], "r": []}
-    spoilt = TrueModes(many, 0.01, np.random.default_rng(3))._modes["l"][1:-1]
-    assert 20 < sum(mode != "SA" for mode in spoilt) < 60
+    corrupted = TrueModes(many, 0.01, np.random.default_rng(3))._modes["l"][1:-1]
+    assert 20 < sum(mode != "SA" for mode in corrupted) < 60
 
 
-def test_a_predicted_step_is_stood_on_once_its_foot_is_down() -> None:
+def test_a_predicted_step_is_current_once_its_foot_is_down() -> None:
     def estimate(done: int, *coming: tuple[str, str]) -> SimpleNamespace:
         steps = [SimpleNamespace(step=done + 1 + k, foot=foot, mode=mode) for k, (foot, mode) in enumerate(coming)]
         return SimpleNamespace(step=done, steps=tuple(steps))
@@ -117,7 +117,7 @@ def test_a_predicted_step_is_stood_on_once_its_foot_is_down() -> None:
     assert (predicted.upcoming, predicted.current) == ({"l": "SD", "r": "RA"}, {"l": "SA", "r": "LG"})
 
 
-def test_a_stair_costs_less_with_help_than_with_motors_that_carry_themselves() -> None:
+def test_a_stair_costs_less_with_assistance_than_with_compensation_alone() -> None:
     assisted = assisted_walk(STAIR, 3, lambda rig, twin: truth_of(twin))
     carried = assisted_walk(STAIR, 3, None)
     assert assisted.walk.fell_at is None
@@ -130,7 +130,7 @@ def test_a_stair_costs_less_with_help_than_with_motors_that_carry_themselves() -
     assert bare["work_j"] < more["work_j"]
 
 
-def test_the_table_tells_what_help_saves_and_who_fell() -> None:
+def test_the_table_lists_saved_work_and_falls() -> None:
     def row(seed: int, fell_at_s: float | None, **work: float) -> dict:
         ways = {
             way: {"fell_at_s": None, "modes": {"SA": {"steps": 2.0, "work_j": 2 * w, "rest_j": w, "cuff_n": 10.0}}}
