@@ -117,8 +117,7 @@ class Walk(ABC):
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        t = np.clip(t, 0.0, self.duration_s)
-        return self.coordinates.to_mujoco(self.splines(t), self.splines(t, 1), self.splines(t, 2))
+        return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
 
     def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """The first two results of `state`, faster."""

@@ -58,6 +58,10 @@ class Coordinates:
         x[:, 6:] = q[:, self.qpos]
         return x
 
+    def at(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+        """`to_mujoco` of splines of the coordinates at (N,) s."""
+        return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
+
     def moving(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """Qpos (N, nq) and qvel (N, nv) of splines of the coordinates at (N,) s."""
         x, dx = splines(t), splines(t, 1)
