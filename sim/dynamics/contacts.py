@@ -9,7 +9,6 @@ do not slide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
@@ -37,19 +36,21 @@ class Contacts(NamedTuple):
         geom: (C, 2) the geoms that touch.
         pos: (C, 3) m, middle between the two surfaces.
         frame: (C, 9) axes in rows; the first one points from the first geom to the second.
+        dist: (C,) m between the two surfaces.
         address: (C,) first row of the constraint forces, -1 where a contact makes none.
     """
 
     geom: NDArray[np.int32]
     pos: Array
     frame: Array
+    dist: Array
     address: NDArray[np.int32]
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Contacts:
-        """Those of a state."""
+        """Those of a state after `mj_step1`."""
         contact = data.contact
-        return cls(contact.geom, contact.pos, contact.frame, contact.efc_address)
+        return cls(contact.geom, contact.pos, contact.frame, contact.dist, contact.efc_address)
 
 
 class ContactBias(NamedTuple):
@@ -69,16 +70,13 @@ class ContactBias(NamedTuple):
         body = model.body_weldid[model.geom_bodyid]
         return cls(body=body, chain=np.array([chain_of(model, b) for b in range(model.nbody)]))
 
-    def apply(self, data: mujoco.MjData, state: State) -> None:
-        """Corrects the reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
-        _apply(self, Contacts.of(data), state, data.efc_aref)
-
 
 @numba.njit(cache=True)
-def _apply(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
+def subtract_bias(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
+    """Corrects the (nefc,) reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
     body, chain = bias_of
     _, cdof_dot, cvel, centre, qvel, _, _ = state
-    geoms, pos, frame, address = contacts
+    geoms, pos, frame, _, address = contacts
     v, bias, rotation_bias = np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(address)):
         if address[c] < 0:
@@ -97,47 +95,32 @@ def _apply(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) 
                     aref[address[c] + row] -= sign * frame[c, 3 * row + axis] * bias[axis]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Soles:
-    """The points of both soles in a model.
-
-    Attributes:
-        point: (ngeom,) number of the point that a geom is, 0 to 15, the left foot's first; -1 for all others.
-    """
-
-    point: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel) -> Soles:
-        """Finds the points in a model."""
-        point = np.full(model.ngeom, -1, dtype=np.int64)
-        for k, side in enumerate(SIDES):
-            for i in range(PER_FOOT):
-                point[model.geom(f"sole_{side}_{i}").id] = k * PER_FOOT + i
-        return cls(point=point)
-
-    def sense(
-        self, data: mujoco.MjData, feet: PlannedFeet, before: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
-        """Which points may bear force, and where the floor is.
-
-        Args:
-            data: State after `mj_step1`.
-            feet: Plan of the feet.
-            before: (2, points) which points might bear force in the previous control step.
-
-        Returns:
-            (2, points) whether a point may bear force; (2,) m, height of the floor above the plane of the planned
-            footprint, NaN for a foot without contact.
-        """
-        return _sense(self.point, Contacts.of(data), data.contact.dist, feet, before)
+def sole_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """(ngeom,) number of the sole point that a geom is, 0 to 15, the left foot's first; -1 for all others."""
+    point = np.full(model.ngeom, -1, dtype=np.int64)
+    for k, side in enumerate(SIDES):
+        for i in range(PER_FOOT):
+            point[model.geom(f"sole_{side}_{i}").id] = k * PER_FOOT + i
+    return point
 
 
 @numba.njit(cache=True)
-def _sense(
-    point: NDArray[np.int64], contacts: Contacts, dist: Array, feet: PlannedFeet, before: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
-    geoms, pos, frame, _ = contacts
+def sense_floor(
+    point: NDArray[np.int64], contacts: Contacts, feet: PlannedFeet, before: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which points may bear force, and where the floor is.
+
+    Args:
+        point: (ngeom,) numbers of the sole points (`sole_numbers`).
+        contacts: The engine's contacts.
+        feet: Plan of the feet.
+        before: (2, points) which points might bear force in the previous control step.
+
+    Returns:
+        (2, points) whether a point may bear force; (2,) m, height of the floor above the plane of the planned
+        footprint, NaN for a foot without contact.
+    """
+    geoms, pos, frame, dist, _ = contacts
     R_sole, p_sole, swinging = feet.R_sole, feet.p_sole, feet.swinging
     may_bear = np.zeros((2, PER_FOOT), dtype=np.bool_)
     total, count = np.zeros(2), np.zeros(2)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES, Dynamics, Exo
-from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, Soles
+from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
@@ -65,7 +65,7 @@ class Simulation:
         )  # fmt: skip
         self._coupled = CouplingSet.of(model, couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
-        self._record, self._soles = _Record(self._steps, model), Soles.of(model)
+        self._record, self._soles = _Record(self._steps, model), sole_numbers(model)
         self._bias, self._drive = ContactBias.of(model), Drive(model, exo, law)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
         data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
@@ -97,7 +97,7 @@ class Simulation:
         data.qfrc_applied = self._torque + known
         if step >= 0:
             self._record.before(step, data, self._torque + motors)
-        self._bias.apply(data, self._state)
+        subtract_bias(self._bias, Contacts.of(data), self._state, data.efc_aref)
         mujoco.mj_step2(model, data)
         if step >= 0:
             self._record.after(step, data)
@@ -109,7 +109,7 @@ class Simulation:
         """Computes the wearer's torques from row i of the plan and the (nv,) forces that the wearer knows."""
         model, data, plan = self._model, self._data, self._plan
         feet = plan.feet_at(i)
-        self._touching, floor = self._soles.sense(data, feet, self._touching)
+        self._touching, floor = sense_floor(self._soles, Contacts.of(data), feet, self._touching)
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
@@ -216,7 +216,7 @@ def _foot_loads(
     loads: FootRecord,
 ) -> None:  # fmt: skip
     """Records the feet's frames, the contact wrench on each foot, and the centre of the normal forces."""
-    geoms, pos, frame, address = contacts
+    geoms, pos, frame, _, address = contacts
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):
         p_feet[s], R_feet[s] = xpos[feet[s]], xmat[feet[s]].reshape(3, 3)

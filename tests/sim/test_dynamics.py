@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.dynamics.contacts import ContactBias, Soles
+from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import plan_control
@@ -117,7 +117,7 @@ def test_reference_accelerations_of_contacts_include_the_missing_term(twin: Twin
     data.qpos[2] -= 0.01
     mujoco.mj_step1(model, data)
     before = data.efc_aref.copy()
-    ContactBias.of(model).apply(data, State.of(data))
+    subtract_bias(ContactBias.of(model), Contacts.of(data), State.of(data), data.efc_aref)
     dot, found = np.empty((3, model.nv)), 0
     for contact in data.contact:
         body = model.geom_bodyid[contact.geom]
@@ -269,14 +269,16 @@ def test_a_point_in_contact_stays_so_until_it_is_well_off_the_floor(twin: Twin) 
     plan = plan_control(twin.reference, twin.model)
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, soles = mujoco.MjData(model), Soles.of(model)
+    data, soles = mujoco.MjData(model), sole_numbers(model)
     none, every = np.zeros((2, 8), dtype=bool), np.ones((2, 8), dtype=bool)
     found = {}
     for height in (-0.0005, 0.001, 0.003):
         data.qpos = plan.q[0]
         data.qpos[2] += height
         mujoco.mj_step1(model, data)
-        found[height] = [soles.sense(data, plan.feet_at(0), before)[0].any() for before in (none, every)]
+        found[height] = [
+            sense_floor(soles, Contacts.of(data), plan.feet_at(0), before)[0].any() for before in (none, every)
+        ]
     assert found == {-0.0005: [True, True], 0.001: [False, True], 0.003: [False, False]}
 
 
