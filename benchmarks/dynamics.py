@@ -136,7 +136,7 @@ def measure(case: Case) -> dict[str, float]:
     took = time.process_time() - planned
     assert isinstance(walk, SimulatedWalk)
     weight = NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0])
-    lift = walk.foot_force[:, :, 2].sum(1) / weight
+    lift = walk.loads.force[:, :, 2].sum(1) / weight
     help_force, help_torque = root_help(twin, walk)
     steady = (walk.t > _STEADY_S) & (walk.t < walk.duration_s - _STEADY_S)
     figures = {
@@ -173,7 +173,7 @@ def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
     hinge = np.array([twin.size.shoe.toe_hinge_x, 0.0, twin.size.shoe.toe_hinge_z])
     for k, side in enumerate(SIDES):
         for step in walk.steps[side]:
-            on = (walk.t > step.t_touch) & (walk.t < step.t_off) & (walk.foot_force[:, k, 2] > _FIRM * weight)
+            on = (walk.t > step.t_touch) & (walk.t < step.t_off) & (walk.loads.force[:, k, 2] > _FIRM * weight)
             t = walk.t[on]
             t = t[walk.pitch(side, t) > -0.005]
             if len(t) < 20:

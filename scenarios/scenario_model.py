@@ -46,8 +46,8 @@ from stridetwin.sim.faults.sample_faults import (
     Repeat,
     Saturation,
 )
-from stridetwin.sim.wearer.actuation import JOINTS, modules
 from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field
 
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
-from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.parts.sensor_config import KIND, SensorConfig
 from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
 
 SIDES = ("l", "r")
@@ -345,18 +345,7 @@ class TwinConfig:
     exo: Exo | None = field(default_factory=Exo)
     gait: Gait = field(default_factory=Gait)
     physics: str = "kinematic"
-    sensors: tuple[str, ...] = (
-        "foot_imu",
-        "foot_camera",
-        "sonar",
-        "insole",
-        "ahrs",
-        "encoder",
-        "interaction",
-        "actuator",
-        "head_imu",
-        "head_camera",
-    )
+    sensors: tuple[str, ...] = tuple(group for group in KIND if group != "exo_imu")
     fittings: Mapping[str, SensorConfig] = field(default_factory=dict)
     rig_mount: str = "head"
     ideal: bool = False

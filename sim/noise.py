@@ -28,12 +28,7 @@ class Noise:
 
     @classmethod
     def of_topic(cls, seed: int, topic: str) -> Self:
-        """Noise of one topic, keyed by a checksum of its name rather than its position in a list.
-
-        Args:
-            seed: Seed of the walk.
-            topic: Name of the stream.
-        """
+        """Noise of one topic in the walk of a seed, keyed by a checksum of its name rather than its place in a list."""
         return cls(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(topic.encode()),)))
 
     def normal(self, sd: float | Array, shape: int | tuple[int, ...]) -> Array:

@@ -7,26 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.heel_strike import UpperMotion
-from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.gait.reference import Reference, Walk
 from stridetwin.sim.kinematics import rigid_tree
-from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.body import tracked
-from stridetwin.sim.wearer.coupling import Coupling, Pose, wrench
-from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import cross
@@ -52,13 +47,9 @@ class FootLoad:
 
 
 def share_out(
-    force: Array,
-    torque: Array,
-    origin: Array,
-    shares: dict[str, Array],
-    planned: dict[str, Array],
+    force: Array, torque: Array, origin: Array, shares: dict[str, Array], planned: dict[str, Array],
     p_foot: dict[str, Array],
-) -> tuple[dict[str, FootLoad], Array, Array]:
+) -> tuple[dict[str, FootLoad], Array, Array]:  # fmt: skip
     """Splits a total wrench between the feet.
 
     Each foot takes its share of the force. The centres of pressure are the planned ones, both translated equally in the
@@ -166,47 +157,6 @@ class Loads:
     motors: dict[str, Array] = field(default_factory=dict)
 
 
-class Walk(Protocol):
-    """A walk as functions of time, planned or simulated; the attributes as in `gait.reference.Reference`."""
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the walk, s."""
-        ...
-
-    @property
-    def size(self) -> Wearer:
-        """Dimensions of the wearer."""
-        ...
-
-    @property
-    def steps(self) -> dict[str, list[Footstep]]:
-        """Footsteps of each foot in order of time."""
-        ...
-
-    @property
-    def coordinates(self) -> Coordinates:
-        """Layout of the generalised coordinates."""
-        ...
-
-    @property
-    def splines(self) -> BSpline:
-        """Splines of the coordinates."""
-        ...
-
-    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
-        """Position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s."""
-        ...
-
-    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two results of `state`, faster."""
-        ...
-
-    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot relative to its ground, toes down positive."""
-        ...
-
-
 AnyWalk = TypeVar("AnyWalk", bound=Walk)
 
 
@@ -238,7 +188,7 @@ class Player(Generic[AnyWalk]):
             uppers={foot: upper.carried(tracks[foot]) for foot, upper in self._uppers.items()},
             angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
-            cuff_force={c.name: _push_forward(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
+            cuff_force={c.name: _cuff_force(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
         )
 
     def _tracks(
@@ -271,22 +221,23 @@ class Playback(Player[Reference]):
         model, tree, reference = self._model, self._tree, self._walk
         q, v, a = reference.state(t_ns * 1e-9)
         rows = motion.rows(t_ns)
-        force, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
+        total, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
         planned = reference.loads(t_ns * 1e-9)
         feet, left_force, left_torque = share_out(
-            force, torque, q[:, :3],
+            total, torque, q[:, :3],
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )  # fmt: skip
-        pushes = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
+        applied = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
         for c in self._couplings:
-            push, turn, point = _wrench(c, motion.tracks, rows)
+            exo, own = (_pose(motion.tracks[body][rows]) for body in (c.exo_body, c.body))
+            force, moment, point = wrench(c, exo, own)
             for body, sign in ((c.exo_body, 1.0), (c.body, -1.0)):
                 arm = point - motion.tracks[body].p_body_in_world[rows]
-                pushes.append((body, sign * push, sign * (turn + cross(arm, push))))
-        bodies = np.array([tree.row(model.body(body).id) for body, _, _ in pushes])
-        forces, moments = (np.stack([push[k] for push in pushes]) for k in (1, 2))
+                applied.append((body, sign * force, sign * (moment + cross(arm, force))))
+        bodies = np.array([tree.row(model.body(body).id) for body, _, _ in applied])
+        forces, moments = (np.stack([load[k] for load in applied]) for k in (1, 2))
         needed = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
         needed += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
         return Loads(
@@ -294,11 +245,7 @@ class Playback(Player[Reference]):
         )  # fmt: skip
 
 
-def _wrench(c: Coupling, tracks: dict[str, Track], rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    return wrench(c, _pose(tracks[c.exo_body][rows]), _pose(tracks[c.body][rows]))
-
-
-def _push_forward(c: Coupling, tracks: dict[str, Track]) -> Array:
+def _cuff_force(c: Coupling, tracks: dict[str, Track]) -> Array:
     """(N,) N, force of a coupling on the wearer along its own fore-aft axis."""
     exo = _pose(tracks[c.exo_body])
     force, _, _ = wrench(c, exo, _pose(tracks[c.body]))

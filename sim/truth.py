@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.gait.reference import Walk
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
-from stridetwin.sim.playback import Loads, Motion, Walk
+from stridetwin.sim.playback import Loads, Motion
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.rig import Rig

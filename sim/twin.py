@@ -42,6 +42,7 @@ from stridetwin.streams.samples import Array, Block, Sample
 CHUNK_S = 2.0
 PHYSICS = ("kinematic", "dynamic")
 _FILM_SMOOTHING_S = 0.6
+_STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE = range(5)  # streams of random numbers of a walk
 
 
 class Twin:
@@ -87,15 +88,18 @@ class Twin:
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
         check_legs(self.model, self.size)
-        steps = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
-        self.reference: Reference = reference(config, self.model, self.size, self.terrain, steps)
+        self.reference: Reference = reference(config, self.model, self.size, self.terrain, self._rng(_STEPS))
         self.crowd: Crowd = self._crowd()
 
     def _crowd(self) -> Crowd:
         plan = self.reference
         s = (plan.paths["l"].s + plan.paths["r"].s) / 2
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(3,)))
-        return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
+        path = plan.splines(plan.grid)[:, :2]
+        return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, path, self._rng(_CROWD))
+
+    def _rng(self, *stream: int) -> np.random.Generator:
+        """Random numbers of one part of the walk, independent of those of the others."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=stream))
 
     def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
         """The same walk with other sensors at the same places, without planning or simulating it again.
@@ -132,9 +136,9 @@ class Twin:
         Args:
             law: Control law that replaces the scenario's drive of the exoskeleton.
         """
-        noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
         dynamics = self.config.dynamics or Dynamics()
-        return Simulation(self.model, self.reference, self.size, dynamics, self.config.exo, noise, law)
+        noise = self._rng(_JOINT_TORQUE)
+        return Simulation(self.model, self.reference, dynamics, self.config.exo, noise, law)
 
     @cached_property
     def mount_slips(self) -> MountSlips:
@@ -168,10 +172,8 @@ class Twin:
         if worn is None or not worn.sensor_config.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(4,)))
-        shaken = UpperMotion.of(
-            steps, np.ones_like, np.ones_like, np.zeros(3), rng, case_parameters(worn.sensor_config.strike)
-        )  # fmt: skip
+        parameters = case_parameters(worn.sensor_config.strike)
+        shaken = UpperMotion.of(steps, np.ones_like, np.ones_like, np.zeros(3), self._rng(_CASE), parameters)
         return {worn.calibration.mount.body: shaken}
 
     def _shoes(self) -> dict[str, UpperMotion]:
@@ -186,7 +188,7 @@ class Twin:
 
             uppers[foot] = UpperMotion.of(
                 self.walk.steps[side], partial(self.walk.pitch, side), speed, foot_imu_place(self.config, side),
-                np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(2, i))), SHOE,
+                self._rng(_SHOE, i), SHOE,
             )  # fmt: skip
         return uppers
 
@@ -210,10 +212,10 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
-                    asked = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
+                    requested = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
                     for image in images:
                         yield [image]
-                    images = asked
+                    images = requested
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
                         *truth.truth(
@@ -241,13 +243,5 @@ class Twin:
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)
-                yield (
-                    t,
-                    camera.frame(
-                        data,
-                        [x[i] + 0.30 * np.cos(heading[i]), y[i] + 0.30 * np.sin(heading[i]), pose[2] - 0.10],
-                        68.0 + np.degrees(heading[i]),
-                        -9.0,
-                        3.2,
-                    ),
-                )
+                centre = [x[i] + 0.30 * np.cos(heading[i]), y[i] + 0.30 * np.sin(heading[i]), pose[2] - 0.10]
+                yield t, camera.frame(data, centre, 68.0 + np.degrees(heading[i]), -9.0, 3.2)

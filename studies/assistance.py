@@ -19,8 +19,8 @@ from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.studies.case import Case
-from stridetwin.studies.closed_loop.assisted_walk import Made, bare_walk, costs, helped_walk, truth_of
-from stridetwin.studies.closed_loop.recognition import Felt, Predicted
+from stridetwin.studies.closed_loop.assisted_walk import WalkResult, assisted_walk, bare_walk, costs, truth_of
+from stridetwin.studies.closed_loop.recognition import Measured, Predicted
 
 SCENARIO = "helped_walk"
 SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
@@ -38,17 +38,17 @@ NAMES = {
     "known": "helped by true modes",
     "wrong": f"helped by true modes, {WRONG:.0%} of them wrong",
 }
-_MAKES: Mapping[str, Callable[[TwinConfig, int], Made]] = {
+_MAKES: Mapping[str, Callable[[TwinConfig, int], WalkResult]] = {
     "none": bare_walk,
-    "carried": lambda config, seed: helped_walk(config, seed, None),
-    "late": lambda config, seed: helped_walk(
-        config, seed, lambda rig, twin: Felt(geometry(twin.size, rig)), ("ahrs", "encoder")
+    "carried": lambda config, seed: assisted_walk(config, seed, None),
+    "late": lambda config, seed: assisted_walk(
+        config, seed, lambda rig, twin: Measured(geometry(twin.size, rig)), ("ahrs", "encoder")
     ),
-    "predicted": lambda config, seed: helped_walk(
+    "predicted": lambda config, seed: assisted_walk(
         config, seed, lambda rig, twin: Predicted(rig), ("head_imu", "head_camera")
     ),
-    "known": lambda config, seed: helped_walk(config, seed, lambda rig, twin: truth_of(twin)),
-    "wrong": lambda config, seed: helped_walk(config, seed, lambda rig, twin: truth_of(twin, WRONG)),
+    "known": lambda config, seed: assisted_walk(config, seed, lambda rig, twin: truth_of(twin)),
+    "wrong": lambda config, seed: assisted_walk(config, seed, lambda rig, twin: truth_of(twin, WRONG)),
 }
 
 

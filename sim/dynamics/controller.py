@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.dynamics.couplings import chain_of
-from stridetwin.sim.dynamics.footstep_replanning import StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
-from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian, rotate
-from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, eliminate, solve
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross, jacobian, rotate
+from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
@@ -34,8 +33,8 @@ class FootGains(NamedTuple):
         stance: Weight of the attitude of a foot that stands flat.
         contact: Weight of contact points at rest.
         pivot_rad: Angle between sole and ground from which on a foot counts as rolling.
-        force: Price of contact force.
-        force_change: Price of its change from one control step to the next.
+        force: Weight of contact force.
+        force_change: Weight of its change from one control step to the next.
         friction: Friction coefficient that the controller counts on.
     """
 
@@ -64,7 +63,7 @@ class _Body(NamedTuple):
         point_chain: (2, points, n) which coordinates move a point.
         feet: (2,) bodies of the feet.
         foot_chain: (2, n) which coordinates move a foot.
-        push: (2, points, 4) N, forces along the edges of the friction cones; overwritten at each step.
+        force: (2, points, 4) N, forces along the edges of the friction cones; overwritten at each step.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
     """
 
@@ -76,34 +75,8 @@ class _Body(NamedTuple):
     point_chain: NDArray[np.bool_]
     feet: NDArray[np.int64]
     foot_chain: NDArray[np.bool_]
-    push: Array
+    force: Array
     assist: Array
-
-
-class _State(NamedTuple):
-    """The engine's state, under the engine's names but for `centre` (3,), the walker's centre of mass, m."""
-
-    cdof: Array
-    cdof_dot: Array
-    cvel: Array
-    centre: Array
-    qvel: Array
-    xpos: Array
-    xmat: Array
-
-
-class _WantedFeet(NamedTuple):
-    """A row of the plan (`Plan`), of both feet."""
-
-    price: Array
-    share: Array
-    R_sole: Array
-    p_foot: Array
-    R_foot: Array
-    v_foot: Array
-    w_foot: Array
-    a_foot: Array
-    dw_foot: Array
 
 
 class _Forces(NamedTuple):
@@ -171,15 +144,18 @@ class Controller:
         driven, free = np.concatenate([np.arange(6), layout.dof[motor]]), layout.dof[~motor]
         weights = np.full(model.nv, gains.joint)
         weights[:3], weights[3:6] = gains.root, gains.tilt
+        arm, leg = gains.arm, gains.leg
+        of = {
+            "lumbar": gains.lumbar,
+            "shoulder": arm,
+            "elbow": arm,
+            "hip": leg,
+            "knee": leg,
+            "ankle": leg,
+            "toe": gains.toe,
+        }
         for name, dof in zip(names, layout.dof):
-            if name.startswith("lumbar"):
-                weights[dof] = gains.lumbar
-            elif name.startswith(("shoulder", "elbow")):
-                weights[dof] = gains.arm
-            elif name.startswith(("hip", "knee", "ankle")):
-                weights[dof] = gains.leg
-            elif name.startswith("toe"):
-                weights[dof] = gains.toe
+            weights[dof] = of.get(name.split("_")[0], gains.joint)
         self._rate = np.full(model.nv, gains.joint_rate)
         self._rate[:6] = gains.root_rate
         self._rate[:2] = gains.sway_rate
@@ -191,7 +167,7 @@ class Controller:
             local=np.array([p for _, p in points]),
             point_chain=np.array([[chain_of(model, b)[driven] for b in row] for row in bodies]), feet=feet,
             foot_chain=np.array([chain_of(model, b)[driven] for b in feet]),
-            push=np.zeros((len(SIDES), len(points), 4)),
+            force=np.zeros((len(SIDES), len(points), 4)),
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
         )  # fmt: skip
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
@@ -199,12 +175,14 @@ class Controller:
         self._error = np.empty(model.nv)
 
     def torques(
-        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_], known: Array
+        self, data: mujoco.MjData, state: State, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_],
+        known: Array,
     ) -> Array:  # fmt: skip
         """Generalised forces (nv,): joint torques, and the assist at the root.
 
         Args:
             data: State after `mj_step1`.
+            state: Its views.
             plan: What is wanted.
             i: Row of the plan.
             shift: How feet and pelvis are shifted against the plan.
@@ -215,34 +193,27 @@ class Controller:
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
         forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
-        h, wanted = _aims(
+        h, target = _targets(
             self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
         )  # fmt: skip
-        state = _State(
-            data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat
-        )  # fmt: skip
-        feet = _WantedFeet(
-            plan.price[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
-            plan.w_foot[i], plan.a_foot[i], plan.dw_foot[i],
-        )  # fmt: skip
         torque = _step(
-            self._believed * self._M, h, wanted, self._body, state, feet, touching, shift.foot, gains.foot
+            self._believed * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
         )  # fmt: skip
         return _limited(torque, self._body.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
 
 @numba.njit(cache=True)
-def _aims(
+def _targets(
     rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Bias less the known forces, and the accelerations wanted; both (nv,)."""
-    wanted = a + rate * (rate * error + 2.0 * (v - qvel))
-    wanted[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
+    """Bias less the known forces, and the target accelerations; both (nv,)."""
+    target = a + rate * (rate * error + 2.0 * (v - qvel))
+    target[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
     h = believed * forces.bias - forces.passive - forces.known
     for toe in toes:
         h[toe] += forces.passive[toe]
-    return h, wanted
+    return h, target
 
 
 @numba.njit(cache=True)
@@ -262,26 +233,26 @@ def _limited(
 
 @numba.njit(cache=True)
 def _step(
-    M: Array, h: Array, wanted: Array, body: _Body, state: _State, plan: _WantedFeet, touching: NDArray[np.bool_],
+    M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
     moved: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
-    driven, free, weight, bodies, local, point_chain, feet, foot_chain, push, assist = body
+    driven, free, weight, bodies, local, point_chain, foot_bodies, foot_chain, force, assist = body
     cdof, cdof_dot, cvel, centre, qvel, xpos, xmat = state
-    price, share, R_sole, p_foot, R_foot, v_foot, w_foot, a_foot, dw_foot = plan
+    R_sole, R_foot = feet.R_sole, feet.R_foot
     n = len(driven)
     axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     for j in range(n):
         axes[j], axes_dot[j], speed[j] = cdof[driven[j]], cdof_dot[driven[j]], qvel[driven[j]]
     per_foot = bodies.shape[1]
-    tasks, aims, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))
     linear, angular, bias, bias_turn = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
     swept, error = np.empty(3), np.empty(3)
     m, k = 0, 0
     for side in range(2):
-        pushing = 0
+        in_contact = 0
         for i in range(per_foot):
             if not touching[side, i]:
                 continue
@@ -293,19 +264,19 @@ def _step(
             v = cvel[b, 3:] + swept
             jacobian(axes, point_chain[side, i], centre, p, tasks[m : m + 3], angular)
             bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, bias_turn)
-            aims[m : m + 3] = -gains.contact_damping * v - bias
+            targets[m : m + 3] = -gains.contact_damping * v - bias
             weights[m : m + 3] = gains.contact
             contacts[3 * k : 3 * k + 3] = tasks[m : m + 3]
             for e in range(4):
                 along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
                 sign = 1.0 if e % 2 == 0 else -1.0
                 edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
-            cost[k] = price[side, i] * gains.force / max(share[side], 0.02) ** 2
-            last[k] = push[side, i]
+            cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
+            last[k] = force[side, i]
             m += 3
             k += 1
-            pushing += 1
-        b = feet[side]
+            in_contact += 1
+        b = foot_bodies[side]
         R = xmat[b].reshape(3, 3)
         w = cvel[b, :3].copy()
         p = xpos[b].copy()
@@ -313,36 +284,38 @@ def _step(
         v = cvel[b, 3:] + swept
         jacobian(axes, foot_chain[side], centre, p, linear, tasks[m : m + 3])
         bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, bias_turn)
-        turn = np.zeros(3)
+        rotation = np.zeros(3)
         for axis in range(3):
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
-            turn += 0.5 * error
-        rate = gains.pivot_rate if pushing else gains.swing_rate
-        aims[m : m + 3] = dw_foot[side] + rate * rate * turn + 2 * rate * (w_foot[side] - w) - bias_turn
+            rotation += 0.5 * error
+        rate = gains.pivot_rate if in_contact else gains.swing_rate
+        targets[m : m + 3] = (
+            feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - bias_turn
+        )
         weights[m : m + 3] = gains.swing
-        if pushing:
+        if in_contact:
             rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
             weights[m : m + 3] = gains.stance + rolling * (gains.pivot - gains.stance)
         m += 3
-        if not pushing:
+        if not in_contact:
             tasks[m : m + 3] = linear
-            aims[m : m + 3] = (
-                a_foot[side] + moved[side, 2] - bias
-                + rate * rate * (p_foot[side] + moved[side, 0] - p) + 2 * rate * (v_foot[side] + moved[side, 1] - v)
+            targets[m : m + 3] = (
+                feet.a_foot[side] + moved[side, 2] - bias + rate * rate * (feet.p_foot[side] + moved[side, 0] - p)
+                + 2 * rate * (feet.v_foot[side] + moved[side, 1] - v)
             )  # fmt: skip
             weights[m : m + 3] = gains.swing
             m += 3
     A, bias_driven = eliminate(M, h, driven, free)
     _, torque, now, _ = solve(
-        A, bias_driven, wanted[driven], weight, Tasks(tasks[:m], aims[:m], weights[:m]),
-        PushingPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
+        A, bias_driven, target[driven], weight, Tasks(tasks[:m], targets[:m], weights[:m]),
+        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
     )  # fmt: skip
-    push[:] = 0.0
+    force[:] = 0.0
     k = 0
     for side in range(2):
         for i in range(per_foot):
             if touching[side, i]:
-                push[side, i] = now[k]
+                force[side, i] = now[k]
                 k += 1
     return torque
 

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.dynamics.spatial import cross, rotate
-from stridetwin.sim.wearer.coupling import Coupling
+from stridetwin.sim.dynamics.spatial import State, chain_of, cross, rotate
+from stridetwin.sim.wearer.exo_couplings import Coupling
 from stridetwin.streams.samples import Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CouplingSet:
+class CouplingSet(NamedTuple):
     """Couplings of a model as arrays.
 
     Attributes:
@@ -35,52 +34,24 @@ class CouplingSet:
     def of(cls, model: mujoco.MjModel, couplings: Sequence[Coupling]) -> CouplingSet:
         """Compiles couplings for a model."""
         bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
-        bodies = bodies.reshape(-1, 2)  # none without exoskeleton
-        return cls(
-            bodies=bodies,
-            points=np.array([[c.p_in_exo, c.p_in_body] for c in couplings]).reshape(-1, 2, 3),
-            law=np.array(
-                [[c.stiffness, c.damping, c.rotation_stiffness, c.rotation_damping] for c in couplings]
-            ).reshape(-1, 4, 3, 3),
-            chain=np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool).reshape(
-                -1, 2, model.nv
-            ),
-        )
-
-
-def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
-    """(nv,) degrees of freedom that move a body."""
-    chain = np.zeros(model.nv, dtype=bool)
-    while body > 0:
-        first, count = model.body_dofadr[body], model.body_dofnum[body]
-        if count:
-            chain[first : first + count] = True
-        body = model.body_parentid[body]
-    return chain
+        points = [[c.p_in_exo, c.p_in_body] for c in couplings]
+        law = [[c.stiffness, c.damping, c.rotation_stiffness, c.rotation_damping] for c in couplings]
+        chain = [[chain_of(model, b) for b in pair] for pair in bodies]
+        return cls(  # reshaped for none, without exoskeleton
+            bodies.reshape(-1, 2), np.reshape(points, (-1, 2, 3)), np.reshape(law, (-1, 4, 3, 3)),
+            np.array(chain, dtype=bool).reshape(-1, 2, model.nv),
+        )  # fmt: skip
 
 
 @numba.njit(cache=True)
-def coupling_forces(
-    bodies: NDArray[np.int64], points: Array, law: Array, chain: NDArray[np.bool_], xpos: Array, xmat: Array,
-    cvel: Array, cdof: Array, centre: Array,
-) -> Array:  # fmt: skip
-    """Generalised force (nv,) of all couplings, as in `coupling.wrench`.
-
-    Args:
-        bodies: As in `CouplingSet`, like the next three.
-        points: (C, 2, 3).
-        law: (C, 4, 3, 3).
-        chain: (C, 2, nv).
-        xpos: (nbody, 3) m.
-        xmat: (nbody, 9).
-        cvel: (nbody, 6) angular and linear velocity about `centre`.
-        cdof: (nv, 6) motion axes about `centre`.
-        centre: (3,) m.
-    """
+def coupling_forces(couplings: CouplingSet, state: State) -> Array:
+    """Generalised force (nv,) of all couplings, as in `exo_couplings.wrench`."""
+    bodies, points, law, chain = couplings
+    cdof, _, cvel, centre, _, xpos, xmat = state
     nv = len(cdof)
     applied = np.zeros(nv)
     point, arm, w, dp = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    displacement, rate, turn, turning = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    displacement, rate, rotation, rotation_rate = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     force, torque, a, b = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(bodies)):
         exo, own = bodies[c]
@@ -98,18 +69,18 @@ def coupling_forces(
             dp[k] += cvel[own, 3 + k] - cvel[exo, 3 + k]
         rotate(R_exo.T, dp, rate)
         R = R_exo.T @ R_own
-        turn[0], turn[1], turn[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-        turn *= 0.5
+        rotation[0], rotation[1], rotation[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+        rotation *= 0.5
         change = 0.5 * ((R[0, 0] + R[1, 1] + R[2, 2]) * np.eye(3) - R)
         rotate(R_exo.T, w, a)
-        rotate(change, a, turning)
+        rotate(change, a, rotation_rate)
         rotate(law[c, 0], displacement, a)
         rotate(law[c, 1], rate, b)
         rotate(R_exo, a + b, force)  # on the exoskeleton
-        rotate(law[c, 2], turn, a)
-        rotate(law[c, 3], turning, b)
-        rotate(change.T, a + b, turning)
-        rotate(R_exo, turning, torque)
+        rotate(law[c, 2], rotation, a)
+        rotate(law[c, 3], rotation_rate, b)
+        rotate(change.T, a + b, rotation_rate)
+        rotate(R_exo, rotation_rate, torque)
         cross(arm, force, a)
         torque += a
         for j in range(nv):

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
 
 from stridetwin.sim.config import SIDES, Exo
-from stridetwin.sim.wearer.actuation import FRICTION_SPEED_RADPS, modules
+from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, modules
 from stridetwin.streams.samples import Array
 
 PERIOD_S, DRIVER_S = 0.01, 0.001
@@ -29,16 +28,13 @@ _ASSIST_NM = 8.0  # for legs one radian apart
 _QUARTER_STRIDE_S = 0.25
 _SMOOTHING_S = 0.05
 _ROTOR, _FRICTION = 0.8, 0.0  # compensated shares; at 1.4 times the rotors' inertia, frame and cuffs begin to oscillate
-_ROTOR_OF_LAW, _FRICTION_OF_LAW = 0.95, 0.95
+_ROTOR_EXTERNAL, _FRICTION_EXTERNAL = 0.95, 0.95
 _ACCELERATION_S = 0.005  # smoothing time of the driver's encoder signal
 
 
-class ControlLaw(Protocol):
-    """Maps the angles of the powered joints to the torques that their motors should apply, once per `PERIOD_S`."""
-
-    def __call__(self, angle: Array) -> Array:
-        """(n,) N m, of (n,) rad, in the order of `modules`."""
-        ...
+ControlLaw = Callable[[Array], Array]
+"""Maps the angles (n,) rad of the powered joints to the torques (n,) N m that their motors should apply, once per
+`PERIOD_S`; both in the order of `modules`."""
 
 
 class DelayedFeedback:
@@ -58,9 +54,9 @@ class DelayedFeedback:
         last = self._apart[-1]
         help_nm = -_ASSIST_NM * self._apart[0]
         self._apart.append(last + (math.sin(right) - math.sin(left) - last) * PERIOD_S / _SMOOTHING_S)
-        asked = np.zeros(len(angle))
-        asked[self._hips] = -help_nm, help_nm
-        return asked
+        torque = np.zeros(len(angle))
+        torque[self._hips] = -help_nm, help_nm
+        return torque
 
 
 class Drive:
@@ -83,8 +79,8 @@ class Drive:
         self._law = DelayedFeedback(list(mounted)) if mounted and law is None else law
         self._most = np.array([module.torque_max_nm for module in mounted.values()])
         self._fastest = np.array([module.speed_max_radps for module in mounted.values()])
-        rotor, friction = (_ROTOR, _FRICTION) if law is None else (_ROTOR_OF_LAW, _FRICTION_OF_LAW)
-        self._carried = rotor * np.array([module.reflected_inertia for module in mounted.values()])
+        rotor, friction = (_ROTOR, _FRICTION) if law is None else (_ROTOR_EXTERNAL, _FRICTION_EXTERNAL)
+        self._compensated = rotor * np.array([module.reflected_inertia for module in mounted.values()])
         self._dry = friction * np.array([module.friction_nm for module in mounted.values()])
         self._viscous = friction * np.array([module.viscous_nms for module in mounted.values()])
         self._help, self._coming = np.zeros(len(mounted)), np.zeros(len(mounted))
@@ -104,7 +100,7 @@ class Drive:
             self._speed = speed
             self._calls += 1
             friction = self._dry * np.tanh(speed / FRICTION_SPEED_RADPS) + self._viscous * speed
-            torque = self._help + self._carried * self._acceleration + friction
+            torque = self._help + self._compensated * self._acceleration + friction
             torque[(np.abs(speed) > self._fastest) & (torque * speed > 0.0)] = 0.0  # at this speed they can only brake
             given[self._dof] = np.clip(torque, -self._most, self._most)
         return given

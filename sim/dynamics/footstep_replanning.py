@@ -31,24 +31,40 @@ _SEARCH_MPS = 0.3  # downward speed of a late foot
 _SETTLE_MPS = 0.05  # and of a foot that is over the floor but does not press
 
 
-class Planned(NamedTuple):
-    """Planned state of the feet at one instant; rows left, right.
+class PlannedFeet(NamedTuple):
+    """Plan of the feet at one instant, or with a leading axis at N of them; rows left, right.
 
     Attributes:
-        swinging: (2,) whether a foot is in the air.
-        until_landing: (2,) s.
         share: (2,) of the load.
+        touching: (2, points) whether a sole point is planned to bear force.
+        force_weight: (2, points) relative weight of force at a point: under a foot that stands on its toes alone, it is
+            lower the closer the point is to the planned centre of pressure.
+        R_sole: (2, 3, 3) axes in the world of the ground's frame under each foot (of the flat foot); in the air, of the
+            next footprint.
+        p_sole: (2, 3) m, the footprint.
+        swinging: (2,) whether a foot is in the air.
+        until_landing: (2,) s; 0 in stance.
         R_way: (2, 2) columns forward and left of the way.
         near_edge: (2,) whether the next footprint lies just before or behind a riser.
-        normal: (2, 3) normal of the ground under each foot, or under its next footprint.
+        p_foot: (2, 3) m; v_foot, a_foot its derivatives.
+        R_foot: (2, 3, 3); w_foot (2, 3) rad/s, world axes; dw_foot its derivative.
     """
 
+    share: Array
+    touching: NDArray[np.bool_]
+    force_weight: Array
+    R_sole: Array
+    p_sole: Array
     swinging: NDArray[np.bool_]
     until_landing: Array
-    share: Array
     R_way: Array
     near_edge: NDArray[np.bool_]
-    normal: Array
+    p_foot: Array
+    v_foot: Array
+    a_foot: Array
+    R_foot: Array
+    w_foot: Array
+    dw_foot: Array
 
 
 class Sensed(NamedTuple):
@@ -84,12 +100,12 @@ class StepReplan:
         """No shift."""
         return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
-    def update(self, dt: float, planned: Planned, sensed: Sensed, misplaced: Array) -> None:
+    def update(self, dt: float, planned: PlannedFeet, sensed: Sensed, misplaced: Array) -> None:
         """Advances by one control step.
 
         Args:
             dt: Length of the step, s.
-            planned: Planned state of the feet.
+            planned: PlannedFeet state of the feet.
             sensed: Measured state of body and feet.
             misplaced: (2, 2) m, offset of each foot's landing from its foothold.
         """
@@ -98,9 +114,10 @@ class StepReplan:
 
 @numba.njit(cache=True)
 def _update(
-    foot: Array, root: Array, floor: Array, dt: float, planned: Planned, sensed: Sensed, misplaced: Array
+    foot: Array, root: Array, floor: Array, dt: float, planned: PlannedFeet, sensed: Sensed, misplaced: Array
 ) -> None:  # fmt: skip
-    swinging, until_landing, share, R_way, near_edge, normal = planned
+    swinging, until_landing, share, R_way = planned.swinging, planned.until_landing, planned.share, planned.R_way
+    normal = planned.R_sole[:, :, 2]
     com, measured, pressing = sensed
     for k in range(2):
         if not np.isnan(measured[k]):
@@ -118,7 +135,7 @@ def _update(
             growth = np.exp(OMEGA * until_landing[k])
             off = np.sign(xi) * np.maximum(growth * np.abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0)
             ahead, left = R_way.T @ (off + (1.0 - _BACK) * held)
-            reach = _ON_EDGES_M if near_edge[k] else _FORWARD_M
+            reach = _ON_EDGES_M if planned.near_edge[k] else _FORWARD_M
             inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
             ahead, left = min(max(ahead, -reach), reach), min(max(left, inner), outer)
             wanted[:2] = R_way[:, 0] * ahead + R_way[:, 1] * left + misplaced[k]

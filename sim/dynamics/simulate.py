@@ -1,6 +1,11 @@
-"""The forward simulation: steps person, soles, couplings and controller together, and returns the simulated walk."""
+"""The forward simulation: steps person, soles, couplings and controller together, and returns the simulated walk.
+
+The controller does not know the disturbances: true body mass and floor height, pushes, joint noise and missteps.
+"""
 
 from __future__ import annotations
+
+import copy
 
 import mujoco
 import numba
@@ -8,20 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES, Dynamics, Exo
-from stridetwin.sim.dynamics.contact_bias import ContactBias, Contacts
-from stridetwin.sim.dynamics.contact_sensing import Soles
+from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
-from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
 from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
-from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
-from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk, through
+from stridetwin.sim.dynamics.plan import CONTROL_S, Plan, plan_control
+from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
-from stridetwin.sim.dynamics.spatial import cross
+from stridetwin.sim.dynamics.spatial import State, cross
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import couplings
 from stridetwin.streams.samples import Array
 
@@ -39,7 +40,6 @@ class Simulation:
     Args:
         model: Model with soles; contacts are off outside the simulation.
         reference: The planned motion.
-        size: Wearer.
         dynamics: Assistance and disturbances.
         exo: The exoskeleton and its drive; the wearer is used to it and knows the torques of its motors.
         rng: Noise of the joint torques.
@@ -50,21 +50,22 @@ class Simulation:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
+        self, model: mujoco.MjModel, reference: Reference, dynamics: Dynamics, exo: Exo | None,
         rng: np.random.Generator, law: ControlLaw | None = None,
     ) -> None:  # fmt: skip
-        self._plan = plan = plan_control(reference, model, size)
+        self._plan = plan = plan_control(reference, model)
         self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
-        self._reference, self._size, self._noise, self._rng = reference, size, dynamics.torque_noise, rng
+        self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
         self._model = model = _physics(disturbed(model, dynamics))
         self._data = data = mujoco.MjData(model)
+        self._state = State.of(data)
         self._control = Controller(
-            model, size, Coordinates.of(model), Gains(), assist=dynamics.assist,
+            model, reference.size, reference.coordinates, Gains(), assist=dynamics.assist,
             believed=1.0 / (1.0 + dynamics.mass_error),
         )  # fmt: skip
-        self._coupled = CouplingSet.of(model, couplings(size))
+        self._coupled = CouplingSet.of(model, couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
-        self._record, self._soles = _Record(self._steps, model), Soles.of(model)
+        self._record, self._soles = _Record(self._steps, model), sole_numbers(model)
         self._bias, self._drive = ContactBias.of(model), Drive(model, exo, law)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
         data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
@@ -87,11 +88,7 @@ class Simulation:
         """Advances by `STEP_S`."""
         model, data, plan, step = self._model, self._data, self._plan, self._step
         mujoco.mj_step1(model, data)
-        coupled = self._coupled
-        known = coupling_forces(
-            coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
-            data.subtree_com[1],
-        )  # fmt: skip
+        known = coupling_forces(self._coupled, self._state)
         motors = self._drive.torques(data)
         known += motors
         i = min(max(step, 0) // _EVERY, len(plan.t) - 1)
@@ -100,7 +97,7 @@ class Simulation:
         data.qfrc_applied = self._torque + known
         if step >= 0:
             self._record.before(step, data, self._torque + motors)
-        self._bias.apply(data)
+        subtract_bias(self._bias, Contacts.of(data), self._state, data.efc_aref)
         mujoco.mj_step2(model, data)
         if step >= 0:
             self._record.after(step, data)
@@ -111,25 +108,64 @@ class Simulation:
     def _control_step(self, i: int, known: Array) -> None:
         """Computes the wearer's torques from row i of the plan and the (nv,) forces that the wearer knows."""
         model, data, plan = self._model, self._data, self._plan
-        self._touching, floor = self._soles.feel(data, plan, i, self._touching)
+        feet = plan.feet_at(i)
+        self._touching, floor = sense_floor(self._soles, Contacts.of(data), feet, self._touching)
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
-        self._shift.update(CONTROL_S, plan.feet(i), sensed, self._misplace[i])
-        self._torque = self._control.torques(data, plan, i, self._shift, self._touching, known)
+        self._shift.update(CONTROL_S, feet, sensed, self._misplace[i])
+        self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
         self._pushed[:2] = self._push[i]
 
     def recent(self, seconds: float) -> SimulatedWalk:
         """The most recent part of the walk; its last `MARGIN_S` may still change."""
-        return self._record.recent(
-            self._step, max(self._step - round(seconds / STEP_S), 0), self._reference, self._size
-        )
+        first = max(self._step - round(seconds / STEP_S), 0)
+        return SimulatedWalk.of_part(self._reference, *self._record.rows(first, self._step))
 
     def walk(self) -> SimulatedWalk:
         """The walk so far."""
-        return self._record.walk(self._step, self._reference, self._size, self.fell_at)
+        return SimulatedWalk.of(self._reference, *self._record.rows(0, self._step), self.fell_at)
+
+
+def disturbed(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
+    """Copy of the model with the true body mass and floor height."""
+    model = copy.copy(model)
+    model.body_mass *= 1.0 + dynamics.mass_error
+    model.body_inertia *= 1.0 + dynamics.mass_error
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    for i in range(model.ngeom):
+        name = model.geom(i).name
+        if name == "ground" or name.startswith("terrain_"):
+            model.geom_pos[i, 2] += dynamics.floor_offset_m
+        elif name.startswith("sole_"):
+            model.geom_friction[i, 0] = dynamics.friction
+    return model
+
+
+def pushing(dynamics: Dynamics, plan: Plan) -> Array:
+    """(N, 2) horizontal force on the pelvis at each instant of a plan, N, world."""
+    force = np.zeros((len(plan.t), 2))
+    for push in dynamics.pushes:
+        during = (plan.t >= push.at_s) & (plan.t < push.at_s + push.duration_s)
+        force[during] += plan.feet.R_way[during] @ [push.forward_n, push.left_n]
+    return force
+
+
+def misplaced(dynamics: Dynamics, plan: Plan) -> Array:
+    """(N, 2, 2) m, world, offset of each foot's landing from its foothold, at each instant of a plan."""
+    off = np.zeros((len(plan.t), len(SIDES), 2))
+    for misstep in dynamics.missteps:
+        landing = plan.t[:, None] + plan.feet.until_landing
+        landing[~plan.feet.swinging | (landing < misstep.at_s)] = np.inf
+        first = landing.min()
+        if not np.isfinite(first):
+            continue  # the last foot has already landed
+        foot = int(landing.min(axis=0).argmin())
+        during = np.isclose(landing[:, foot], first)
+        off[during, foot] += plan.feet.R_way[during] @ [misstep.forward_m, misstep.left_m]
+    return off
 
 
 def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -168,22 +204,10 @@ class _Record:
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )  # fmt: skip
 
-    def recent(self, n: int, first: int, reference: Reference, size: Wearer) -> SimulatedWalk:
-        """The steps from `first` to before `n` as a walk of their own; its footsteps are the planned ones."""
-        t, x = STEP_S * np.arange(first, n, dtype=float), reference.coordinates.from_mujoco(self._q[first:n])
-        loads = self._loads.at(slice(first, n))
-        return SimulatedWalk(
-            duration_s=float(t[-1]), size=size, steps=reference.steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n], foot_force=loads.force,
-            foot_torque=loads.moment, cop=loads.cop, _pitch=np.zeros((n - first, len(SIDES))),
-        )  # fmt: skip
-
-    def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:
-        """The walk of the first n steps."""
-        return SimulatedWalk.of(
-            reference, size, STEP_S * np.arange(n, dtype=float), self._q[:n], self._torque[:n],
-            self._loads.at(slice(n)), fell_at,
-        )  # fmt: skip
+    def rows(self, first: int, end: int) -> tuple[Array, Array, Array, FootRecord]:
+        """Times, positions, torques and loads of the steps from `first` to before `end`."""
+        rows = slice(first, end)
+        return STEP_S * np.arange(first, end, dtype=float), self._q[rows], self._torque[rows], self._loads.at(rows)
 
 
 @numba.njit(cache=True)
@@ -192,7 +216,7 @@ def _foot_loads(
     loads: FootRecord,
 ) -> None:  # fmt: skip
     """Records the feet's frames, the contact wrench on each foot, and the centre of the normal forces."""
-    geoms, pos, frame, address = contacts
+    geoms, pos, frame, _, address = contacts
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):
         p_feet[s], R_feet[s] = xpos[feet[s]], xmat[feet[s]].reshape(3, 3)

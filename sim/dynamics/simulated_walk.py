@@ -11,10 +11,8 @@ from scipy.interpolate import BSpline
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.gait.reference import Reference, Walk
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
-from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler
 
@@ -30,7 +28,7 @@ class FootRecord(NamedTuple):
         p: (N, 2, 3) m, their origins.
         force: (N, 2, 3) N, world.
         moment: (N, 2, 3) N m about the frames' origins.
-        cop: (N, 2, 3) m, centre of pressure; meaningless without load.
+        cop: (N, 2, 3) m, centre of pressure; undefined without load.
     """
 
     R: Array
@@ -39,63 +37,37 @@ class FootRecord(NamedTuple):
     moment: Array
     cop: Array
 
-    def at(self, rows: int | slice) -> FootRecord:
+    def at(self, rows: int | slice | NDArray[np.int64]) -> FootRecord:
         """One step, or some of them."""
         return FootRecord(*(values[rows] for values in self))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SimulatedWalk:
-    """Result of the simulation, with the same interface as a `Reference`.
+class SimulatedWalk(Walk):
+    """Result of the simulation; it ends where the walker fell.
 
     The coordinates of the physics steps are the control points of cubic B-splines, so that position, velocity and
     acceleration agree exactly at any instant.
 
     Attributes:
-        duration_s: Length of the walk; it ends where the walker fell.
-        size: Dimensions of the wearer.
-        steps: Footsteps of each foot as simulated.
-        coordinates: Layout of the generalised coordinates.
-        splines: Cubic splines of the coordinates.
         fell_at: When the walker fell, s, or None.
         t: (N,) s, the physics steps.
         torque: (N, nv) N m, generalised forces of the joints; the root's six rows are the assist (world force, torque
             in the pelvis' axes), 0 without it.
-        foot_force: (N, 2, 3) N, world, left and right.
-        foot_torque: (N, 2, 3) N m about the foot frame's origin.
-        cop: (N, 2, 3) m, centre of pressure; undefined without load.
+        loads: The feet, left and right, at these steps.
     """
 
-    duration_s: float
-    size: Wearer
-    steps: dict[str, list[Footstep]]
-    coordinates: Coordinates
-    splines: BSpline
     fell_at: float | None
     t: Array
     torque: Array
-    foot_force: Array
-    foot_torque: Array
-    cop: Array
+    loads: FootRecord
     _pitch: Array
 
     @classmethod
     def of(
-        cls, reference: Reference, size: Wearer, t: Array, q: Array, torque: Array, loads: FootRecord,
-        fell_at: float | None,
-    ) -> SimulatedWalk:  # fmt: skip
-        """The walk of N physics steps.
-
-        Args:
-            reference: The planned walk.
-            size: Wearer.
-            t: (N,) s.
-            q: (N, nq).
-            torque: (N, nv), as in the class.
-            loads: Of the feet at these steps.
-            fell_at: s, or None.
-        """
-        x = reference.coordinates.from_mujoco(q)
+        cls, reference: Reference, t: Array, q: Array, torque: Array, loads: FootRecord, fell_at: float | None = None
+    ) -> SimulatedWalk:
+        """The walk of a reference as N physics steps: (N,) s, (N, nq), and the rest as in the class."""
         end = float(t[-1])
         steps = {
             side: [
@@ -105,22 +77,19 @@ class SimulatedWalk:
             for k, side in enumerate(SIDES)
         }  # fmt: skip
         pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
+        return replace(cls.of_part(reference, t, q, torque, loads), steps=steps, fell_at=fell_at, _pitch=pitch)
+
+    @classmethod
+    def of_part(cls, reference: Reference, t: Array, q: Array, torque: Array, loads: FootRecord) -> SimulatedWalk:
+        """A part of the walk, with the planned footsteps and no pitch of the feet."""
         return cls(
-            duration_s=end, size=size, steps=steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, foot_force=loads.force,
-            foot_torque=loads.moment, cop=loads.cop, _pitch=pitch,
+            duration_s=float(t[-1]), size=reference.size, steps=reference.steps, coordinates=reference.coordinates,
+            splines=through(t, reference.coordinates.from_mujoco(q)), fell_at=None, t=t, torque=torque, loads=loads,
+            _pitch=np.zeros((len(t), len(SIDES))),
         )  # fmt: skip
 
-    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
-        """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
-
-    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two results of `state`, faster."""
-        return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
-
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot against the ground under it, toes down positive."""
+        """As `Walk`."""
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
     def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -128,14 +97,11 @@ class SimulatedWalk:
 
     def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
         """Ground reaction on each foot at (N,) s."""
-        i = self._nearest_steps(t)
+        _, _, force, torque, cop = self.loads.at(self._nearest_steps(t))
         return {
-            side: FootLoad(
-                force=self.foot_force[i, k], torque=self.foot_torque[i, k], cop=self.cop[i, k],
-                loaded=self.foot_force[i, k, 2] > _LOADED_N,
-            )
+            side: FootLoad(force=force[:, k], torque=torque[:, k], cop=cop[:, k], loaded=force[:, k, 2] > _LOADED_N)
             for k, side in enumerate(SIDES)
-        }  # fmt: skip
+        }
 
     def efforts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Joint torques (N, J) in the order of `coordinates.names[6:]`, and the assistance at the root in the world.
@@ -197,10 +163,10 @@ class Replay(Player[SimulatedWalk]):
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants; the residual is the assistance at the root alone."""
         t = t_ns * 1e-9
-        torque, push, turn = self._walk.efforts(t)
+        torque, force, moment = self._walk.efforts(t)
         names = self._walk.coordinates.names[6:]
         motors = {name: torque[:, k] for k, name in enumerate(names) if name.startswith("exo_")}
         return Loads(
-            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=push, residual_torque=turn,
+            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=force, residual_torque=moment,
             motors=motors,
         )  # fmt: skip

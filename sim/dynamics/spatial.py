@@ -1,16 +1,53 @@
-"""Jacobians of points from MuJoCo's spatial motion axes, compiled.
-
-`cdof` and `cdof_dot` hold each degree of freedom's motion (angular, linear) about the whole body's centre of mass,
-which saves a call into the engine for every point.
-"""
+"""Jacobians of points from MuJoCo's spatial motion axes, compiled: no call into the engine for every point."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import mujoco
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
+
+
+class State(NamedTuple):
+    """The engine's state, as views of its memory.
+
+    Attributes:
+        cdof: (nv, 6) motion (angular, linear) of each degree of freedom about `centre`.
+        cdof_dot: (nv, 6) its rate.
+        cvel: (nbody, 6) angular and linear velocity of each body about `centre`.
+        centre: (3,) m, the walker's centre of mass.
+        qvel: (nv,).
+        xpos: (nbody, 3) m, origins of the bodies.
+        xmat: (nbody, 9) their axes.
+    """
+
+    cdof: Array
+    cdof_dot: Array
+    cvel: Array
+    centre: Array
+    qvel: Array
+    xpos: Array
+    xmat: Array
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> State:
+        """Views that follow the state as it changes."""
+        return cls(data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat)
+
+
+def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
+    """(nv,) degrees of freedom that move a body."""
+    chain = np.zeros(model.nv, dtype=bool)
+    while body > 0:
+        first, count = model.body_dofadr[body], model.body_dofnum[body]
+        if count:
+            chain[first : first + count] = True
+        body = model.body_parentid[body]
+    return chain
 
 
 @numba.njit(cache=True)
@@ -30,15 +67,9 @@ def rotate(R: Array, a: Array, out: Array) -> None:
 
 @numba.njit(cache=True)
 def jacobian(cdof: Array, chain: NDArray[np.bool_], centre: Array, point: Array, linear: Array, angular: Array) -> None:
-    """Jacobian of a body's point and of its rotation, world axes.
+    """Fills the Jacobian (3, nv) of a point (3,) of a body and that of its rotation, world axes.
 
-    Args:
-        cdof: (nv, 6).
-        chain: (nv,) degrees of freedom that move the body.
-        centre: (3,) m, the point that `cdof` refers to.
-        point: (3,) m, world.
-        linear: (3, nv), filled.
-        angular: (3, nv), filled.
+    `chain` are the degrees of freedom that move the body; `cdof` and `centre` as in `State`.
     """
     x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
     for j in range(len(cdof)):
@@ -59,18 +90,9 @@ def bias_acceleration(
     cdof_dot: Array, chain: NDArray[np.bool_], centre: Array, qvel: Array, v_point: Array, w: Array, point: Array,
     linear: Array, angular: Array,
 ) -> None:  # fmt: skip
-    """Acceleration of a body's point at zero joint acceleration (J' q'), world axes.
+    """Fills the acceleration at zero joint acceleration (J' q') of a point (3,) of a body, and of its rotation.
 
-    Args:
-        cdof_dot: (nv, 6).
-        chain: (nv,) degrees of freedom that move the body.
-        centre: (3,) m, the point that `cdof_dot` refers to.
-        qvel: (nv,).
-        v_point: (3,) m/s, velocity of the point.
-        w: (3,) rad/s, angular velocity of the body.
-        point: (3,) m.
-        linear: (3,), filled.
-        angular: (3,), filled.
+    The point's velocity `v_point` and the body's angular velocity `w` are in world axes; the rest as for `jacobian`.
     """
     r = point - centre
     for k in range(3):
@@ -81,8 +103,8 @@ def bias_acceleration(
             for k in range(3):
                 angular[k] += cdof_dot[j, k] * qvel[j]
                 linear[k] += cdof_dot[j, 3 + k] * qvel[j]
-    turn = np.empty(3)
-    cross(angular, r, turn)
-    linear += turn
-    cross(w, v_point, turn)
-    linear += turn
+    product = np.empty(3)
+    cross(angular, r, product)
+    linear += product
+    cross(w, v_point, product)
+    linear += product

@@ -29,17 +29,17 @@ class Tasks(NamedTuple):
 
     Attributes:
         rows: (m, n) Jacobian rows.
-        wanted: (m,) accelerations less their J' q'.
+        target: (m,) accelerations less their J' q'.
         weight: (m,).
     """
 
     rows: Array
-    wanted: Array
+    target: Array
     weight: Array
 
 
-class PushingPoints(NamedTuple):
-    """The k contact points that may push, and the weights of their force.
+class ContactPoints(NamedTuple):
+    """The k contact points that may bear force, and the weights of their force.
 
     Attributes:
         rows: (3 k, n) Jacobians.
@@ -115,16 +115,10 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
 
 @numba.njit(cache=True)
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Equations of motion of the driven coordinates after elimination of the free ones (no motor, no contact).
+    """Mass matrix (a, a) and bias (a,) of the (a,) driven coordinates after elimination of the (b,) free ones.
 
-    Args:
-        M: (nv, nv) mass matrix.
-        h: (nv,) bias minus all known forces.
-        driven: (a,) coordinates to keep.
-        free: (b,) coordinates whose generalised force is known and in `h`.
-
-    Returns:
-        (a, a) mass matrix and (a,) bias.
+    `M` is the (nv, nv) mass matrix and `h` the (nv,) bias minus all known forces, among them those on the free
+    coordinates, which have neither motor nor contact.
     """
     a, b = len(driven), len(free)
     A, c = np.empty((a, a)), np.empty(a)
@@ -148,30 +142,24 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 
 @numba.njit(cache=True)
 def solve(
-    M: Array, h: Array, wanted: Array, weight: Array, tasks: Tasks, points: PushingPoints, assist: Array
+    M: Array, h: Array, target: Array, weight: Array, tasks: Tasks, points: ContactPoints, assist: Array
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 
-    Args:
-        M: (n, n) mass matrix of the driven coordinates, the root's six first.
-        h: (n,) bias.
-        wanted: (n,) accelerations.
-        weight: (n,) their weights.
-        tasks: What else should accelerate.
-        points: Contact points that may push.
-        assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
+    `M` (n, n) and `h` (n,) are mass matrix and bias of the driven coordinates, the root's six first; `target` and
+    `weight` (n,) their accelerations; `assist` (6,) standard deviations of the root's assist, N and N m, 0 for none.
 
     Returns:
         (n,) accelerations; (n,) generalised forces, where those of the root are the assist; (k, 4) contact forces along
         the edges; (6,) residual at the root (0 up to rounding).
     """
-    task_rows, task_wanted, task_weight = tasks
+    task_rows, task_target, task_weight = tasks
     contacts, edges, cost, change, last = points
     n, k = len(h), len(cost)
     # the tasks affect only root and legs; elsewhere the Hessian is the diagonal of the weights
     back = np.empty((n, 7))
     back[:, :6] = M[:6].T
-    back[:, 6] = weight * wanted + task_rows.T @ (task_weight * task_wanted)
+    back[:, 6] = weight * target + task_rows.T @ (task_weight * task_target)
     reached = np.array([j for j in range(n) if np.any(task_rows[:, j] != 0.0)])
     own = task_rows[:, reached]
     X = back[reached]
@@ -182,22 +170,22 @@ def solve(
     back = np.ascontiguousarray(back[:, :6])
     S = M[:6] @ back + np.diag(assist * assist)
     lacking = h[:6] + M[:6] @ a0
-    push, pushed = np.zeros(4 * k), np.zeros(n)
+    forces, joint_force = np.zeros(4 * k), np.zeros(n)
     if k > 0:
         X, r = np.empty((6, 4 * k + 1)), np.repeat(cost, 4) + change
         for i in range(k):
             X[:, 4 * i : 4 * i + 4] = np.ascontiguousarray(contacts[3 * i : 3 * i + 3, :6].T) @ edges[i].T
         X[:, 4 * k] = lacking
         forward(np.linalg.cholesky(S).astype(np.float64), X)
-        push, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, change * last.ravel() / r)
+        forces, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, change * last.ravel() / r)
         force = np.empty(3 * k)
         for i in range(k):
-            force[3 * i : 3 * i + 3] = push[4 * i : 4 * i + 4] @ edges[i]
-        pushed = contacts.T @ force
-    multiplier = pushed[:6] - lacking
+            force[3 * i : 3 * i + 3] = forces[4 * i : 4 * i + 4] @ edges[i]
+        joint_force = contacts.T @ force
+    multiplier = joint_force[:6] - lacking
     solve_positive(S, multiplier.reshape(6, 1))
     qacc = a0 + back @ multiplier
-    torque = M @ qacc + h - pushed
+    torque = M @ qacc + h - joint_force
     rest = torque[:6] + assist * assist * multiplier
     torque[:6] = -assist * assist * multiplier
-    return qacc, torque, push.reshape(k, 4), rest
+    return qacc, torque, forces.reshape(k, 4), rest

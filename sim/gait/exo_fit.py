@@ -19,11 +19,9 @@ from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads
-from stridetwin.sim.wearer.actuation import FRICTION_SPEED_RADPS
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.wearer.exo_couplings import couplings, leg_frame
-from stridetwin.sim.wearer.exoskeleton import RANGE_RAD, ExoLinks
-from stridetwin.sim.wearer.own_exo import check_held
+from stridetwin.sim.wearer.exo_couplings import check_held, couplings, leg_frame
+from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, RANGE_RAD, ExoLinks
 from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops

@@ -7,6 +7,7 @@ pendulum, then corrected by the inverse dynamics of the whole body.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -97,18 +98,15 @@ _REACH_TOLERANCE_M = 5e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference:
-    """A walk as functions of time.
+class Walk(ABC):
+    """A walk as functions of time, planned or simulated.
 
     Attributes:
         duration_s: Length of the walk.
         size: The wearer who walks.
         steps: Footsteps of each foot in order of time, initial stance first.
         coordinates: Layout of the generalised coordinates.
-        splines: Quintic splines of the coordinates (`Coordinates.names`).
-        loads: Cubic splines of share (1) and planned centre of pressure (3) of the left, then the right foot.
-        paths: Foot paths on the grid, for the phases.
-        grid: (N,) s.
+        splines: Splines of the coordinates (`Coordinates.names`).
     """
 
     duration_s: float
@@ -116,13 +114,6 @@ class Reference:
     steps: dict[str, list[Footstep]]
     coordinates: Coordinates
     splines: BSpline
-    loads: BSpline
-    paths: dict[str, FootPath]
-    grid: Array
-
-    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot relative to the ground under it, toes down positive."""
-        return np.interp(t, self.grid, self.paths[side].pitch)
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
@@ -131,6 +122,29 @@ class Reference:
     def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """The first two results of `state`, faster."""
         return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
+
+    @abstractmethod
+    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+        """(N,) rad, pitch of a foot relative to the ground under it, toes down positive."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference(Walk):
+    """A planned walk; its splines are quintic.
+
+    Attributes:
+        loads: Cubic splines of share (1) and planned centre of pressure (3) of the left, then the right foot.
+        paths: Foot paths on the grid, for the phases.
+        grid: (N,) s.
+    """
+
+    loads: BSpline
+    paths: dict[str, FootPath]
+    grid: Array
+
+    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+        """As `Walk`."""
+        return np.interp(t, self.grid, self.paths[side].pitch)
 
 
 def reference(

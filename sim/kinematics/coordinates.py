@@ -84,9 +84,9 @@ def _moving(x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64]
     """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
     for i in range(len(x)):
         y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
-        turn = multiply((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
-        turn = multiply(turn, (np.cos(r), np.sin(r), 0.0, 0.0))
-        w, qx, qy, qz = turn
+        pose = multiply((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
+        pose = multiply(pose, (np.cos(r), np.sin(r), 0.0, 0.0))
+        w, qx, qy, qz = pose
         sign = 1.0 if w >= 0.0 else -1.0
         q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * w, sign * qx, sign * qy, sign * qz
         sp, cp, sr, cr = np.sin(x[i, 4]), np.cos(x[i, 4]), np.sin(x[i, 5]), np.cos(x[i, 5])

@@ -2,7 +2,8 @@
 
 The same results as MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb`, without an engine call for every
 instant: the recursive Newton-Euler method and the composite-rigid-body method (Featherstone 2008, chapters 5 and 6), in
-world axes.
+world axes. All functions take positions q (N, nq), velocities v (N, nv) and accelerations a (N, nv) at N instants in
+MuJoCo's layout, and gravity (3,) in m/s².
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Tree(NamedTuple):
         ids: (B,) the bodies in the model.
         parent: (B,) index in the tree, -1 of the root.
         offset: (B, 3) m, origin in the parent's frame.
-        turn: (B, 4) rotation in the parent's frame with the hinges at zero.
+        rotation: (B, 4) rotation in the parent's frame with the hinges at zero.
         mass: (B,) kg.
         com: (B, 3) m, in the body's frame.
         inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
@@ -56,7 +57,7 @@ class Tree(NamedTuple):
     ids: Indices
     parent: Indices
     offset: Array
-    turn: Array
+    rotation: Array
     mass: Array
     com: Array
     inertia: Array
@@ -81,7 +82,7 @@ class Tree(NamedTuple):
         axes = R.reshape(-1, 3, 3)
         return cls(
             ids=ids, parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
-            offset=model.body_pos[ids], turn=model.body_quat[ids], mass=model.body_mass[ids],
+            offset=model.body_pos[ids], rotation=model.body_quat[ids], mass=model.body_mass[ids],
             com=model.body_ipos[ids], inertia=(axes * model.body_inertia[ids][:, None]) @ np.swapaxes(axes, 1, 2),
             hinges=np.column_stack([ends[:-1], ends[1:]]), axis=model.jnt_axis[flat], anchor=model.jnt_pos[flat],
             qpos=model.jnt_qposadr[flat].astype(np.int64), dof=model.jnt_dofadr[flat].astype(np.int64),
@@ -101,13 +102,13 @@ class Tree(NamedTuple):
             while body >= 0:
                 kept.add(body)
                 body = int(self.parent[body])
-        mat3 = np.array(sorted(kept))
-        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in mat3]).astype(np.int64)
-        ends = np.cumsum([0, *np.diff(self.hinges[mat3])[:, 0]])
+        rows = np.array(sorted(kept))
+        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in rows]).astype(np.int64)
+        ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])
         return Tree(
-            ids=self.ids[mat3], parent=np.where(self.parent[mat3] < 0, -1, np.searchsorted(mat3, self.parent[mat3])),
-            offset=self.offset[mat3], turn=self.turn[mat3], mass=self.mass[mat3], com=self.com[mat3],
-            inertia=self.inertia[mat3], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
+            ids=self.ids[rows], parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
+            offset=self.offset[rows], rotation=self.rotation[rows], mass=self.mass[rows], com=self.com[rows],
+            inertia=self.inertia[rows], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
             anchor=self.anchor[hinges], qpos=self.qpos[hinges], dof=self.dof[hinges],
         )  # fmt: skip
 
@@ -137,27 +138,31 @@ class _Bodies(NamedTuple):
 
 
 @numba.njit(cache=True)
+def _bodies(tree: Tree) -> _Bodies:
+    """Memory for the motion of the bodies."""
+    n = len(tree.parent)
+    return _Bodies(
+        np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)),
+        np.empty((n, 3)), np.empty_like(tree.axis),
+    )  # fmt: skip
+
+
+@numba.njit(cache=True)
 def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Poses and velocities of all bodies at N instants.
-
-    Args:
-        tree: The bodies.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
 
     Returns:
         (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
         origins, world axes; (N, B, 3) rad/s, the bodies' own axes.
     """
-    n, bodies = len(q), len(tree.parent)
-    p, quat = np.empty((n, bodies, 3)), np.empty((n, bodies, 4))
-    speed, w = np.empty((n, bodies, 3)), np.empty((n, bodies, 3))
-    R, dv, dw, axes = np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty_like(tree.axis)
-    still = np.zeros(v.shape[1])
+    n, count, bodies, stationary = len(q), len(tree.parent), _bodies(tree), np.zeros(v.shape[1])
+    p, quat = np.empty((n, count, 3)), np.empty((n, count, 4))
+    speed, w = np.empty((n, count, 3)), np.empty((n, count, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], still, _Bodies(p[i], quat[i], R, speed[i], w[i], dv, dw, axes))
-        for b in range(bodies):
-            put(matvec(transposed(mat3(R[b])), vec3(w[i, b])), w[i, b])
+        _forward(tree, q[i], v[i], stationary, bodies)
+        p[i], quat[i], speed[i] = bodies.p, bodies.quat, bodies.speed
+        for b in range(count):
+            put(matvec(transposed(mat3(bodies.R[b])), vec3(bodies.w[b])), w[i, b])
     return p, quat, speed, w
 
 
@@ -165,26 +170,16 @@ def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
 
-    Args:
-        tree: The bodies.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-        a: (N, nv).
-        gravity: (3,) m/s².
-
     Returns:
         (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
     """
-    n, bodies = len(q), len(tree.parent)
-    p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
-    speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
-    axes, force, moment, com = np.empty_like(tree.axis), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    g, whole = vec3(gravity), tree.mass.sum()
+    n, bodies, g, whole = len(q), _bodies(tree), vec3(gravity), tree.mass.sum()
+    p, force, moment, com = bodies.p, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
+        _forward(tree, q[i], v[i], a[i], bodies)
         sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        for b in range(bodies):
-            own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
+        for b in range(len(p)):
+            own_force, own_moment, arm = _inertial(tree, b, bodies, g)
             away = minus(vec3(p[b]), vec3(p[0]))
             sum_force = plus(sum_force, own_force)
             sum_moment = plus(sum_moment, plus(own_moment, cross(away, own_force)))
@@ -199,30 +194,18 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
-    """Torques of the hinges for a motion of the tree under external forces.
+    """(N, J) N m, torques of the hinges for a motion of the tree, without rotors and friction of the joints.
 
-    Args:
-        tree: The bodies; all hinges of one body rotate about one point.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-        a: (N, nv).
-        gravity: (3,) m/s².
-        bodies: (K,) indices in the tree of the bodies under load; repetitions are allowed.
-        forces: (K, N, 3) N, world axes.
-        moments: (K, N, 3) N m about the bodies' origins, world axes.
-
-    Returns:
-        (N, J) N m, without rotors and friction of the joints.
+    All hinges of one body rotate about one point. External (K, N, 3) `forces`, N, and `moments` about the origins, N m,
+    world axes, act on the (K,) `bodies`: indices in the tree, repetitions allowed.
     """
-    n, count = len(q), len(tree.parent)
-    p, quat, R = np.empty((count, 3)), np.empty((count, 4)), np.empty((count, 3, 3))
-    speed, w, dv, dw = (np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)))
-    axes, torque, g = np.empty_like(tree.axis), np.empty((n, len(tree.axis))), vec3(gravity)
+    n, count, motions, g = len(q), len(tree.parent), _bodies(tree), vec3(gravity)
+    p, R, axes, torque = motions.p, motions.R, motions.axes, np.empty((n, len(tree.axis)))
     force, moment = np.empty((count, 3)), np.empty((count, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
+        _forward(tree, q[i], v[i], a[i], motions)
         for b in range(count):
-            own_force, own_moment, _ = _inertial(tree, b, R, w, dv, dw, g)
+            own_force, own_moment, _ = _inertial(tree, b, motions, g)
             put(own_force, force[b])
             put(own_moment, moment[b])
         for k, b in enumerate(bodies):
@@ -243,34 +226,27 @@ def hinge_torques(
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
-    Args:
-        tree: The bodies.
-        chains: (C, L) bodies from the first to the tip, each on one hinge through its own origin.
-        q: (N, nq) in MuJoCo's layout.
-        v: (N, nv).
-        a: (N, nv).
-        gravity: (3,) m/s².
+    The (C, L) `chains` are the bodies from the first to the tip, each on one hinge through its own origin.
 
     Returns:
         (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.
     """
-    n, bodies = len(q), len(tree.parent)
+    n, bodies, motions = len(q), len(tree.parent), _bodies(tree)
     count, length = chains.shape
-    p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
-    speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
-    axes, mass, load = np.empty_like(tree.axis), np.empty((n, count, length, length)), np.empty((n, count, length))
+    p, axes = motions.p, motions.axes
+    mass, load = np.empty((n, count, length, length)), np.empty((n, count, length))
     # of each body with all that it carries: force, moment, mass, first moment and inertia, about its origin
     force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
     heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), vec3(gravity)
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
+        _forward(tree, q[i], v[i], a[i], motions)
         for b in range(bodies):
-            own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
+            own_force, own_moment, arm = _inertial(tree, b, motions, g)
             put(own_force, force[b])
             put(own_moment, moment[b])
             put(times(tree.mass[b], arm), first[b])
             heavy[b] = tree.mass[b]
-            _inertia(tree, b, R, arm, inertia[b])
+            _inertia(tree, b, motions.R, arm, inertia[b])
         for b in range(bodies - 1, 0, -1):
             up = tree.parent[b]
             d = minus(vec3(p[b]), vec3(p[up]))
@@ -284,11 +260,11 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
                 b = chains[k, j]
                 axis = vec3(axes[tree.hinges[b, 0]])
                 load[i, k, j] = dot(axis, vec3(moment[b]))
-                push, turn = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
+                force_, moment_ = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
                 for o in range(j + 1):
                     d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
                     other = vec3(axes[tree.hinges[chains[k, o], 0]])
-                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(turn, cross(d, push)))
+                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(moment_, cross(d, force_)))
     return mass, load
 
 
@@ -310,7 +286,7 @@ def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
             gains = _gained(r, omega, vec3(dv[up]), alpha)
             pose = multiply(
                 (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
-                (tree.turn[b, 0], tree.turn[b, 1], tree.turn[b, 2], tree.turn[b, 3]),
+                (tree.rotation[b, 0], tree.rotation[b, 1], tree.rotation[b, 2], tree.rotation[b, 3]),
             )
             M = matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
@@ -342,11 +318,11 @@ def _gained(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
 
 
 @numba.njit(cache=True)
-def _inertial(tree: Tree, b: int, R: Array, w: Array, dv: Array, dw: Array, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+def _inertial(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
-    M, inertia, omega, alpha = mat3(R[b]), mat3(tree.inertia[b]), vec3(w[b]), vec3(dw[b])
+    M, inertia, omega, alpha = mat3(bodies.R[b]), mat3(tree.inertia[b]), vec3(bodies.w[b]), vec3(bodies.dw[b])
     arm = matvec(M, vec3(tree.com[b]))
-    force = times(tree.mass[b], minus(_gained(arm, omega, vec3(dv[b]), alpha), gravity))
+    force = times(tree.mass[b], minus(_gained(arm, omega, vec3(bodies.dv[b]), alpha), gravity))
     back = transposed(M)
     own = matvec(back, omega)
     spin = plus(matvec(inertia, matvec(back, alpha)), cross(own, matvec(inertia, own)))

@@ -54,23 +54,11 @@ class Track:
 
     def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> Track:
         """Track of some of the instants: a slice, or increasing numbers."""
-        return Track(
-            t_ns=self.t_ns[rows],
-            p_body_in_world=self.p_body_in_world[rows],
-            q_world_body=self.q_world_body[rows],
-            v_body_in_world=self.v_body_in_world[rows],
-            w_body=self.w_body[rows],
-        )
+        return Track(**{name: values[rows] for name, values in vars(self).items()})
 
     def then(self, after: Track) -> Track:
         """This track followed by a later one."""
-        return Track(
-            t_ns=np.concatenate([self.t_ns, after.t_ns]),
-            p_body_in_world=np.concatenate([self.p_body_in_world, after.p_body_in_world]),
-            q_world_body=np.concatenate([self.q_world_body, after.q_world_body]),
-            v_body_in_world=np.concatenate([self.v_body_in_world, after.v_body_in_world]),
-            w_body=np.concatenate([self.w_body, after.w_body]),
-        )
+        return Track(**{name: np.concatenate([values, getattr(after, name)]) for name, values in vars(self).items()})
 
     @property
     def rotation(self) -> Rotation:
@@ -86,18 +74,20 @@ class Track:
         T = np.asarray(T_body_sensor, dtype=float)
         return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3]))
 
-    def displaced(self, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array) -> Track:
+    def displaced(
+        self, pivot: Array, translation: Array, rotation: Array, velocity: Array, rotation_rate: Array
+    ) -> Track:
         """Track of a frame with a small motion relative to this one: rotation about a pivot, and translation.
 
         Args:
             pivot: (3,) m, this frame's axes.
-            shift: (N, 3) m, translation in this frame's axes.
-            turn: (N, 3) rad, rotation vector.
-            shifting: (N, 3) m/s, rate of `shift`.
-            turning: (N, 3) rad/s, rate of `turn`; unless it is parallel to `turn`, `turn` has to stay below some tenths
-                of a radian.
+            translation: (N, 3) m, translation in this frame's axes.
+            rotation: (N, 3) rad, rotation vector.
+            velocity: (N, 3) m/s, rate of `translation`.
+            rotation_rate: (N, 3) rad/s, rate of `rotation`; unless the two are parallel, `rotation` has to stay below
+                some tenths of a radian.
         """
-        return self._as(_displaced(*self._columns, pivot, shift, turn, shifting, turning))
+        return self._as(_displaced(*self._columns, pivot, translation, rotation, velocity, rotation_rate))
 
     @property
     def _columns(self) -> _Columns:
@@ -131,19 +121,20 @@ def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever
 
 @numba.njit(cache=True)
 def _displaced(
-    p: Array, q: Array, v: Array, w: Array, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array
-) -> _Columns:
+    p: Array, q: Array, v: Array, w: Array, pivot: Array, translation: Array, rotation: Array, velocity: Array,
+    rotation_rate: Array,
+) -> _Columns:  # fmt: skip
     p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
     centre = vec3(pivot)
     for i in range(len(p)):
-        attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(turn[i]), vec3(turning[i])
+        attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(rotation[i]), vec3(rotation_rate[i])
         own = exp(phi)
         arm = rotate(own, centre)
         # right Jacobian of SO(3) to second order, in the displaced frame's axes
         once = cross(phi, changing)
         relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
-        origin = minus(plus(centre, vec3(shift[i])), arm)
-        moving = minus(plus(cross(rate, origin), vec3(shifting[i])), rotate(own, cross(relative, centre)))
+        origin = minus(plus(centre, vec3(translation[i])), arm)
+        moving = minus(plus(cross(rate, origin), vec3(velocity[i])), rotate(own, cross(relative, centre)))
         put(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
         store(multiply(attitude, own), q_out[i])
         put(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])

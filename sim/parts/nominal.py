@@ -1,16 +1,81 @@
-"""Nominal parameters of sensors without a Kalibr section, from the figures of their parts."""
+"""Nominal calibration that estimators get: camera calibrations with small errors, and figures from data sheets.
+
+Calibration errors are drawn once per walk, from the seed and the camera's topic alone. A rig file has no field for the
+scale of a depth camera, so the scale error is applied to the measured depth itself.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, SonarPart
+from stridetwin.streams.fields import DEG, MM, number
+from stridetwin.streams.rig import CameraCalibration, Rig
 
 Parameters = dict[str, Any]
 _TYPICAL_LOAD_N = 100.0  # of a cell under a foot
 _BITS_WITHOUT_COUNTING = 32
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationSd:
+    """Standard deviations of calibration errors; all 0 for a perfect calibration.
+
+    Attributes:
+        rotation_rad: Of the mount, about each axis of the camera.
+        position_m: Of the mount, along each axis.
+        intrinsics: Of focal lengths and principal point, as a fraction of each.
+        offset_s: Of the time shift to the IMU.
+        depth_scale: Of measured depth, as a fraction of it.
+    """
+
+    rotation_rad: Annotated[float, number(0, 5, key="rotation_deg", scale=DEG)] = 0.0
+    position_m: Annotated[float, number(0, 50, key="position_mm", scale=MM)] = 0.0
+    intrinsics: Annotated[float, number(0, 5, key="intrinsics_pct", scale=0.01)] = 0.0
+    offset_s: Annotated[float, number(0, 50, key="offset_ms", scale=1e-3)] = 0.0
+    depth_scale: Annotated[float, number(0, 5, key="depth_scale_pct", scale=0.01)] = 0.0
+
+
+def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
+    """Nominal rig: the calibration that estimators get.
+
+    Args:
+        rig: True rig.
+        sd: Topics of the cameras, and the accuracy of each calibration.
+        seed: Of the walk.
+    """
+    off = {topic: _off(rig.cameras[topic], own, seed) for topic, own in sd if own != CalibrationSd()}
+    return replace(rig, cameras={**rig.cameras, **off}) if off else rig
+
+
+def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
+    """Ratio of measured depth to true depth, without noise; `topic` is the camera's."""
+    return 1.0 + float(_noise(topic, "depth", seed).normal(sd.depth_scale, 1)[0])
+
+
+def _off(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
+    draw = {name: _noise(camera.topic, name, seed) for name in ("rotation", "position", "intrinsics", "offset")}
+    error = np.eye(4)
+    error[:3, :3] = Rotation.from_rotvec(draw["rotation"].normal(sd.rotation_rad, 3)).as_matrix()
+    error[:3, 3] = draw["position"].normal(sd.position_m, 3)
+    fu, fv, pu, pv = (np.array(camera.intrinsics) * (1.0 + draw["intrinsics"].normal(sd.intrinsics, 4))).tolist()
+    return replace(
+        camera,
+        mount=replace(camera.mount, T_body_sensor=camera.mount.T_body_sensor @ error),
+        intrinsics=(fu, fv, pu, pv),
+        timeshift_cam_imu_s=camera.timeshift_cam_imu_s + float(draw["offset"].normal(sd.offset_s, 1)[0]),
+    )
+
+
+def _noise(topic: str, what: str, seed: int) -> Noise:
+    return Noise.of_topic(seed, f"{topic}#calibration of {what}")
 
 
 def _sonar(part: SonarPart) -> Parameters:
@@ -65,4 +130,4 @@ NOMINAL: dict[str, Callable[[Any], Parameters]] = {
     "interaction": _interaction,
     "actuator": _actuator,
 }
-"""By kind of `streams.rig.OtherSensor`."""
+"""Parameters of a sensor without a Kalibr section, from the figures of its part, by kind of `rig.OtherSensor`."""

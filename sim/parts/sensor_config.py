@@ -8,40 +8,28 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from stridetwin.sim.parts.calibration_error import CalibrationSd
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import ideal, part
+from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.streams.fields import DEG, MM, flag, number, words
 
-KIND = {
-    "foot_imu": "imu",
-    "foot_camera": "camera",
-    "sonar": "sonar",
-    "insole": "force_cell",
-    "ahrs": "ahrs",
-    "exo_imu": "imu",
-    "encoder": "encoder",
-    "interaction": "force_cell",
-    "actuator": "actuator",
-    "head_imu": "imu",
-    "head_camera": "rgbd",
+_GROUPS = {
+    "foot_imu": ("imu", "ADIS16485"),
+    "foot_camera": ("camera", "acA800-200gc"),
+    "sonar": ("sonar", "SRF08"),
+    "insole": ("force_cell", "FlexiForce-A401"),
+    "ahrs": ("ahrs", "MW-AHRSv1"),
+    "exo_imu": ("imu", "MW-AHRSv1-imu"),
+    "encoder": ("encoder", "AMT203"),
+    "interaction": ("force_cell", "FlexiForce-A301"),
+    "actuator": ("actuator", "actuation-module"),
+    "head_imu": ("imu", "BMI055"),
+    "head_camera": ("rgbd", "D455"),
 }
+KIND = {group: kind for group, (kind, _) in _GROUPS.items()}
 """The kind of part that each group uses."""
-
-STANDARD = {
-    "foot_imu": "ADIS16485",
-    "foot_camera": "acA800-200gc",
-    "sonar": "SRF08",
-    "insole": "FlexiForce-A401",
-    "ahrs": "MW-AHRSv1",
-    "exo_imu": "MW-AHRSv1-imu",
-    "encoder": "AMT203",
-    "interaction": "FlexiForce-A301",
-    "actuator": "actuation-module",
-    "head_imu": "BMI055",
-    "head_camera": "D455",
-}
+STANDARD = {group: name for group, (_, name) in _GROUPS.items()}
 """The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
 
 _Length = Annotated[float, number(-300, 300, scale=MM)]

@@ -1,9 +1,10 @@
 """Cameras rendered by two processes beside the twin's own, so that both cores draw.
 
-Software rendering takes most of the time of a walk with cameras. Each process runs `sim.rendering.rendering` with the
-same Python: it reads the model and its sensors, then chunks of poses, and returns the images in order. The noise of an
-image depends on seed, topic and time alone. This side sets the exposure where the gain follows from the previous image.
-So the number of processes changes no byte.
+Software rendering takes most of the time of a walk with cameras. A thread per process gives it batches of frames and
+reads the images back. The processes are programs of their own (`sim.rendering.rendering`), because those of
+`ProcessPoolExecutor` would run the user's main script again. The noise of an image depends on seed, topic and time
+alone, and this side sets the exposure where the gain follows from the previous image: so the number of processes
+changes no byte.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ import contextlib
 import fcntl
 import os
 import pickle
-import queue
 import subprocess
 import sys
-import threading
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from queue import SimpleQueue
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -38,8 +40,8 @@ from stridetwin.streams.samples import Depth, Image
 PROCESSES = 2
 _PIPE_BYTES = 1 << 20
 _DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
-_AHEAD = 48  # pictures that a process may be ahead of those that are asked for
-_COST_BOARD, _COST_WHOLE = 1.0, 5.0  # of a picture with nothing but the board's surroundings, and of a whole one
+_BATCH = 6  # frames that a process renders between two requests
+_BATCHES = 16  # in progress or waiting to be taken
 
 
 class CameraProcesses:
@@ -47,28 +49,28 @@ class CameraProcesses:
 
     Args:
         model: Compiled model.
-        sensor_rig: The sensors as they really are; without any camera no process is started.
+        sensor_rig: The sensors with their true calibration; without any camera no process is started.
         crowd: Bystanders.
         seed: Seed of the walk.
-        mount_slips: What holds the cameras.
-        processes: How many; None: `PROCESSES`.
+        mount_slips: Slips of the camera mounts.
+        processes: Number of processes; None: `PROCESSES`.
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        sensor_rig: SensorRig,
-        crowd: Crowd,
-        seed: int,
-        mount_slips: MountSlips | None = None,
-        processes: int | None = None,
-    ) -> None:
+        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,
+        mount_slips: MountSlips | None = None, processes: int | None = None,
+    ) -> None:  # fmt: skip
         self._cameras = list(sensor_rig.rig.cameras.values())
         self._seen = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
-        what = _pickled((model, sensor_rig, crowd, seed, mount_slips)) if count else b""
-        self._workers = [_Worker(what) for _ in range(count)]
-        self._dealer = _Dealer(sensor_rig, len(self._workers))
+        scene = pickle.dumps((model, sensor_rig, crowd, seed, mount_slips), protocol=5) if count else b""
+        self._workers = [_Worker(scene) for _ in range(count)]
+        self._idle: SimpleQueue[_Worker] = SimpleQueue()
+        for worker in self._workers:
+            self._idle.put(worker)
+        self._threads = ThreadPoolExecutor(max(count, 1))
+        self._waiting: deque[tuple[tuple[Any, ...], int]] = deque()
+        self._begun: deque[Future[list[Image | Depth | Patch]]] = deque()
         self._sensors = {
             c.topic: sensor_of(sensor_rig, c.topic, seed) for c in self._cameras if follows(sensor_rig, c.topic)
         }
@@ -83,18 +85,17 @@ class CameraProcesses:
         return [worker.pid for worker in self._workers]
 
     def ask(self, motion: Motion, after_ns: int, until_ns: int) -> Iterator[Image | Depth]:
-        """Starts on the pictures after `after_ns` and up to `until_ns`.
+        """Starts to render the images after `after_ns` and up to `until_ns`.
 
         Returns:
-            They, in order of time and with their clocks' stamps, to be taken before those that are asked for next.
+            The images in order of time with the stamps of their clocks, to be taken before those of the next request.
         """
         due: list[Due] = []
         stamps: dict[tuple[str, int], int] = {}
         for camera in self._cameras:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
-            stamps |= {
-                (camera.topic, t): s for t, s in zip(t_ns.tolist(), self._stamps[camera.topic].of(t_ns).tolist())
-            }
+            stamped = zip(t_ns.tolist(), self._stamps[camera.topic].of(t_ns).tolist())
+            stamps |= {(topic, t): stamp for t, stamp in stamped for topic in (camera.topic, camera.depth_topic)}
             board = self._seen[camera.topic]
             twist = np.zeros((len(t_ns), 2, 6))
             for i, body in enumerate([camera.mount.body, *([board.mount.body] if board else [])]):
@@ -102,24 +103,39 @@ class CameraProcesses:
                 twist[:, i] = np.hstack([track.v_body_in_world, track.w_body])
             due += [Due(t_ns=t, topic=camera.topic, twist=w) for t, w in zip(t_ns.tolist(), twist)]
         due.sort(key=lambda item: item.t_ns)
-        whose = [self._dealer.worker_for(item.topic) for item in due]
-        for i, worker in enumerate(self._workers):
-            own = [item for item, at in zip(due, whose) if at == i]
-            rows = motion.rows(np.array([item.t_ns for item in own], np.int64))
-            worker.ask(_pickled((own, motion.qpos[rows], motion.upper_poses(rows))))
-        pictures = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
-        order = [(self._workers[i], pictures[item.topic], stamps[item.topic, item.t_ns]) for i, item in zip(whose, due)]
-        return self._answers(order)
+        images = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
+        batches = [due[i : i + _BATCH] for i in range(0, len(due), _BATCH)]
+        for batch in batches:
+            rows = motion.rows(np.array([item.t_ns for item in batch], np.int64))
+            poses = (batch, motion.qpos[rows], motion.upper_poses(rows))
+            self._waiting.append((poses, sum(images[item.topic] for item in batch)))
+        self._begin()
+        return self._images(len(batches), stamps)
 
-    def _answers(self, order: list[tuple[_Worker, int, int]]) -> Iterator[Image | Depth]:
-        for worker, count, stamp in order:
-            for _ in range(count):
-                picture = worker.answer()
-                if isinstance(picture, Image) and picture.topic in self._sensors:
-                    pixels = self._sensors[picture.topic].exposed(picture.t_ns, picture.pixels)
-                    picture = replace(picture, pixels=pixels)
+    def _begin(self) -> None:
+        """Keeps a bounded number of batches in progress."""
+        while self._waiting and len(self._begun) < _BATCHES:
+            self._begun.append(self._threads.submit(self._render, *self._waiting.popleft()))
+
+    def _render(self, poses: tuple[Any, ...], count: int) -> list[Image | Depth | Patch]:
+        worker = self._idle.get()
+        try:
+            return worker.images(poses, count)
+        finally:
+            self._idle.put(worker)
+
+    def _images(self, batches: int, stamps: dict[tuple[str, int], int]) -> Iterator[Image | Depth]:
+        for _ in range(batches):
+            rendered = self._begun.popleft().result()
+            self._begin()
+            for image in rendered:
+                stamp = stamps[image.topic, image.t_ns]
+                if isinstance(image, Patch):
+                    image = image.image()
+                if isinstance(image, Image) and image.topic in self._sensors:
+                    image = replace(image, pixels=self._sensors[image.topic].exposed(image.t_ns, image.pixels))
                 if stamp >= 0:
-                    yield picture if stamp == picture.t_ns else replace(picture, t_ns=stamp)
+                    yield image if stamp == image.t_ns else replace(image, t_ns=stamp)
 
     def __enter__(self) -> Self:
         return self
@@ -129,100 +145,60 @@ class CameraProcesses:
     ) -> None:
         for worker in self._workers:
             worker.stop()
-
-
-class _Dealer:
-    """Deals pictures out so that the processes have as much to do as each other."""
-
-    def __init__(self, sensor_rig: SensorRig, workers: int) -> None:
-        self._load, self._cost = [0.0] * max(workers, 1), {}
-        for topic, camera in sensor_rig.rig.cameras.items():
-            board_alone = sensor_rig.sensors[topic].sensor_config.frames == "board" and not camera.depth_topic
-            self._cost[topic] = _COST_BOARD if board_alone else _COST_WHOLE
-
-    def worker_for(self, topic: str) -> int:
-        chosen = self._load.index(min(self._load))
-        self._load[chosen] += self._cost[topic]
-        return chosen
+        self._threads.shutdown(cancel_futures=True)
+        for worker in self._workers:
+            worker.close()
 
 
 class _Worker:
-    """The near end of one process."""
+    """This side of one process; one thread at a time uses it."""
 
-    def __init__(self, what: bytes) -> None:
-        self._stopped = False
+    def __init__(self, scene: bytes) -> None:
         environment = _DRAWING | os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
         self._process = subprocess.Popen(
             [sys.executable, "-m", "stridetwin.sim.rendering.rendering"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
         )  # fmt: skip
-        _widen(self._ends[1])
-        self._answers: queue.Queue[Image | Depth | Patch | None] = queue.Queue(_AHEAD)
-        self._asked: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._send, self._collect)]
-        for thread in self._threads:
-            thread.start()
-        self.ask(what)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._requests, self._answers, self._scene = self._process.stdin, self._process.stdout, scene
+        _widen(self._answers)
 
     @property
     def pid(self) -> int:
         return self._process.pid
 
-    @property
-    def _ends(self) -> tuple[IO[bytes], IO[bytes]]:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        return self._process.stdin, self._process.stdout
+    def images(self, poses: tuple[Any, ...], count: int) -> list[Image | Depth | Patch]:
+        """The `count` images of a batch of frames.
 
-    def ask(self, what: bytes) -> None:
-        self._asked.put(what)
-
-    def answer(self) -> Image | Depth:
-        picture = self._answers.get()
-        if picture is None:
-            raise self._gone()
-        return picture.image() if isinstance(picture, Patch) else picture
-
-    def _send(self) -> None:
-        """Passes on what is asked as the process takes it: it may still be starting."""
-        with contextlib.suppress(OSError, ValueError):  # it has gone; who waits for its answers is told so
-            for what in iter(self._asked.get, None):
-                self._ends[0].write(what)
-                self._ends[0].flush()
-
-    def _collect(self) -> None:
-        """Takes pictures as they come, so that one process need not wait for the other's turn."""
+        Raises:
+            StrideTwinError: The process has ended.
+        """
         try:
-            while not self._stopped:
-                self._answers.put(pickle.load(self._ends[1]))
-        except (EOFError, OSError, ValueError, pickle.UnpicklingError):
-            self._answers.put(None)
-
-    def _gone(self) -> StrideTwinError:
-        return StrideTwinError(
-            f"a rendering process ended early (exit code {self._process.wait()}); what it wrote stands above. "
-            "Rendering needs EGL or OSMesa: run `make setup`, or leave the cameras out with --no-cameras"
-        )
+            self._requests.write(self._scene)  # before the first batch
+            self._scene = b""
+            pickle.dump(poses, self._requests, protocol=5)
+            self._requests.flush()
+            return [pickle.load(self._answers) for _ in range(count)]
+        except (EOFError, OSError, ValueError, pickle.UnpicklingError) as error:
+            raise StrideTwinError(
+                f"a rendering process ended early (exit code {self._process.wait()}); its own message is above. "
+                "Rendering needs EGL or OSMesa: run `make setup`, or leave the cameras out with --no-cameras"
+            ) from error
 
     def stop(self) -> None:
-        self._stopped = True
-        self._process.kill()  # it holds nothing that needs an orderly end
+        """Ends the process; it holds nothing that needs an orderly end. A thread that waits for it fails."""
+        self._process.kill()
         self._process.wait()
-        self._asked.put(None)
-        while any(thread.is_alive() for thread in self._threads):  # one may wait for room for what nobody wants now
-            with contextlib.suppress(queue.Empty):
-                self._answers.get(timeout=0.05)
-        for end in self._ends:
+
+    def close(self) -> None:
+        for pipe in (self._requests, self._answers):
             with contextlib.suppress(BrokenPipeError):
-                end.close()
-
-
-def _pickled(what: Any) -> bytes:
-    return pickle.dumps(what, protocol=5)
+                pipe.close()
 
 
 def _widen(pipe: IO[bytes]) -> None:
-    """Lets a pipe hold whole pictures: else its two ends wait for each other many times a picture."""
+    """Lets a pipe hold whole images, so that its two ends do not wait for each other many times per image."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError):  # the system's limit is lower: slower, but right
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.parts.calibration_error import depth_scale
 from stridetwin.sim.parts.kinds import CameraPart, Imager, RgbdPart
+from stridetwin.sim.parts.nominal import depth_scale
 from stridetwin.sim.rendering.imager import BLANK, Pixels, Sensor
 from stridetwin.sim.rendering.lens import Lens
 from stridetwin.sim.rendering.renderer import SensorView, camera_pose

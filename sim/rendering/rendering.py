@@ -1,4 +1,4 @@
-"""The far end of a rendering process: poses in, pictures out. `sim.rendering.camera_processes` runs it as a program."""
+"""A rendering process, run as a program by `sim.rendering.camera_processes`: frames and poses in, images out."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ import cv2
 from stridetwin.sim.rendering.cameras import Cameras
 
 
-def _serve(asked: IO[bytes], answers: IO[bytes]) -> None:
+def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     cv2.setNumThreads(1)  # the other core has the other process
-    with Cameras(*pickle.load(asked)) as rendering:
+    with Cameras(*pickle.load(requests)) as cameras:
         while True:
             try:
-                due, qpos, uppers = pickle.load(asked)
+                due, qpos, uppers = pickle.load(requests)
             except EOFError:
                 return
-            for picture in rendering.frames(due, qpos, uppers):
-                pickle.dump(picture, answers, protocol=5)
+            for image in cameras.frames(due, qpos, uppers):
+                pickle.dump(image, answers, protocol=5)
             answers.flush()
 
 
 if __name__ == "__main__":
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing that a library prints gets between the pictures
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing that a library prints gets between the images
     try:
         _serve(sys.stdin.buffer, out)
     except (BrokenPipeError, KeyboardInterrupt):
-        os._exit(0)  # the twin has left: nobody waits for the rest
+        os._exit(0)  # the twin has ended: nobody waits for the rest

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.exo_description import OnLink
-from stridetwin.sim.parts.calibration_error import nominal_rig
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
-from stridetwin.sim.parts.nominal import NOMINAL
+from stridetwin.sim.parts.nominal import NOMINAL, nominal_rig
 from stridetwin.sim.parts.sensor_config import (
     KIND,
     STANDARD_BACK_AHRS,
@@ -27,7 +26,7 @@ from stridetwin.sim.parts.sensor_config import (
     SensorConfig,
     part_of,
 )
-from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array

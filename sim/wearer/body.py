@@ -7,20 +7,20 @@ sole under the heel's centre.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from importlib import resources
 
 import mujoco
 import numpy as np
 
+from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exo_description import OwnExo
-from stridetwin.sim.wearer.actuation import modules
 from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
-from stridetwin.sim.wearer.exo_body import add_exoskeleton
-from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links
-from stridetwin.sim.wearer.own_exo_body import add_own_exo
+from stridetwin.sim.wearer.exo_body import add_own_exo, exoskeleton
+from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
 
 LEG_JOINTS = (
     "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
@@ -87,7 +87,8 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         _attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
     _set_inertials(spec, body)
     if exo is not None and isinstance(size.exo, ExoLinks):
-        add_exoskeleton(spec, pelvis, size.exo, girth, modules(exo))
+        with _unprefixed():
+            spec.attach(exoskeleton(size, modules(exo)), frame=pelvis.add_frame(), prefix="", suffix="")
     elif isinstance(size.exo, OwnExo):
         add_own_exo(spec, pelvis, size.exo)
     return size
@@ -102,8 +103,7 @@ def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _leaf(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
-    text = resources.files("stridetwin.assets").joinpath("mjcf", f"{name}.xml").read_text()
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco.MjSpec.from_string(mjcf(name))
     for body in spec.bodies[1:]:
         k = length_scale.get(body.name, 1.0)
         for child in body.bodies:
@@ -143,19 +143,22 @@ def _mirror(spec: mujoco.MjSpec) -> None:
 
 
 def _attach(
-    parent: mujoco.MjsBody,
-    leaf: mujoco.MjSpec,
-    body: str,
-    pos: np.ndarray | list[float] | None = None,
-    side: str = "",
+    parent: mujoco.MjsBody, leaf: mujoco.MjSpec, body: str, pos: np.ndarray | list[float] | None = None, side: str = ""
 ) -> None:
     if side == "r":
         _mirror(leaf)
     frame = parent.add_frame(pos=[0, 0, 0] if pos is None else list(pos))
-    warn = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)  # the same warning as in compile_model, on the terminal
-    try:
+    with _unprefixed():
         frame.attach_body(leaf.body(body), "", f"_{side}" if side else "")
+
+
+@contextmanager
+def _unprefixed() -> Iterator[None]:
+    """Silences the warning about an empty prefix on the terminal: names are unique by their side's suffix."""
+    warn = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
     finally:
         mujoco.set_mju_user_warning(warn)
 

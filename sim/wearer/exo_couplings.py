@@ -1,4 +1,10 @@
-"""The exoskeleton's legs on the wearer: frames of a leg, and the compliant couplings that carry it."""
+"""What carries the exoskeleton on the wearer: the frames of its legs, and compliant couplings (straps, heel holders).
+
+The strain of a coupling is the position of the wearer's attachment point relative to the exoskeleton's, in the
+exoskeleton body's axes, and the vector part of the relative rotation. Both give an elastic energy whose gradient is the
+wrench. Force and counterforce act at one point, the wearer's, so that a coupling adds neither momentum nor angular
+momentum.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.wearer.coupling import Coupling
+from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exoskeleton import (
     CUFF_SHARE,
@@ -18,8 +24,105 @@ from stridetwin.sim.wearer.exoskeleton import (
     chain,
     outward,
 )
-from stridetwin.sim.wearer.own_exo import own_couplings
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import cross
+
+COMPLIANCE = {
+    "strap": ((4000.0, 4000.0, 0.0), (90.0, 90.0, 20.0), (3.0, 3.0, 20.0), (0.1, 0.1, 0.5)),
+    "holder": ((15e3, 15e3, 15e3), (80.0, 80.0, 80.0), (120.0, 160.0, 120.0), (0.5, 1.0, 0.5)),
+}
+"""Stiffness (N/m), damping (N s/m), and both of rotation (N m/rad, N m s/rad), each fore-aft, sideways and along the
+limb: a strap on soft tissue has some kN/m and slides along the limb, a holder does not."""
+_HIGHEST_HZ = 80.0
+"""Highest natural frequency of a leg on its cuffs at which a simulation in steps of 1 ms is stable."""
+_LOOSEST = 1e-7
+"""Least ratio of smallest to largest stiffness of a leg on its cuffs; below it a joint is not held."""
+_FARTHEST_M = 0.3
+_STEP_S = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coupling:
+    """Spring and damper between a body of the exoskeleton and one of the wearer.
+
+    Attributes:
+        name: `thigh_l`, `shank_l`, `heel_l`, ...
+        exo_body: Body of the exoskeleton.
+        body: Body of the wearer.
+        p_in_exo: (3,) m, attachment in the exoskeleton body's frame.
+        p_in_body: (3,) m, attachment in the wearer's body frame.
+        stiffness: (3, 3) N/m, exoskeleton body's axes.
+        damping: (3, 3) N s/m, likewise.
+        rotation_stiffness: (3, 3) N m/rad, likewise.
+        rotation_damping: (3, 3) N m s/rad, likewise.
+    """
+
+    name: str
+    exo_body: str
+    body: str
+    p_in_exo: Array
+    p_in_body: Array
+    stiffness: Array
+    damping: Array
+    rotation_stiffness: Array
+    rotation_damping: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pose:
+    """Pose and twist of a body in any common frame.
+
+    Attributes:
+        p: (..., 3) m, origin.
+        R: (..., 3, 3) body to common frame.
+        v: (..., 3) m/s of the origin.
+        w: (..., 3) rad/s, common axes.
+    """
+
+    p: Array
+    R: Array
+    v: Array
+    w: Array
+
+
+def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array) -> tuple[Array, Array, Array, Array]:
+    """Displacement and rotation of a coupling.
+
+    The bodies' origins are (..., 3) m and their rotations (..., 3, 3) in a common frame.
+
+    Returns:
+        (..., 3) displacement of the wearer's point, m, and (..., 3) vector part of the relative rotation
+        (sine of the angle), both in the exoskeleton body's axes; (..., 3, 3) derivative of that vector by the relative
+        rotation; and (..., 3) the point where the force acts, in the common frame.
+    """
+    point = p_body + R_body @ c.p_in_body
+    displacement = np.einsum("...ji,...j->...i", R_exo, point - p_exo) - c.p_in_exo
+    R = np.swapaxes(R_exo, -1, -2) @ R_body
+    rotation = 0.5 * np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
+    )
+    trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
+    return displacement, rotation, 0.5 * (trace * np.eye(3) - R), point
+
+
+def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
+    """Wrench of the wearer on the exoskeleton; the exoskeleton exerts the opposite on the wearer.
+
+    The elastic part is the gradient of ½ dᵀ K d + ½ rᵀ K_turn r in the strains d and r.
+
+    Returns:
+        (..., 3) force, N, and (..., 3) torque, N m, in the common axes, and (..., 3) the point where the force acts.
+    """
+    displacement, rotation, change, point = strain(c, exo.p, exo.R, body.p, body.R)
+    relative = body.v + cross(body.w, point - body.p) - exo.v - cross(exo.w, point - exo.p)
+    rate = np.einsum("...ji,...j->...i", exo.R, relative)
+    rotation_rate = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
+    force = displacement @ c.stiffness.T + rate @ c.damping.T
+    torque = np.einsum(
+        "...ji,...j->...i", change, rotation @ c.rotation_stiffness.T + rotation_rate @ c.rotation_damping.T
+    )
+    return np.einsum("...ij,...j->...i", exo.R, force), np.einsum("...ij,...j->...i", exo.R, torque), point
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,36 +168,109 @@ def leg_frame(size: Wearer, side: str) -> LegFrame:
 def couplings(size: Wearer) -> list[Coupling]:
     """Couplings between the exoskeleton's legs and the wearer: cuffs at thigh and shank, heel holder; [] without it.
 
-    The cuffs push fore-aft and sideways and slide along the limb. The holder is buckled over the instep and leaves the
-    forefoot free: the heel can lift and pitch in it. A strap on soft tissue has a stiffness of some kN/m. On a
-    wearer whose body is held fixed, a leg has natural frequencies of 7-41 Hz, damped by 0.4-1.3 of critical (with
-    modules on hip and knee 2-40 Hz, 0.13-0.9), so that a simulation in steps of 1 ms stays stable.
+    The holder is buckled over the instep and leaves the forefoot free: the heel can lift and pitch in it. On a wearer
+    whose body is held fixed, a leg has natural frequencies of 7-41 Hz, damped by 0.4-1.3 of critical (with modules on
+    hip and knee 2-40 Hz, 0.13-0.9), so that a simulation in steps of 1 ms stays stable.
     """
     if size.exo is None:
         return []
     if not isinstance(size.exo, ExoLinks):
-        return own_couplings(size.exo, size)
+        return _own_couplings(size.exo, size)
     links, made = size.exo, []
     for side in SIDES:
-        s = outward(side)
         for part, length in (("thigh", links.thigh), ("shank", links.shank)):
             down = CUFF_SHARE[part] * length
-            made.append(
-                Coupling(
-                    name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
-                    p_in_exo=np.array([0.0, -s * links.hip2, -down]), p_in_body=np.array([0.0, 0.0, -down]),
-                    stiffness=np.diag([4000.0, 4000.0, 0.0]), damping=np.diag([90.0, 90.0, 20.0]),
-                    rotation_stiffness=np.diag([3.0, 3.0, 20.0]), rotation_damping=np.diag([0.1, 0.1, 0.5]),
-                )
-            )  # fmt: skip
+            in_frame = np.array([0.0, -outward(side) * links.hip2, -down])
+            on_limb = np.array([0.0, 0.0, -down])
+            made.append(_coupling("strap", f"{part}_{side}", f"exo_{part}_{side}", f"{part}_{side}", in_frame, on_limb))
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
+        in_frame = p_heel - p_holder
+        made.append(_coupling("holder", f"heel_{side}", f"exo_foot_{side}", f"foot_{side}", in_frame, p_heel))
+    return made
+
+
+def _coupling(kind: str, name: str, exo_body: str, body: str, p_in_exo: Array, p_in_body: Array) -> Coupling:
+    stiffness, damping, rotation_stiffness, rotation_damping = (np.diag(values) for values in COMPLIANCE[kind])
+    return Coupling(
+        name=name, exo_body=exo_body, body=body, p_in_exo=p_in_exo, p_in_body=p_in_body, stiffness=stiffness,
+        damping=damping, rotation_stiffness=rotation_stiffness, rotation_damping=rotation_damping,
+    )  # fmt: skip
+
+
+def _own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
+    """The cuffs, without strain while wearer and exoskeleton stand with every joint at zero.
+
+    Raises:
+        ConfigError: A cuff that is too far from its limb.
+    """
+    at = {own.base.name: own.base.offset}
+    for leg in own.legs.values():
+        parent = own.base.name
+        for link in leg:
+            at[link.name] = at[parent] + link.offset
+            parent = link.name
+    made = []
+    for cuff in own.cuffs:
+        body, _, side = cuff.body.partition("_")
+        p_in_body = at[cuff.link] + cuff.p_in_link - _origins(size, side)[body]
+        if not np.linalg.norm(p_in_body - np.clip(p_in_body, *_limb(size, body))) < _FARTHEST_M:
+            found = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
+            raise ConfigError(
+                own.rig, f"cuffs.{cuff.body}.at_mm", found, f"within {_FARTHEST_M * 1e3:g} mm of the limb"
+            )
         made.append(
             Coupling(
-                name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}",
-                p_in_exo=p_heel - p_holder, p_in_body=p_heel,
-                stiffness=np.diag([15e3, 15e3, 15e3]), damping=np.diag([80.0, 80.0, 80.0]),
-                rotation_stiffness=np.diag([120.0, 160.0, 120.0]), rotation_damping=np.diag([0.5, 1.0, 0.5]),
+                name=cuff.body, exo_body=cuff.link, body=cuff.body, p_in_exo=cuff.p_in_link, p_in_body=p_in_body,
+                stiffness=cuff.law[0], damping=cuff.law[1],
+                rotation_stiffness=cuff.law[2], rotation_damping=cuff.law[3],
             )
         )  # fmt: skip
     return made
+
+
+def check_held(own: OwnExo, side: str, mass: Array, stiffness: Array, damping: Array) -> None:
+    """Rejects a leg that its cuffs do not hold, or hold too stiffly for its weight and steps of 1 ms.
+
+    Args:
+        own: The exoskeleton.
+        side: `l` or `r`.
+        mass: (J, J) kg m², joints at zero.
+        stiffness: (J, J) N m/rad of the cuffs, on a wearer standing upright.
+        damping: (J, J) N m s/rad, likewise.
+
+    Raises:
+        ConfigError: The leg is not held, or held too stiffly.
+    """
+    whole, modes = np.linalg.eigh(stiffness)
+    if whole[0] < _LOOSEST * whole[-1]:
+        joint = own.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
+        raise ConfigError(own.rig, "cuffs", f"none that hold {joint}", "cuffs beyond every joint of a leg")
+    fastest = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.max()) / (2 * np.pi))
+    if fastest > _HIGHEST_HZ:
+        valid = f"up to {_HIGHEST_HZ:g} Hz (softer cuffs, or links and armatures with more inertia)"
+        raise ConfigError(own.rig, "cuffs", f"leg {side} at {fastest:.0f} Hz on its cuffs", valid)
+    decay = float(np.linalg.eigvals(np.linalg.solve(mass, damping)).real.max())
+    if decay * _STEP_S > 1.0:
+        valid = f"up to {1 / _STEP_S:g} 1/s (less damping, or links and armatures with more inertia)"
+        raise ConfigError(own.rig, "cuffs", f"leg {side} damped at {decay:.0f} 1/s", valid)
+
+
+def _origins(size: Wearer, side: str) -> dict[str, Array]:
+    """(3,) m, origin of each body of a leg in the pelvis' frame, standing upright."""
+    y = size.body.hip_half_width_m * (1.0 if side == "l" else -1.0)
+    knee, ankle = size.body.thigh_m, size.body.thigh_m + size.body.shank_m
+    return {
+        "thigh": np.array([0.0, y, 0.0]),
+        "shank": np.array([0.0, y, -knee]),
+        "foot": np.array([-size.ankle_x, y, -ankle - size.body.ankle_height_m]),
+    }
+
+
+def _limb(size: Wearer, body: str) -> tuple[Array, Array]:
+    """(3,) m, lowest and highest point of a limb's axis in its frame."""
+    zero = np.zeros(3)
+    lengths = {"thigh": -size.body.thigh_m, "shank": -size.body.shank_m}
+    if body == "foot":
+        return zero, np.array([size.shoe.toe_tip_x, 0.0, size.body.ankle_height_m])
+    return np.array([0.0, 0.0, lengths[body]]), zero

@@ -1,4 +1,4 @@
-"""The exoskeleton of Shim et al. 2019 (Sensors 19(20):4418): links, D-H table, ranges of motion and couplings.
+"""The exoskeleton of Shim et al. 2019 (Sensors 19(20):4418): links, D-H table, ranges of motion and actuation modules.
 
 The table is Craig's (modified) convention. Its frames 0-8 differ from this twin's bodies (x forward, y left, z up when
 the wearer stands) by the constant rotations `R_DH_BODY`, and its angles from the twin's joints by the signs `DH_SIGNS`:
@@ -7,6 +7,9 @@ with all angles zero the leg hangs straight down in both.
 The axis of hip ad-/abduction (z1, forward) and that of hip flexion (z5, to the left) cross in the anatomical hip centre
 when L_hip3 = L_hip4 + L_hip5. The axis of hip rotation (z3, up) is beside the leg, L_hip2 from the centre. The
 sliders P1 and P2 that the paper adds for this are not in its table; here the cuffs absorb their motion.
+
+An actuation module, a motor with a strain wave gear beside a hip or knee (2.1.3 of the paper), is bolted to the link
+above its joint. An unpowered module still acts on the joint: its rotor turns with the joint, and its gear has friction.
 """
 
 from __future__ import annotations
@@ -16,7 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stridetwin.sim.config import SIDES, Exo
+from stridetwin.sim.exo_description import Module
 from stridetwin.sim.wearer.anthropometry import Anthropometry
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 EXO_LEG_JOINTS = (
@@ -24,8 +30,6 @@ EXO_LEG_JOINTS = (
     "exo_ankle_inversion",
 )  # fmt: skip
 EXO_LEG_BODIES = ("exo_hip_abduction", "exo_hip_rotation", "exo_thigh", "exo_shank", "exo_ankle", "exo_foot")
-DH_FRAMES = (1, 3, 5, 6, 7, 8)
-"""Frame of the table at which each body of `EXO_LEG_BODIES` sits."""
 DH_SIGNS = {"l": np.array([-1.0, -1, -1, 1, -1, -1]), "r": np.array([1.0, 1, -1, 1, -1, 1])}
 """(q1, q3, q5, q6, q7, q8) of the table over the angles of `EXO_LEG_JOINTS`."""
 _PITCHING = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
@@ -44,7 +48,9 @@ R_DH_BODY = {
 # where a wearer on stairs uses -36 to 38: a stop within that range would rotate the frame's foot off the shoe
 RANGE_RAD = np.radians(np.array([[-30.0, 20], [-20, 20], [-25, 110], [-10, 110], [-50, 45], [-10, 10]]))
 
-HOLE_SPACING_M = 0.010  # links are set in holes, so the fit to a person is never perfect
+CUFF_SHARE = {"thigh": 0.51, "shank": 0.43}
+"""Distance of a cuff from the top of its segment, as a share of it."""
+_HOLE_SPACING_M = 0.010  # links are set in holes, so the fit to a person is never perfect
 _HIP_ARM_M = 0.080  # L_hip3: the arm rises over the greater trochanter and descends to the hip's axis
 _HIP_ROTOR_M = 0.030  # L_hip4
 _CLEARANCE_M = 0.040  # from the skin to the middle of the bars beside the leg
@@ -133,30 +139,6 @@ def dh_table(links: ExoLinks, side: str) -> tuple[DhRow, ...]:
     return tuple(DhRow(alpha=alpha, a=a, d=d, theta=theta, joint=joint) for alpha, a, d, theta, joint in rows)
 
 
-def forward_kinematics(links: ExoLinks, side: str, q: Array) -> Array:
-    """(..., 8, 4, 4) poses of frames 1-8 in frame 0: equations (1) and (2) of the paper.
-
-    Args:
-        links: Lengths.
-        side: `l` or `r`.
-        q: (..., 6) rad, the table's (q1, q3, q5, q6, q7, q8).
-    """
-    T, frames = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4)), []
-    for row in dh_table(links, side):
-        angle = row.theta + (0.0 if row.joint is None else q[..., row.joint])
-        T = T @ _craig(row, np.broadcast_to(angle, q.shape[:-1]))
-        frames.append(T)
-    return np.stack(frames, -3)
-
-
-def frame_0_in_pelvis(links: ExoLinks) -> Array:
-    """(4, 4) pose of the D-H frame 0 in the pelvis' frame: the hip's axes meet the line of the hip centres."""
-    T = np.eye(4)
-    T[:3, :3] = R_DH_BODY[0].T
-    T[:3, 3] = [-links.hip6, 0.0, links.hip4 + links.hip5 - links.hip3]
-    return T
-
-
 def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
     """(6, 3) origin of each body of `EXO_LEG_BODIES` in its parent's frame, m, and (6, 3) the axis of its joint.
 
@@ -175,28 +157,63 @@ def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
     return np.array(offsets), np.array(axes, dtype=float)
 
 
-CUFF_SHARE = {"thigh": 0.51, "shank": 0.43}
-"""Distance of a cuff from the top of its segment."""
-
-
-def _craig(row: DhRow, angle: Array) -> Array:
-    c, s, ca, sa = np.cos(angle), np.sin(angle), math.cos(row.alpha), math.sin(row.alpha)
-    T = np.zeros((*angle.shape, 4, 4))
-    T[..., 0, 0], T[..., 0, 1], T[..., 0, 3] = c, -s, row.a
-    T[..., 1, 0], T[..., 1, 1], T[..., 1, 2], T[..., 1, 3] = s * ca, c * ca, -sa, -sa * row.d
-    T[..., 2, 0], T[..., 2, 1], T[..., 2, 2], T[..., 2, 3] = s * sa, c * sa, ca, ca * row.d
-    T[..., 3, 3] = 1.0
-    return T
-
-
 def outward(side: str) -> float:
     """Sign of the outward direction along y: 1 for `l`, -1 for `r`."""
     return 1.0 if side == "l" else -1.0
 
 
 def _nearest_hole(length: float) -> float:
-    return round(length / HOLE_SPACING_M) * HOLE_SPACING_M
+    return round(length / _HOLE_SPACING_M) * _HOLE_SPACING_M
 
 
 def _next_hole(length: float) -> float:
-    return math.ceil(length / HOLE_SPACING_M) * HOLE_SPACING_M
+    return math.ceil(length / _HOLE_SPACING_M) * _HOLE_SPACING_M
+
+
+JOINTS = tuple(f"{joint}_{side}" for joint in ("hip", "knee") for side in SIDES)
+FRICTION_SPEED_RADPS = 0.2
+"""Joint speed at which dry friction reaches three quarters of its full value."""
+
+
+# Gears, motors (Kollmorgen TBMS-6025-B and -6013-B, Harmonic Drive SHD-20-2SH) and the 6.0 kg of all four are the
+# paper's; it gives no figures of the parts. The rotors are estimated as steel rings of 18 by 31 mm, 5 mm longer than
+# the stacks (25 and 13 mm): 1.9e-5 and 1.1e-5 kg m², plus 0.9e-5 for the wave generator. The friction is of the
+# order at which gears of this size can be driven backwards; torque and speed (6500 rpm in) are typical of their class.
+HIP = Module(
+    gear=100, rotor_inertia=2.8e-5, friction_nm=4.0, viscous_nms=1.5, torque_max_nm=57, speed_max_radps=6.8,
+    mass_kg=1.6,
+)  # fmt: skip
+KNEE = Module(
+    gear=80, rotor_inertia=2.0e-5, friction_nm=3.5, viscous_nms=1.0, torque_max_nm=53, speed_max_radps=8.5,
+    mass_kg=1.4,
+)  # fmt: skip
+
+_CHOICES: dict[int, tuple[tuple[str, ...], ...]] = {
+    0: ((),),
+    1: (JOINTS,),
+    2: (("hip_l", "hip_r"), ("knee_l", "knee_r")),
+    3: (("hip_l", "knee_l"), ("hip_r", "knee_r")),
+    4: tuple((joint,) for joint in JOINTS),
+}
+
+
+def modules(exo: Exo) -> dict[str, Module]:
+    """Modules by joint (`hip_l`, `knee_r`, ...) of an exoskeleton in its mode (figure 12 of the paper).
+
+    Raises:
+        ConfigError: Unknown mode, joints that the mode does not power, or assistance of hips that have no modules.
+    """
+    if exo.own is not None:
+        if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(exo.own.modules):
+            raise ConfigError("exo", "drive", exo.drive, f"idle, or motors.hip_l and .hip_r in {exo.own.rig}")
+        return dict(exo.own.modules)
+    if exo.mode not in _CHOICES:
+        raise ConfigError("exo", "mode", exo.mode, ", ".join(map(str, _CHOICES)))
+    choices = _CHOICES[exo.mode]
+    chosen = exo.joints or (choices[0] if len(choices) == 1 else ())
+    if set(chosen) not in map(set, choices) or len(set(chosen)) != len(chosen):
+        valid = " or ".join(f"[{', '.join(choice)}]" for choice in choices)
+        raise ConfigError("exo", "joints", list(exo.joints), f"{valid} in mode {exo.mode}")
+    if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(chosen):
+        raise ConfigError("exo", "drive", exo.drive, "idle, or a mode that powers both hips")
+    return {joint: HIP if joint.startswith("hip") else KNEE for joint in chosen}

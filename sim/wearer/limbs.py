@@ -59,16 +59,16 @@ class Limbs:
     def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
         """The shapes at (N, nq) positions; the velocities (N, nv) have no effect."""
         tree = Tree.of(model)
-        worn = shapes(model, set(tree.ids.tolist()))
+        shapes_ = shapes(model, set(tree.ids.tolist()))
         p_body, quat, _, _ = rigid_tree.motion(tree, q, v)
-        rows = np.searchsorted(tree.ids, [shape.body for shape in worn])
+        rows = np.searchsorted(tree.ids, [shape.body for shape in shapes_])
         R_body = matrix_from_quat(quat)[:, rows]
         return cls(
-            kind=np.array([shape.kind for shape in worn], np.int64),
-            size=np.array([shape.size for shape in worn]),
-            reach=np.array([shape.reach for shape in worn]),
-            p=p_body[:, rows] + np.einsum("ngij,gj->ngi", R_body, [shape.p for shape in worn]),
-            R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in worn]),
+            kind=np.array([shape.kind for shape in shapes_], np.int64),
+            size=np.array([shape.size for shape in shapes_]),
+            reach=np.array([shape.reach for shape in shapes_]),
+            p=p_body[:, rows] + np.einsum("ngij,gj->ngi", R_body, [shape.p for shape in shapes_]),
+            R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in shapes_]),
         )
 
     def hide(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
@@ -186,14 +186,12 @@ def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
             a, b = _slab(o[i], d[i], size[i])
             enters, leaves = max(enters, a), min(leaves, b)
         return enters, leaves
-    if kind == _CYLINDER:
-        a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
-        c, e = _slab(o[2], d[2], size[1])
-        return max(a, c), min(b, e)
-    if kind == _CAPSULE:
+    if kind in (_CYLINDER, _CAPSULE):
         a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
         c, e = _slab(o[2], d[2], size[1])
         enters, leaves = max(a, c), min(b, e)
+        if kind == _CYLINDER:
+            return enters, leaves
         if enters > leaves:
             enters, leaves = _NOTHING
         for end in (-size[1], size[1]):  # the union is convex, so that the spans are one

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -128,16 +130,13 @@ def files_of(path: Path) -> list[str]:
         StrideTwinError: It cannot be read.
     """
     text, folder = _text(path), path.absolute().parent
-    try:
+    with _one_line(path, "read"):
         if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
             spec = _parsed(path, text)
             names = (mesh.file.removeprefix("package://") for mesh in spec.meshes)
             found = [os.path.join(folder, spec.meshdir, name) for name in names]
         else:
             found = mujoco.mju_getXMLDependencies(str(path.absolute()))
-    except Exception as error:  # MuJoCo raises several kinds
-        words = " ".join(str(error).split())
-        raise StrideTwinError(f"{path}: MuJoCo cannot read it: {words[:400]}") from error
     return sorted({os.path.relpath(file, folder) for file in found if Path(file) != path.absolute()})
 
 
@@ -168,13 +167,20 @@ def _parsed(path: Path, text: str) -> mujoco.MjSpec:
 
 def _compiled(path: Path) -> mujoco.MjModel:
     text = _text(path)
-    try:
+    with _one_line(path, "compile"):
         spec = _parsed(path, text)
         spec.compiler.fusestatic = False  # otherwise a base that is fixed to the world would lose its mass
         return spec.compile()
-    except Exception as error:  # MuJoCo raises several kinds
+
+
+@contextmanager
+def _one_line(path: Path, action: str) -> Iterator[None]:
+    """Turns MuJoCo's errors, which are of several kinds, into one line."""
+    try:
+        yield
+    except Exception as error:
         words = " ".join(str(error).split())
-        raise StrideTwinError(f"{path}: MuJoCo cannot compile it: {words[:400]}") from error
+        raise StrideTwinError(f"{path}: MuJoCo cannot {action} it: {words[:400]}") from error
 
 
 def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
@@ -274,7 +280,6 @@ def _weight(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> tuple[float, Array, Array]:
     """Mass, (3,) centre of mass and (3, 3) inertia about it of several bodies together."""
-    mujoco.mj_comPos(model, data)
     masses = model.body_mass[bodies]
     mass = float(masses.sum())
     if mass <= 0.0:
@@ -306,7 +311,7 @@ def _shapes(
                 path, f"geom {model.geom(g).name or g}", name, "sphere, capsule, ellipsoid, cylinder, box or mesh"
             )
         quat = np.empty(4)
-        mujoco.mju_mat2Quat(quat, (to_pelvis @ _geom_axes(model, data, g)).ravel())
+        mujoco.mju_mat2Quat(quat, (to_pelvis @ data.geom_xmat[g].reshape(3, 3)).ravel())
         m, vertices, faces = int(model.geom_dataid[g]), np.zeros((0, 3)), np.zeros((0, 3), np.int32)
         if kind == mujoco.mjtGeom.mjGEOM_MESH:
             at, count = model.mesh_vertadr[m], model.mesh_vertnum[m]
@@ -317,25 +322,11 @@ def _shapes(
         shapes.append(
             Shape(
                 kind=kind, size=np.array(model.geom_size[g]), quat=quat, vertices=vertices, faces=faces,
-                pos=to_pelvis @ (_geom_place(model, data, g) - origin),
+                pos=to_pelvis @ (data.geom_xpos[g] - origin),
                 rgba=np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[g], dtype=float),
             )
         )  # fmt: skip
     return shapes
-
-
-def _geom_axes(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Array:
-    """(3, 3) axes of a geom in the model's world."""
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, model.geom_quat[g])
-    axes: Array = data.xmat[model.geom_bodyid[g]].reshape(3, 3) @ R.reshape(3, 3)
-    return axes
-
-
-def _geom_place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Array:
-    b = model.geom_bodyid[g]
-    place: Array = data.xpos[b] + data.xmat[b].reshape(3, 3) @ model.geom_pos[g]
-    return place
 
 
 def _called(name: str) -> str:

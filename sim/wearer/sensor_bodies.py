@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import resources
 
 import mujoco
 
+from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
-"""Body that carries the mounts of a foot: the shoe's upper, which moves a little (`shock.UpperMotion`)."""
+"""Body that carries the mounts of a foot: the shoe's upper, which moves a little (`heel_strike.UpperMotion`)."""
 
 
 def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
@@ -27,10 +27,9 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
     for foot, upper in UPPERS.items():
         spec.body(foot).add_body(name=upper)
     for name, leaf, _, mount in visible(rig):
-        text = resources.files("stridetwin.assets").joinpath("mjcf", f"{leaf}.xml").read_text()
         T = mount.T_body_sensor
         frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
-        frame.attach_body(mujoco.MjSpec.from_string(text).body(leaf), name.removesuffix(leaf), "")
+        frame.attach_body(mujoco.MjSpec.from_string(mjcf(leaf)).body(leaf), name.removesuffix(leaf), "")
 
 
 def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:

@@ -17,15 +17,15 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.drive import PERIOD_S
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Insole, Sample
-from stridetwin.studies.closed_loop.observers import Streams
-from stridetwin.studies.closed_loop.recognition import Recognition, Unaware
+from stridetwin.studies.closed_loop.environment import Streams
+from stridetwin.studies.closed_loop.recognition import Recognition
 
 LOADED_N = 80.0
 """Force above which a foot is loaded; an unloaded insole measures far less."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Push:
+class TorqueShares:
     """Share of the torque limit that a joint gets in each direction (0-1).
 
     Attributes:
@@ -38,7 +38,7 @@ class Push:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Help:
+class ModeAssistance:
     """Assistance of one mode.
 
     Attributes:
@@ -48,24 +48,24 @@ class Help:
     """
 
     share: float
-    stance: Mapping[str, Push] = field(
-        default_factory=lambda: {"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0)}
+    stance: Mapping[str, TorqueShares] = field(
+        default_factory=lambda: {"hip": TorqueShares(extending=1.0, bending=1.0), "knee": TorqueShares(extending=1.0)}
     )
-    swing: Mapping[str, Push] = field(
-        default_factory=lambda: {"hip": Push(extending=0.3, bending=1.0), "knee": Push(bending=1.0)}
+    swing: Mapping[str, TorqueShares] = field(
+        default_factory=lambda: {"hip": TorqueShares(extending=0.3, bending=1.0), "knee": TorqueShares(bending=1.0)}
     )
 
 
-HELP = {
-    "LG": Help(share=0.5),
-    "SA": Help(
+ASSISTANCE = {
+    "LG": ModeAssistance(share=0.5),
+    "SA": ModeAssistance(
         share=1.0,
-        stance={"hip": Push(extending=1.0), "knee": Push(extending=1.0)},
-        swing={"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0, bending=1.0)},
+        stance={"hip": TorqueShares(extending=1.0), "knee": TorqueShares(extending=1.0)},
+        swing={"hip": TorqueShares(extending=1.0, bending=1.0), "knee": TorqueShares(extending=1.0, bending=1.0)},
     ),
-    "SD": Help(share=0.5),
-    "RA": Help(share=1.0),
-    "RD": Help(share=0.75),
+    "SD": ModeAssistance(share=0.5),
+    "RA": ModeAssistance(share=1.0),
+    "RD": ModeAssistance(share=0.75),
 }
 """The values that save most work at the wearer's hips and knees; with more the wearer has to brake. Up stairs the hip
 is only assisted in extension under load, and hip and knee also extend the leg onto the next tread."""
@@ -75,7 +75,7 @@ SMOOTHING_S = 0.05
 """Time constant of the torque; frame and mounts oscillate with a smaller as with a larger one."""
 
 
-class Helped(Streams):
+class AssistanceObserver(Streams):
     """Observations of an assistance by mode: the streams, which feet are loaded, and their modes.
 
     Besides `Streams`: `loaded` (2,) 1 for a loaded foot, left first; `mode` (2,) index into
@@ -89,7 +89,7 @@ class Helped(Streams):
     def __init__(self, rig: Rig, recognition: Callable[[], Recognition]) -> None:
         super().__init__(rig)
         self._begin = recognition
-        self._recognition: Recognition = Unaware()
+        self._recognition = Recognition()
         self._loaded = dict.fromkeys(SIDES, True)
 
     def reset(self) -> None:
@@ -110,7 +110,7 @@ class Helped(Streams):
     def observation(self) -> dict[str, Array]:
         """As `Observer`."""
         known = self._recognition
-        modes = [known.standing[foot] if self._loaded[foot] else known.coming[foot] for foot in SIDES]
+        modes = [known.current[foot] if self._loaded[foot] else known.upcoming[foot] for foot in SIDES]
         return {
             **super().observation(),
             "loaded": np.array([float(self._loaded[foot]) for foot in SIDES]),
@@ -118,8 +118,8 @@ class Helped(Streams):
         }
 
 
-class Helper:
-    """Controller from observations of `Helped` to torques.
+class AssistanceController:
+    """Controller from observations of `AssistanceObserver` to torques.
 
     Args:
         joints: In the order of actions.
@@ -144,8 +144,8 @@ def _share(joint: str, seen: Mapping[str, Array]) -> float:
     loaded = seen["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in seen["mode"]]
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
-    of = HELP[modes[foot] if loaded else max(modes, key=lambda mode: HELP[mode].share)]
-    shares = (of.stance if loaded else of.swing).get(name, Push())  # ankles get no torque
+    of = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
+    shares = (of.stance if loaded else of.swing).get(name, TorqueShares())  # ankles get no torque
     if speed > 0.0:
         share, full = shares.bending, FULL_RADPS
     elif speed < 0.0:

@@ -16,33 +16,35 @@ from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array
-from stridetwin.studies.closed_loop.assistance_controller import Helped, Helper
-from stridetwin.studies.closed_loop.environment import HELPED, environment, helped_joints, most_nm
-from stridetwin.studies.closed_loop.recognition import Known, Recognition
+from stridetwin.studies.closed_loop.assistance_controller import AssistanceController, AssistanceObserver
+from stridetwin.studies.closed_loop.environment import WEARER_JOINTS, environment, torque_limits_nm, wearer_joints
+from stridetwin.studies.closed_loop.recognition import Recognition, TrueModes
 
 Recogniser = Callable[[Rig, Twin], Recognition]
 """Makes the mode recognition of a walk; from the twin it takes measured geometry, or the truth for comparison."""
 _EXO = Exo(mode=1)
-_FELT = ("insole", "encoder", "actuator")
+_SENSED = ("insole", "encoder", "actuator")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Made:
+class WalkResult:
     """A simulated walk and its twin."""
 
     twin: Twin
     walk: SimulatedWalk
 
 
-def bare_walk(config: TwinConfig, seed: int) -> Made:
+def bare_walk(config: TwinConfig, seed: int) -> WalkResult:
     """The walk without exoskeleton."""
     twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
     walk = twin.walk
     assert isinstance(walk, SimulatedWalk)
-    return Made(twin=twin, walk=walk)
+    return WalkResult(twin=twin, walk=walk)
 
 
-def helped_walk(config: TwinConfig, seed: int, recogniser: Recogniser | None, sensors: tuple[str, ...] = ()) -> Made:
+def assisted_walk(
+    config: TwinConfig, seed: int, recogniser: Recogniser | None, sensors: tuple[str, ...] = ()
+) -> WalkResult:
     """The walk in the exoskeleton with all its modules.
 
     Args:
@@ -55,30 +57,30 @@ def helped_walk(config: TwinConfig, seed: int, recogniser: Recogniser | None, se
     if recogniser is not None:
         make = recogniser
 
-        def observer(rig: Rig) -> Helped:
-            return Helped(rig, lambda: make(rig, env.physics.twin))
+        def observer(rig: Rig) -> AssistanceObserver:
+            return AssistanceObserver(rig, lambda: make(rig, env.physics.twin))
 
-    worn = tuple(dict.fromkeys((*_FELT, *sensors)))
+    worn = tuple(dict.fromkeys((*_SENSED, *sensors)))
     env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=worn)
     physics = env.physics
     try:
         step = env.reset()
-        helper = Helper(physics.joints, env.action_spec().maximum)
+        helper = AssistanceController(physics.joints, env.action_spec().maximum)
         idle = np.zeros(len(physics.joints))
         while not step.last():
             step = env.step(idle if recogniser is None else helper.torques(step.observation))
-        return Made(twin=physics.twin, walk=physics.live.simulation.walk())
+        return WalkResult(twin=physics.twin, walk=physics.live.simulation.walk())
     finally:
         physics.close()
 
 
-def truth_of(twin: Twin, wrong: float = 0.0) -> Known:
+def truth_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
     """The true modes, with the share `wrong` of the steps replaced by other modes."""
     steps = {side: [(round(s.t_touch * 1e9), s.mode) for s in _made(twin.reference.steps[side])] for side in SIDES}
-    return Known(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
+    return TrueModes(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
 
 
-def costs(made: Made) -> dict[str, dict[str, float]]:
+def costs(made: WalkResult) -> dict[str, dict[str, float]]:
     """Cost of the steps of each mode; a step lasts from a foot's touch-down to the other foot's.
 
     Returns:
@@ -87,9 +89,9 @@ def costs(made: Made) -> dict[str, dict[str, float]]:
         shank cuffs, 0 without exoskeleton.
     """
     walk = made.walk
-    torque, speed = helped_joints(walk)
+    torque, speed = wearer_joints(walk)
     power = np.maximum(torque * speed, 0.0).sum(axis=1)
-    rest = np.maximum(torque * speed - most_nm(HELPED) * np.abs(speed), 0.0).sum(axis=1)
+    rest = np.maximum(torque * speed - torque_limits_nm(WEARER_JOINTS) * np.abs(speed), 0.0).sum(axis=1)
     cuffs = _cuffs(made)
     steps = sorted((s for side in SIDES for s in _made(walk.steps[side])), key=lambda s: s.t_touch)
     found = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
@@ -108,7 +110,7 @@ def costs(made: Made) -> dict[str, dict[str, float]]:
     return {mode: of for mode, of in found.items() if of["steps"]}
 
 
-def _cuffs(made: Made) -> Array:
+def _cuffs(made: WalkResult) -> Array:
     """(N,) N², mean square of the cuffs' forces at the walk's instants."""
     t = made.walk.t
     if made.twin.config.exo is None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from itertools import repeat
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from dm_control.rl import control
@@ -25,16 +25,15 @@ from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.live import LiveTwin
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array
-from stridetwin.studies.closed_loop.observers import Observer, Streams
+from stridetwin.streams.samples import Actuator, Ahrs, Array, Encoder, Insole, Interaction, Sample
 
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
 SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
-HELPED = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
+WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
 _ORDER = ("hip", "knee", "ankle")
 _SEEDS = "a whole number from 0 on, or an iterable of them with one per walk"
 
@@ -60,7 +59,7 @@ class WalkPhysics(control.Physics):
         if not mounted:
             raise _unpowered(config)
         self.joints = tuple(sorted(mounted, key=_rank))
-        self.most = np.minimum(most_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
+        self.most = np.minimum(torque_limits_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
         self._driven = [self.joints.index(joint) for joint in mounted]  # in the order of the motors
         self._config, self._seeds = config, seeds
         self._seed = self._next_seed()
@@ -132,20 +131,20 @@ class WalkPhysics(control.Physics):
         return STEP_S
 
     def power(self, seconds: float) -> Array:
-        """(N, 4) W of the wearer's own hips and knees (`HELPED`) in each time step of the last `seconds`."""
-        torque, speed = helped_joints(self.live.simulation.recent(seconds))
+        """(N, 4) W of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of the last `seconds`."""
+        torque, speed = wearer_joints(self.live.simulation.recent(seconds))
         return torque * speed
 
 
-def helped_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
-    """(N, 4) N m and rad/s of the wearer's own hips and knees (`HELPED`) in each time step of a walk."""
+def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
+    """(N, 4) N m and rad/s of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of a walk."""
     _, speed = walk.moving(walk.t)
     names = walk.coordinates.names[6:]
-    dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in HELPED]
+    dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
     return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
 
 
-def most_nm(joints: Sequence[str]) -> Array:
+def torque_limits_nm(joints: Sequence[str]) -> Array:
     """(n,) torque limits of joints by name, N m, before the motors' own limits."""
     return np.array([HIP_NM if joint.startswith("hip") else KNEE_NM for joint in joints])
 
@@ -172,6 +171,65 @@ def _seeds(seed: Any) -> Iterator[Any]:
     with suppress(TypeError):
         return iter(seed)
     raise ConfigError("environment", "seed", seed, _SEEDS)
+
+
+class Observer(Protocol):
+    """From samples to observations; it knows the nominal rig and no truth."""
+
+    def reset(self) -> None:
+        """Starts a walk."""
+        ...
+
+    def update(self, samples: Iterable[Sample]) -> None:
+        """Processes the samples that arrived, in time order."""
+        ...
+
+    def observation(self) -> dict[str, Array]:
+        """Arrays by name, always of the same names and shapes."""
+        ...
+
+
+class Streams:
+    """The latest value of each sensor of the exoskeleton, NaN before the first sample.
+
+    By topic, without the leading slash: encoders (1,) rad; insoles (4,) N; AHRS (7,) quaternion and rad/s; interaction
+    (2,) N; actuators (3,) torque command and torque, N m, and speed, rad/s.
+
+    Args:
+        rig: The sensors.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        size = {"encoder": 1, "insole": 4, "ahrs": 7, "interaction": 2, "actuator": 3}
+        self._size = {topic: size[s.kind] for topic, s in rig.others.items() if s.kind in size}
+        Streams.reset(self)
+
+    def reset(self) -> None:
+        """As `Observer`."""
+        self._latest = {topic: np.full(n, np.nan) for topic, n in self._size.items()}
+
+    def update(self, samples: Iterable[Sample]) -> None:
+        """As `Observer`."""
+        for sample in samples:
+            if sample.topic in self._latest:
+                self._latest[sample.topic] = _value(sample)
+
+    def observation(self) -> dict[str, Array]:
+        """As `Observer`."""
+        return {topic.lstrip("/"): value.copy() for topic, value in self._latest.items()}
+
+
+def _value(sample: Sample) -> Array:
+    match sample:
+        case Encoder():
+            return np.array([sample.angle])
+        case Insole() | Interaction():
+            return np.asarray(sample.force, float)
+        case Ahrs():
+            return np.concatenate([sample.q_world_sensor, sample.angular_rate])
+        case Actuator():
+            return np.array([sample.torque_command, sample.torque, sample.speed])
+    raise TypeError(f"{sample.topic} has no value to observe")
 
 
 class Assistance(control.Task):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -24,35 +23,24 @@ _LATE_NS = 100_000_000
 """A foot that lands later than planned is still in swing."""
 
 
-class Recognition(Protocol):
-    """Modes of each foot's steps, from samples alone.
+class Recognition:
+    """Modes of each foot's steps, from samples alone; without any recognition, level ground everywhere.
 
     Attributes:
-        standing: By foot, mode of its current step.
-        coming: By foot, mode of its next step.
+        current: By foot, mode of its current step.
+        upcoming: By foot, mode of its next step.
     """
 
-    standing: dict[str, str]
-    coming: dict[str, str]
+    def __init__(self) -> None:
+        self.current = dict.fromkeys(SIDES, LEVEL)
+        self.upcoming = dict.fromkeys(SIDES, LEVEL)
 
     def update(self, sample: Sample) -> None:
         """Processes a sample; samples come in time order."""
-        ...
 
 
-class Unaware:
-    """No recognition: level ground everywhere."""
-
-    def __init__(self) -> None:
-        self.standing = dict.fromkeys(SIDES, LEVEL)
-        self.coming = dict.fromkeys(SIDES, LEVEL)
-
-    def update(self, sample: Sample) -> None:
-        """As `Recognition`."""
-
-
-class Predicted(Unaware):
-    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the coming steps.
+class Predicted(Recognition):
+    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the upcoming steps.
 
     Args:
         rig: With a camera with depth and IMU on head or chest, and insoles.
@@ -66,22 +54,22 @@ class Predicted(Unaware):
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
         self._ahead.lead(sample)
-        told = self._ahead.update(sample)
-        if isinstance(told, ModeEstimate):
-            self._take(told)
+        estimate = self._ahead.update(sample)
+        if isinstance(estimate, ModeEstimate):
+            self._take(estimate)
 
-    def _take(self, told: ModeEstimate) -> None:
-        if self._next is not None and told.step >= self._next[0]:
+    def _take(self, estimate: ModeEstimate) -> None:
+        if self._next is not None and estimate.step >= self._next[0]:
             _, foot, mode = self._next
-            self.standing[foot] = mode
-        for step in reversed(told.steps):  # of a foot's steps the first one counts
+            self.current[foot] = mode
+        for step in reversed(estimate.steps):  # of a foot's steps the first one counts
             if step.foot:
-                self.coming[step.foot] = step.mode
-        first = told.steps[0]
+                self.upcoming[step.foot] = step.mode
+        first = estimate.steps[0]
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
 
-class Felt(Unaware):
+class Measured(Recognition):
     """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
 
     Args:
@@ -96,10 +84,10 @@ class Felt(Unaware):
         """As `Recognition`."""
         step = self._legs.update(sample)
         if step is not None and step.step > 0 and step.mode != UNKNOWN:
-            self.standing, self.coming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
+            self.current, self.upcoming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
 
 
-class Known(Unaware):
+class TrueModes(Recognition):
     """The truth.
 
     Args:
@@ -121,8 +109,8 @@ class Known(Unaware):
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
         for foot, times in self._times.items():
-            self.standing[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
-            self.coming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
+            self.current[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
+            self.upcoming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
 
 
 def _corrupted(mode: str, wrong: float, rng: np.random.Generator) -> str:

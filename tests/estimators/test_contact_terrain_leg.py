@@ -15,8 +15,8 @@ from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.sim.config import Level, Person, Route, TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.wearer.body import wearer
-from stridetwin.sim.wearer.exoskeleton import forward_kinematics
 from stridetwin.streams.errors import ConfigError
+from tests.sim.dh_kinematics import forward_kinematics
 
 ANGLES = st.lists(st.floats(-1.2, 1.2), min_size=6, max_size=6).map(np.array)
 SIDES = st.sampled_from("lr")

@@ -1,4 +1,4 @@
-"""What estimators are told of a camera, beside what it is; and what the strikes of the heels do to its case."""
+"""Nominal calibration of a camera against the true one; and the vibration of its case after heel strikes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.parts.calibration_error import CalibrationSd, depth_scale
+from stridetwin.sim.parts.nominal import CalibrationSd, depth_scale
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.rendering.cameras import Cameras, Due
 from stridetwin.sim.sensors.standard_rig import sensor_rig
@@ -24,7 +24,7 @@ CONFIG = TwinConfig(
 SEEDS = range(300)
 
 
-def test_a_perfect_calibration_is_told_as_it_is() -> None:
+def test_a_perfect_calibration_is_the_true_one() -> None:
     worn = sensor_rig(replace(CONFIG, fittings={}))
     assert worn.nominal(3) is worn.rig
     assert depth_scale("/head/color", CalibrationSd(), 3) == 1.0
@@ -33,24 +33,24 @@ def test_a_perfect_calibration_is_told_as_it_is() -> None:
 def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_same() -> None:
     worn = sensor_rig(CONFIG)
     true = worn.rig.cameras["/head/color"]
-    told = [worn.nominal(seed).cameras["/head/color"] for seed in SEEDS]
-    between = [np.linalg.inv(true.mount.T_body_sensor) @ c.mount.T_body_sensor for c in told]
+    drawn = [worn.nominal(seed).cameras["/head/color"] for seed in SEEDS]
+    between = [np.linalg.inv(true.mount.T_body_sensor) @ c.mount.T_body_sensor for c in drawn]
     turns = np.array([Rotation.from_matrix(T[:3, :3]).as_rotvec() for T in between])
     for values, sd in (
         (turns, SD.rotation_rad),
         (np.array([T[:3, 3] for T in between]), SD.position_m),
-        (np.array([np.array(c.intrinsics) / true.intrinsics - 1 for c in told]), SD.intrinsics),
-        (np.array([[c.timeshift_cam_imu_s] for c in told]), SD.offset_s),
+        (np.array([np.array(c.intrinsics) / true.intrinsics - 1 for c in drawn]), SD.intrinsics),
+        (np.array([[c.timeshift_cam_imu_s] for c in drawn]), SD.offset_s),
         (np.array([[depth_scale("/head/color", SD, seed) - 1] for seed in SEEDS]), SD.depth_scale),
     ):
         assert values.std(axis=0) == pytest.approx(np.full(values.shape[1], sd), rel=0.15)
         assert np.abs(values.mean(axis=0)).max() < 0.2 * sd
     again = worn.nominal(7).cameras["/head/color"]
-    np.testing.assert_array_equal(again.mount.T_body_sensor, told[7].mount.T_body_sensor)
+    np.testing.assert_array_equal(again.mount.T_body_sensor, drawn[7].mount.T_body_sensor)
     assert worn.nominal(7).imus is worn.rig.imus
 
 
-def test_what_is_told_wrong_changes_nothing_but_the_scale_of_depth() -> None:
+def test_calibration_errors_change_no_sample_but_the_scale_of_depth() -> None:
     twin, perfect = Twin(CONFIG, 4), Twin(replace(CONFIG, fittings={"head_camera": SensorConfig(rate_hz=1.0)}), 4)
     assert not np.array_equal(
         twin.rig.cameras["/head/color"].mount.T_body_sensor, perfect.rig.cameras["/head/color"].mount.T_body_sensor
@@ -59,7 +59,7 @@ def test_what_is_told_wrong_changes_nothing_but_the_scale_of_depth() -> None:
     both = (here > 0) & (there > 0)
     scale = depth_scale("/head/color", SD, 4)
     assert abs(scale - 1) > 1e-4
-    assert np.median(here[both] / there[both]) == pytest.approx(scale, abs=4e-4)  # depth is told in whole millimetres
+    assert np.median(here[both] / there[both]) == pytest.approx(scale, abs=4e-4)  # depth is in whole millimetres
 
 
 def depth_seen(twin: Twin) -> np.ndarray:

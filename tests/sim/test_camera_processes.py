@@ -1,4 +1,4 @@
-"""A walk's bytes do not depend on how many processes draw its pictures."""
+"""A walk's bytes do not depend on how many processes render its images."""
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.faults.faults import LooseStrap

@@ -17,8 +17,7 @@ from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.joint import InteractionModel
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.coupling import Pose, wrench
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
 from stridetwin.sim.wearer.exoskeleton import EXO_LEG_JOINTS
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block
@@ -87,7 +86,7 @@ def test_pushing_the_frame_pushes_the_limb_the_same_way(twin: Twin, place: str) 
     assert differences[0] - differences[1] > 15.0
 
 
-def test_every_pair_changes_sign_in_every_stride_and_tells_the_cuffs_force(twin: Twin) -> None:
+def test_every_pair_changes_sign_in_every_stride_and_measures_the_cuffs_force(twin: Twin) -> None:
     read: dict[str, list[Array]] = {}
     for chunk in twin.blocks():
         for block in chunk:
@@ -107,7 +106,7 @@ def test_every_pair_changes_sign_in_every_stride_and_tells_the_cuffs_force(twin:
 
 
 @given(push=st.floats(-300.0, 300.0))
-def test_cells_only_press_and_their_difference_is_the_push(push: float) -> None:
+def test_cells_only_press_and_their_difference_is_the_force(push: float) -> None:
     pair = force_cells("shank_r")
     front, back = pair.read(np.array([0]), np.array([push])).columns["force"][0]
     assert min(front, back) >= 0.0

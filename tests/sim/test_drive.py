@@ -13,7 +13,7 @@ from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.drive import DRIVER_S, PERIOD_S, Drive
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.actuation import HIP, KNEE
+from stridetwin.sim.wearer.exoskeleton import HIP, KNEE
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Actuator, Block
 
@@ -65,7 +65,7 @@ def test_motors_beyond_their_speed_can_only_brake(twin: Twin) -> None:
     assert np.count_nonzero(np.array(given) > 0.0) < 0.05 * len(given)  # where the legs turn round they are slow
 
 
-def test_drivers_carry_most_of_their_rotors(twin: Twin) -> None:
+def test_drivers_compensate_most_of_their_rotors(twin: Twin) -> None:
     """A frame that follows the wearer's knee feels a fifth of the rotor, and a hundredth of a second of lag."""
     drive, data = Drive(twin.model, Exo(mode=1, drive="assist")), mujoco.MjData(twin.model)
     _, dof = hinge(twin.model, "exo_knee_flexion_l")
@@ -92,16 +92,16 @@ def test_a_planned_walk_has_no_motors_to_drive() -> None:
         Twin(replace(WALK, physics="kinematic"), 3)
 
 
-def test_actuators_tell_what_the_motors_did(twin: Twin) -> None:
+def test_actuators_measure_torque_and_speed_of_the_motors(twin: Twin) -> None:
     walk = twin.walk
     assert isinstance(walk, SimulatedWalk)
     assert walk.fell_at is None
-    told = [
+    sampled = [
         b for group in twin.blocks() for b in group
         if isinstance(b, Block) and b.topic == "/exo/hip_l/actuator" and b.kind is Actuator
     ]  # fmt: skip
-    command = np.concatenate([b.columns["torque_command"] for b in told])
-    t = np.concatenate([b.t_ns for b in told]) * 1e-9
+    command = np.concatenate([b.columns["torque_command"] for b in sampled])
+    t = np.concatenate([b.t_ns for b in sampled]) * 1e-9
     names = walk.coordinates.names[6:]
     true = walk.efforts(t)[0][:, names.index("exo_hip_flexion_l")]
     assert np.abs(command).max() > 5.0

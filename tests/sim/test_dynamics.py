@@ -10,19 +10,17 @@ import pytest
 from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.dynamics.contact_bias import ContactBias
-from stridetwin.sim.dynamics.contact_sensing import Soles
-from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
-from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
-from stridetwin.sim.dynamics.footstep_replanning import Planned, Sensed, StepReplan
+from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
+from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import plan_control
+from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_weights
-from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
-from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, contact_forces, eliminate, solve
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross, jacobian
+from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.coupling import Pose, wrench
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
@@ -109,7 +107,7 @@ def test_jacobians_are_the_engines(twin: Twin, moving: mujoco.MjData, body: str)
     assert np.allclose(turn, expected[1] @ moving.qvel, atol=1e-9)
 
 
-def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving: mujoco.MjData) -> None:
+def test_reference_accelerations_of_contacts_include_the_missing_term(twin: Twin, moving: mujoco.MjData) -> None:
     """The reference acceleration falls by J' q', along each axis of the contact's frame."""
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -119,7 +117,7 @@ def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving:
     data.qpos[2] -= 0.01
     mujoco.mj_step1(model, data)
     before = data.efc_aref.copy()
-    ContactBias.of(model).apply(data)
+    subtract_bias(ContactBias.of(model), Contacts.of(data), State.of(data), data.efc_aref)
     dot, found = np.empty((3, model.nv)), 0
     for contact in data.contact:
         body = model.geom_bodyid[contact.geom]
@@ -134,12 +132,8 @@ def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving:
 
 
 def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) -> None:
-    model, told = twin.model, couplings(twin.size)
-    compiled = CouplingSet.of(model, told)
-    got = coupling_forces(
-        compiled.bodies, compiled.points, compiled.law, compiled.chain, moving.xpos, moving.xmat, moving.cvel,
-        moving.cdof, moving.subtree_com[1],
-    )  # fmt: skip
+    model, coupled = twin.model, couplings(twin.size)
+    got = coupling_forces(CouplingSet.of(model, coupled), State.of(moving))
     expected, read = np.zeros(model.nv), np.empty(6)
 
     def pose(body: str) -> Pose:
@@ -149,7 +143,7 @@ def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) 
             p=moving.xpos[b].copy(), R=moving.xmat[b].reshape(3, 3).copy(), v=read[3:].copy(), w=read[:3].copy()
         )
 
-    for c in told:
+    for c in coupled:
         force, torque, point = wrench(c, pose(c.exo_body), pose(c.body))
         mujoco.mj_applyFT(model, moving, force, torque, point, model.body(c.exo_body).id, expected)
         mujoco.mj_applyFT(model, moving, -force, -torque, point, model.body(c.body).id, expected)
@@ -170,7 +164,7 @@ def test_control_step_obeys_the_equations_of_motion() -> None:
     wanted, unaided = rng.normal(size=n), np.zeros(6)
     qacc, torque, push, rest = solve(
         M, h, wanted, np.full(n, 0.1), Tasks(tasks, aims, np.ones(4)),
-        PushingPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))), unaided,
+        ContactPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))), unaided,
     )  # fmt: skip
     assert push.min() >= 0.0
     force = np.einsum("ke,kei->ki", push, edges).ravel()
@@ -199,7 +193,7 @@ def test_nothing_but_the_ground_holds_the_walker(twin: Twin, walk: SimulatedWalk
             mujoco.mj_subtreeVel(twin.model, data)
             momenta.append(mass * data.subtree_linvel[0].copy())
         during = (walk.t >= moment) & (walk.t < moment + span)
-        push = walk.foot_force[during].sum(axis=(0, 1)) * 1e-3 - np.array([0.0, 0.0, 9.81 * mass * span])
+        push = walk.loads.force[during].sum(axis=(0, 1)) * 1e-3 - np.array([0.0, 0.0, 9.81 * mass * span])
         assert np.abs(momenta[1] - momenta[0] - push).max() < 0.01 * mass * 9.81 * span
 
 
@@ -231,10 +225,13 @@ def replanned(
     misplaced: Array = IN_PLACE, pressing: tuple[bool, bool] = (False, True),
 ) -> None:  # fmt: skip
     """One control step on the right foot; the left one lands in `until` s, or should have landed."""
-    planned = Planned(
-        swinging=np.array([until > 0.0, False]), until_landing=np.array([until, 0.0]),
-        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]), R_way=np.eye(2),
-        near_edge=np.zeros(2, dtype=bool), normal=np.tile(normal, (2, 1)),
+    R_sole, vec, points = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.zeros((2, 8))
+    R_sole[:, :, 2] = normal
+    planned = PlannedFeet(
+        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]), touching=points > 0.0, force_weight=points,
+        R_sole=R_sole, p_sole=vec, swinging=np.array([until > 0.0, False]), until_landing=np.array([until, 0.0]),
+        R_way=np.eye(2), near_edge=np.zeros(2, dtype=bool), p_foot=vec, v_foot=vec, a_foot=vec, R_foot=R_sole,
+        w_foot=vec, dw_foot=vec,
     )  # fmt: skip
     shift.update(0.002, planned, Sensed(com=off, floor=floor, pressing=np.array(pressing)), misplaced)
 
@@ -249,9 +246,9 @@ def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:
     assert np.abs(falling.foot[1]).max() == 0.0
 
 
-@pytest.mark.parametrize(("felt", "down_m"), [(np.nan, 0.010), (-0.008, 0.002)])
-def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it_presses(
-    felt: float, down_m: float
+@pytest.mark.parametrize(("measured", "down_m"), [(np.nan, 0.010), (-0.008, 0.002)])
+def test_a_foot_expects_the_measured_floor_of_the_other_and_descends_until_it_presses(
+    measured: float, down_m: float
 ) -> None:
     shift, slope = StepReplan.none(), np.array([-np.sin(0.2), 0.0, np.cos(0.2)])
     for until in np.arange(0.35, 0.0, -0.002):
@@ -259,8 +256,8 @@ def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it
     # 50 mm further up the slope, on a floor that lies 8 mm lower than planned
     assert shift.foot[0, 0] == pytest.approx([0.05, 0.0, 0.05 * np.tan(0.2) - 0.008], abs=2e-3)
     before = shift.foot[0, 0, 2]
-    for _ in range(25):  # it hovers: fast where it feels no floor, slowly over one
-        replanned(shift, 0.0, slope, floor=np.array([felt, -0.008]))
+    for _ in range(25):  # it hovers: fast where it measures no floor, slowly over one
+        replanned(shift, 0.0, slope, floor=np.array([measured, -0.008]))
     assert shift.foot[0, 0, 2] < before - down_m
     landed = shift.foot[0, 0, 2]
     for _ in range(200):
@@ -268,18 +265,20 @@ def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it
     assert shift.foot[0, 0, 2] == pytest.approx(landed, abs=0.01)
 
 
-def test_a_point_that_has_pressed_keeps_its_footing_until_it_is_well_off_the_floor(twin: Twin) -> None:
-    plan = plan_control(twin.reference, twin.model, twin.size)
+def test_a_point_in_contact_stays_so_until_it_is_well_off_the_floor(twin: Twin) -> None:
+    plan = plan_control(twin.reference, twin.model)
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, soles = mujoco.MjData(model), Soles.of(model)
+    data, soles = mujoco.MjData(model), sole_numbers(model)
     none, every = np.zeros((2, 8), dtype=bool), np.ones((2, 8), dtype=bool)
     found = {}
     for height in (-0.0005, 0.001, 0.003):
         data.qpos = plan.q[0]
         data.qpos[2] += height
         mujoco.mj_step1(model, data)
-        found[height] = [soles.feel(data, plan, 0, before)[0].any() for before in (none, every)]
+        found[height] = [
+            sense_floor(soles, Contacts.of(data), plan.feet_at(0), before)[0].any() for before in (none, every)
+        ]
     assert found == {-0.0005: [True, True], 0.001: [False, True], 0.003: [False, False]}
 
 
@@ -358,8 +357,8 @@ def test_the_body_and_the_floor_are_as_disturbed(twin: Twin) -> None:
     assert twin.model.geom("sole_l_0").friction[0] != 0.5
 
 
-def test_pushes_and_missteps_happen_when_and_where_they_are_told(twin: Twin) -> None:
-    plan = plan_control(twin.reference, twin.model, twin.size)
+def test_pushes_and_missteps_happen_at_the_configured_times_and_places(twin: Twin) -> None:
+    plan = plan_control(twin.reference, twin.model)
     push = pushing(Dynamics(pushes=(Push(at_s=3.0, duration_s=0.2, left_n=100.0),)), plan)
     on = (plan.t >= 3.0) & (plan.t < 3.2)
     assert np.allclose(push[on], [0.0, 100.0], atol=1.0)
@@ -367,9 +366,9 @@ def test_pushes_and_missteps_happen_when_and_where_they_are_told(twin: Twin) -> 
     off = misplaced(Dynamics(missteps=(Misstep(at_s=4.0, forward_m=0.05),)), plan)
     foot = int(np.abs(off).max(axis=(0, 2)).argmax())
     during = np.flatnonzero(off[:, foot, 0])
-    landing = plan.t[during[-1]] + plan.until_landing[during[-1], foot]
+    landing = plan.t[during[-1]] + plan.feet.until_landing[during[-1], foot]
     assert landing > 4.0
-    assert plan.swinging[during, foot].all()
+    assert plan.feet.swinging[during, foot].all()
     assert np.abs(off[:, 1 - foot]).max() == 0.0
 
 

@@ -23,24 +23,24 @@ from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.joint import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.actuation import HIP, JOINTS, KNEE, modules
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.body import add_wearer, compile_model, wearer
-from stridetwin.sim.wearer.coupling import Coupling, Pose, strain, wrench
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, strain, wrench
 from stridetwin.sim.wearer.exoskeleton import (
-    DH_FRAMES,
     DH_SIGNS,
     EXO_LEG_BODIES,
     EXO_LEG_JOINTS,
+    HIP,
+    JOINTS,
+    KNEE,
     R_DH_BODY,
     RANGE_RAD,
     dh_table,
-    forward_kinematics,
-    frame_0_in_pelvis,
+    modules,
 )
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
+from tests.sim.dh_kinematics import DH_FRAMES, forward_kinematics, frame_0_in_pelvis
 
 
 def stops(q: Array) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def links_of(person: Person):  # type: ignore[no-untyped-def]
 
 @settings(max_examples=60, deadline=None)
 @given(angles=ANGLES, side=st.sampled_from("lr"), who=st.integers(0, len(WEARERS) - 1))
-def test_bodies_stand_where_the_table_of_the_paper_says(angles: Array, side: str, who: int) -> None:
+def test_poses_of_the_bodies_are_those_of_the_papers_table(angles: Array, side: str, who: int) -> None:
     model, links = MODELS[who], links_of(WEARERS[who])
     data = mujoco.MjData(model)
     for joint, angle in zip(EXO_LEG_JOINTS, angles):
@@ -175,7 +175,7 @@ def exo_mass(model: mujoco.MjModel) -> float:
     return float(sum(model.body_mass[i] for i in range(model.nbody) if model.body(i).name.startswith("exo_")))
 
 
-def test_mass_of_every_mode_and_what_the_joints_feel() -> None:
+def test_mass_of_every_mode_and_inertia_of_the_joints() -> None:
     mass = PAPER["exoskeleton"]["mass_kg"]
     assert exo_mass(MODELS[0]) == pytest.approx(mass["without_actuators"])
     full = model_of(Person(), Exo(mode=1))
@@ -187,6 +187,40 @@ def test_mass_of_every_mode_and_what_the_joints_feel() -> None:
     assert exo_mass(one) == pytest.approx(mass["without_actuators"] + KNEE.mass_kg)
     assert one.joint("exo_knee_flexion_l").armature > 0
     assert one.joint("exo_knee_flexion_r").armature == 0
+
+
+def weighted(values: Array) -> float:
+    """Sum over bodies or geoms, where each column has its own weight."""
+    return float(np.sum(values * (1.0 + np.arange(values.shape[1]))))
+
+
+@pytest.mark.parametrize(
+    ("who", "com", "pos", "size", "quat"),
+    [
+        (0, -2.402, -31.5638, 14.567329627, 65.100601539),
+        (1, -2.0972, -27.0278, 14.136102151, 65.099680723),
+        (2, -2.698, -35.4278, 15.203633707, 64.757932695),
+        (3, -2.031, -26.6234, 13.896928997, 65.273648338),
+    ],
+)
+def test_template_fits_the_wearer(who: int, com: float, pos: float, size: float, quat: float) -> None:
+    """Centres of mass and shapes as before the bodies came from a template, to the last digit here."""
+    model = model_of(WEARERS[who], Exo(mode=1))
+    bodies = [b for b in range(model.nbody) if model.body(b).name.startswith("exo_")]
+    shapes = np.isin(model.geom_bodyid, bodies)
+    assert (len(bodies), int(shapes.sum())) == (17, 118)
+    assert weighted(model.body_inertia[bodies]) == pytest.approx(0.5352)
+    assert weighted(model.body_ipos[bodies]) == pytest.approx(com)
+    assert weighted(model.geom_pos[shapes]) == pytest.approx(pos)
+    assert weighted(model.geom_size[shapes]) == pytest.approx(size)
+    assert weighted(model.geom_quat[shapes]) == pytest.approx(quat)
+    assert not model.geom_contype[shapes].any()
+    for body in bodies:
+        left = model.body(body)
+        if left.name.endswith("_l"):
+            right = model.body(left.name[:-1] + "r")
+            np.testing.assert_allclose(right.ipos, left.ipos * [1, -1, 1], atol=1e-15)
+            np.testing.assert_allclose(right.pos, left.pos * [1, -1, 1], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -427,7 +461,7 @@ def test_idle_modules_load_the_cuffs(level: Twin) -> None:
 
 
 @pytest.mark.parametrize("exo", [Exo(mode=1), Exo(mode=3, joints=("hip_l", "knee_l"))])
-def test_unpowered_modules_are_carried_in_a_simulated_walk_without_help(exo: Exo) -> None:
+def test_a_simulated_walk_with_unpowered_modules_needs_no_assist(exo: Exo) -> None:
     twin = Twin(
         TwinConfig(
             name="modules", route=Route(segments=(Level(length_m=2.0),)), exo=exo, physics="dynamic", sensors=()

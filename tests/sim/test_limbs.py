@@ -35,10 +35,10 @@ def test_lines_of_sight_are_hidden_where_mujocos_rays_meet_a_limb():
     targets = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.8], (len(rows), 6, 3))
     hidden = limbs.hide(rows, eyes, targets)
     data, compared, blocked = mujoco.MjData(model), 0, 0
-    for row, eye, places, told in zip(rows, eyes, targets, hidden):
+    for row, eye, places, occluded in zip(rows, eyes, targets, hidden):
         data.qpos = q[row]
         mujoco.mj_kinematics(model, data)
-        for place, by_us in zip(places, told):
+        for place, by_us in zip(places, occluded):
             length = np.linalg.norm(place - eye)
             hit = mujoco.mj_ray(model, data, eye, (place - eye) / length, None, 1, -1, np.zeros(1, np.int32))
             away = hit if isinstance(hit, float) else hit[0]
@@ -59,7 +59,7 @@ def inside(limbs, row, eye):
     ("depth", "hidden"),
     [(-0.05, True), (-0.5 * NEAR_M, False), (0.5 * NEAR_M, False), (1.5 * NEAR_M, True)],
 )
-def test_what_is_nearer_than_pictures_show_hides_nothing_and_an_eye_may_sit_a_little_in_what_carries_it(depth, hidden):
+def test_shapes_nearer_than_images_show_hide_nothing_and_an_eye_may_be_a_little_inside_its_carrier(depth, hidden):
     ball = Limbs(**BALL, p=np.zeros((1, 1, 3)), R=np.eye(3)[None, None])
     eye, through = np.array([[-0.1 + depth, 0.0, 0.0]]), np.array([[[1.0, 0.0, 0.0]]])
     assert ball.hide(np.array([0]), eye, through)[0, 0] == hidden

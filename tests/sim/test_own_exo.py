@@ -1,4 +1,4 @@
-"""An exoskeleton of the user's own, MJCF or URDF with a rig file: it walks, its weight is felt, errors are told."""
+"""An exoskeleton of the user's own, MJCF or URDF with a rig file: walks, load on the wearer, and errors."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import pytest
 from stridetwin.scenarios.scenario_file import read_scenario
 from stridetwin.sim.config import Dynamics, Exo, Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.own_exo_body import add_own_exo
+from stridetwin.sim.wearer.exo_body import add_own_exo
 from stridetwin.sim.wearer.own_exo_model import files_of
 from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -34,9 +34,9 @@ def walked(model, physics, length_m):
                     columns.setdefault((block.topic, name), []).append(values)
                 if block.topic == "/truth/joints":
                     names = block.constants["names"]
-    told = {key: np.concatenate(values) for key, values in columns.items()}
-    told["joints"] = dict(zip(names, told["/truth/joints", "position"].T))
-    return twin, told
+    streams = {key: np.concatenate(values) for key, values in columns.items()}
+    streams["joints"] = dict(zip(names, streams["/truth/joints", "position"].T))
+    return twin, streams
 
 
 @pytest.fixture(scope="module")
@@ -66,18 +66,18 @@ def test_mjcf_and_urdf_say_the_same():
 
 
 def test_it_loads_the_person(walk):
-    twin, told = walk
+    twin, streams = walk
     assert twin.fell_at is None
     assert twin.model.body_subtreemass[1] == pytest.approx(75.0 + MASS_KG, abs=0.01)
-    vertical = sum(told[f"/truth/foot_{side}/wrench", "force_in_world"][:, 2] for side in "lr")
+    vertical = sum(streams[f"/truth/foot_{side}/wrench", "force_in_world"][:, 2] for side in "lr")
     assert vertical.mean() / 9.81 == pytest.approx(75.0 + MASS_KG, rel=0.01)  # from rest to rest
-    assert np.abs(told["/truth/root_residual", "force_in_world"]).max() < 1e-6
+    assert np.abs(streams["/truth/root_residual", "force_in_world"]).max() < 1e-6
 
 
 def test_its_joints_follow_the_wearer(walk):
     """The knee's axis goes with the wearer's; the hip turns about two axes where the wearer has three."""
-    _, told = walk
-    joints = told["joints"]
+    _, streams = walk
+    joints = streams["joints"]
     for side in "lr":
         for ours, theirs in (("exo_knee_flexion", "knee_flexion"), ("exo_ankle_flexion", "ankle_dorsiflexion")):
             apart = joints[f"{ours}_{side}"] - joints[f"{theirs}_{side}"]
@@ -87,10 +87,10 @@ def test_its_joints_follow_the_wearer(walk):
 
 
 def test_its_sensors_say_what_it_does(kinematic):
-    twin, told = kinematic
+    twin, streams = kinematic
     for name in ("hip_l", "knee_r", "ankle_l"):
         joint, side = name.split("_")
-        truth, sensed = told["joints"][f"exo_{joint}_flexion_{side}"], told[f"/exo/{name}/encoder", "angle"]
+        truth, sensed = streams["joints"][f"exo_{joint}_flexion_{side}"], streams[f"/exo/{name}/encoder", "angle"]
         assert (sensed.min(), sensed.max()) == pytest.approx((truth.min(), truth.max()), abs=0.02)
     assert {t for t in twin.rig.others if t.endswith("ahrs")} == {
         f"/exo/{p}/ahrs" for p in ("back", "thigh_l", "thigh_r", "foot_l", "foot_r")
@@ -100,7 +100,7 @@ def test_its_sensors_say_what_it_does(kinematic):
     assert imu.mount.body == "exo_shank_bar_l"
     np.testing.assert_allclose(imu.mount.T_body_sensor[:3, 3], [0, 0.010, -0.300], atol=1e-9)
     np.testing.assert_allclose(imu.mount.T_body_sensor[:3, 0], [0, 1, 0], atol=1e-9)
-    force = told["/exo/thigh_l/interaction", "force"]
+    force = streams["/exo/thigh_l/interaction", "force"]
     assert 5.0 < force.max() < 400.0  # the straps pull
     limits = twin.rig.others["/exo/hip_l/actuator"].parameters
     assert (limits["torque_max_nm"], limits["speed_max_radps"]) == (40.0, 7.0)
@@ -125,8 +125,8 @@ def test_a_mesh_may_be_flat(tmp_path):
     g = next(g for g in range(model.ngeom) if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH)
     corners = data.geom_xpos[g] + model.mesh_vert @ data.geom_xmat[g].reshape(3, 3).T
     c, s = np.cos(0.3), np.sin(0.3)
-    told = [[0.1 + x, 0.2 + c * y, 0.3 + s * y] for x in (0, 0.1) for y in (0, 0.1)]
-    np.testing.assert_allclose(sorted(np.round(corners, 6).tolist()), told, atol=1e-6)
+    expected = [[0.1 + x, 0.2 + c * y, 0.3 + s * y] for x in (0, 0.1) for y in (0, 0.1)]
+    np.testing.assert_allclose(sorted(np.round(corners, 6).tolist()), expected, atol=1e-6)
 
 
 def test_an_axis_may_lie_aslant(tmp_path):

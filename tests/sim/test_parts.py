@@ -90,15 +90,15 @@ def test_a_part_of_ones_own_is_one_file(tmp_path):
         (("description: A sonar of mine\n", ""), ["mine.yaml: description: missing", "text"]),
     ],
 )
-def test_what_is_wrong_in_a_part_is_told_by_file_field_value_and_what_is_valid(tmp_path, change, words):
+def test_an_invalid_part_is_reported_with_file_field_value_and_expected_values(tmp_path, change, words):
     assert change[0] in GOOD
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as raised:
         read_part(written(tmp_path, GOOD.replace(*change)))
-    assert all(line.startswith(str(tmp_path)) for line in str(told.value).splitlines())
-    assert all(word in str(told.value) for word in words), str(told.value)
+    assert all(line.startswith(str(tmp_path)) for line in str(raised.value).splitlines())
+    assert all(word in str(raised.value) for word in words), str(raised.value)
 
 
-def test_a_missing_file_and_an_unknown_name_are_told(tmp_path):
+def test_a_missing_file_and_an_unknown_name_are_reported(tmp_path):
     with pytest.raises(StrideTwinError, match="cannot be read"):
         read_part(tmp_path / "none.yaml")
     with pytest.raises(ConfigError, match="ADIS16485"):

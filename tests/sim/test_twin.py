@@ -144,7 +144,7 @@ def test_the_number_of_rendering_processes_changes_no_pixel(short: Twin) -> None
         )
 
 
-def test_a_rendering_process_that_dies_is_told(short: Twin) -> None:
+def test_a_rendering_process_that_dies_is_reported(short: Twin) -> None:
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(short.model, short.reference).motion(t_ns)
     with CameraProcesses(short.model, short.sensor_rig, Crowd(), 5) as processes:
@@ -202,5 +202,5 @@ def test_no_footprint_falls_between_two_chunks(monkeypatch: pytest.MonkeyPatch) 
     touch = min(s.t_touch for s in steps if np.isfinite(s.t_touch))
     assert touch % 0.005 < 0.0049  # no instant of the truth follows before the chunk ends
     monkeypatch.setattr("stridetwin.sim.twin.CHUNK_S", touch + 1e-4)
-    told = [item for chunk in twin.blocks() for item in chunk if isinstance(item, Footprint)]
-    assert len(told) == len(steps)
+    printed = [item for chunk in twin.blocks() for item in chunk if isinstance(item, Footprint)]
+    assert len(printed) == len(steps)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError
 from stridetwin.studies.closed_loop import environment
@@ -49,18 +49,18 @@ def test_a_walk_is_an_episode_of_valid_steps() -> None:
 @pytest.mark.parametrize("flat", [False, True])
 def test_observations_are_as_specified(flat: bool) -> None:
     env = environment(WALK, 3, sensors=SENSORS, flat_observation=flat)
-    told = env.observation_spec()
+    specs = env.observation_spec()
     shapes = {"foot_l/insole": (4,), "foot_r/insole": (4,), "exo/knee_l/encoder": (1,), "exo/knee_r/encoder": (1,)}
-    assert {name: spec.shape for name, spec in told.items()} == ({"observations": (10,)} if flat else shapes)
-    assert {spec.dtype for spec in told.values()} == {np.dtype(float)}
+    assert {name: spec.shape for name, spec in specs.items()} == ({"observations": (10,)} if flat else shapes)
+    assert {spec.dtype for spec in specs.values()} == {np.dtype(float)}
     for step in (env.reset(), env.step(np.zeros(4))):
-        assert step.observation.keys() == told.keys()
-        for name, spec in told.items():
+        assert step.observation.keys() == specs.keys()
+        for name, spec in specs.items():
             spec.validate(step.observation[name])
     env.physics.close()
 
 
-def test_what_is_asked_is_given_ten_milliseconds_later_and_within_the_limits() -> None:
+def test_commands_are_applied_ten_milliseconds_later_and_within_the_limits() -> None:
     env = environment(WALK, 3, sensors=("actuator",))
 
     def given(hip_nm: float) -> np.ndarray:
@@ -109,7 +109,7 @@ def test_a_seed_is_any_whole_number_or_one_a_walk(seed: object, walks: list[int]
     env.physics.close()
 
 
-def test_seeds_that_are_used_up_are_told() -> None:
+def test_an_exhausted_iterable_of_seeds_is_reported() -> None:
     env = environment(WALK, [3], sensors=SENSORS)
     env.reset()
     with pytest.raises(ConfigError, match=r"environment: seed: invalid 'used up': expected .* one per walk"):
@@ -124,24 +124,24 @@ def test_what_is_no_seed_is_refused(seed: object) -> None:
 
 def given_at_first(env: Any, asked: list[float]) -> list[float]:
     """N m of each motor once what is asked is given, over what it gives where nothing is asked."""
-    told = []
+    torques = []
     for torque in (np.zeros(len(asked)), np.array(asked)):
         env.reset()
         seen = [env.step(torque).observation for _ in range(2)][-1]
-        told.append([seen[f"exo/{joint}/actuator"][1] for joint in env.physics.joints])
+        torques.append([seen[f"exo/{joint}/actuator"][1] for joint in env.physics.joints])
     env.physics.close()
-    return list(np.subtract(told[1], told[0]))
+    return list(np.subtract(torques[1], torques[0]))
 
 
 def own_walk(folder: Path, motors: dict[str, float]) -> TwinConfig:
     """The walk in the example of one's own exoskeleton with other motors, of which each gives so many N m."""
     rig, _, after = (OWN / "my_exo.yaml").read_text(encoding="utf-8").partition("motors:\n")
-    told = ", ".join(f"{joint}: {{torque_max_nm: {most}}}" for joint, most in motors.items())
-    (folder / "rig.yaml").write_text(f"{rig}motors: {{{told}}}\n{after[after.index('ahrs:') :]}", encoding="utf-8")
+    entries = ", ".join(f"{joint}: {{torque_max_nm: {most}}}" for joint, most in motors.items())
+    (folder / "rig.yaml").write_text(f"{rig}motors: {{{entries}}}\n{after[after.index('ahrs:') :]}", encoding="utf-8")
     return replace(WALK, exo=Exo(own=read_own_exo(OWN / "my_exo.xml", folder / "rig.yaml")))
 
 
-def test_motors_of_ones_own_come_in_a_fixed_order_and_are_asked_for_no_more_than_they_give(tmp_path: Path) -> None:
+def test_motors_of_a_custom_exoskeleton_have_a_fixed_order_and_their_own_limits(tmp_path: Path) -> None:
     motors = {"ankle_l": 10, "hip_l": 5, "hip_r": 40, "knee_r": 35, "knee_l": 35}
     env = environment(own_walk(tmp_path, motors), 3, sensors=("actuator",))
     assert env.physics.joints == ("hip_l", "hip_r", "knee_l", "knee_r", "ankle_l")

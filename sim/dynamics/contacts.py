@@ -1,0 +1,154 @@
+"""The engine's contacts: a term that their constraints omit, and what the soles sense of them.
+
+MuJoCo demands of a contact that J q'' = a_ref with a_ref = -b v - k r (its documentation, "Computation", constraint
+model): the acceleration of contact points at zero joint acceleration, J' q', is missing. Under a stance foot, while the
+leg swings over it, J' q' is some m/s², and only the damping b opposes it: the foot slides at J' q' / b, tens of mm/s in
+fast walking whatever the friction. Here the term is subtracted from the reference acceleration, so that contact points
+do not slide.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
+from stridetwin.sim.dynamics.soles import PER_FOOT
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross
+from stridetwin.streams.samples import Array
+
+_FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
+_UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
+_BEARS_M = 0.0003  # a point bears force from here on; assuming force too early lets the foot slap
+_LIFTS_M = 0.0015  # and until it is this far off, so that a trembling foot stays in contact
+_EARLY_S = 0.08  # this long before its planned landing, a foot in contact may already bear force
+
+
+class Contacts(NamedTuple):
+    """The engine's contacts at one instant.
+
+    Attributes:
+        geom: (C, 2) the geoms that touch.
+        pos: (C, 3) m, middle between the two surfaces.
+        frame: (C, 9) axes in rows; the first one points from the first geom to the second.
+        dist: (C,) m between the two surfaces.
+        address: (C,) first row of the constraint forces, -1 where a contact makes none.
+    """
+
+    geom: NDArray[np.int32]
+    pos: Array
+    frame: Array
+    dist: Array
+    address: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Contacts:
+        """Those of a state after `mj_step1`."""
+        contact = data.contact
+        return cls(contact.geom, contact.pos, contact.frame, contact.dist, contact.efc_address)
+
+
+class ContactBias(NamedTuple):
+    """Bodies of a model that may touch static geometry.
+
+    Attributes:
+        body: (ngeom,) body of each geom; 0 for geoms fixed to the world.
+        chain: (nbody, nv) degrees of freedom that move each body.
+    """
+
+    body: NDArray[np.int32]
+    chain: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> ContactBias:
+        """Finds the bodies of a model."""
+        body = model.body_weldid[model.geom_bodyid]
+        return cls(body=body, chain=np.array([chain_of(model, b) for b in range(model.nbody)]))
+
+
+@numba.njit(cache=True)
+def subtract_bias(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
+    """Corrects the (nefc,) reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
+    body, chain = bias_of
+    _, cdof_dot, cvel, centre, qvel, _, _ = state
+    geoms, pos, frame, _, address = contacts
+    v, bias, rotation_bias = np.empty(3), np.empty(3), np.empty(3)
+    for c in range(len(address)):
+        if address[c] < 0:
+            continue
+        for which in range(2):
+            b = body[geoms[c, which]]
+            if b == 0:
+                continue
+            w = cvel[b, :3].copy()
+            cross(w, pos[c] - centre, v)
+            v += cvel[b, 3:]
+            bias_acceleration(cdof_dot, chain[b], centre, qvel, v, w, pos[c], bias, rotation_bias)
+            sign = 1.0 if which == 1 else -1.0
+            for row in range(3):
+                for axis in range(3):
+                    aref[address[c] + row] -= sign * frame[c, 3 * row + axis] * bias[axis]
+
+
+def sole_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """(ngeom,) number of the sole point that a geom is, 0 to 15, the left foot's first; -1 for all others."""
+    point = np.full(model.ngeom, -1, dtype=np.int64)
+    for k, side in enumerate(SIDES):
+        for i in range(PER_FOOT):
+            point[model.geom(f"sole_{side}_{i}").id] = k * PER_FOOT + i
+    return point
+
+
+@numba.njit(cache=True)
+def sense_floor(
+    point: NDArray[np.int64], contacts: Contacts, feet: PlannedFeet, before: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which points may bear force, and where the floor is.
+
+    Args:
+        point: (ngeom,) numbers of the sole points (`sole_numbers`).
+        contacts: The engine's contacts.
+        feet: Plan of the feet.
+        before: (2, points) which points might bear force in the previous control step.
+
+    Returns:
+        (2, points) whether a point may bear force; (2,) m, height of the floor above the plane of the planned
+        footprint, NaN for a foot without contact.
+    """
+    geoms, pos, frame, dist, _ = contacts
+    R_sole, p_sole, swinging = feet.R_sole, feet.p_sole, feet.swinging
+    may_bear = np.zeros((2, PER_FOOT), dtype=np.bool_)
+    total, count = np.zeros(2), np.zeros(2)
+    for c in range(len(dist)):
+        n = max(point[geoms[c, 0]], point[geoms[c, 1]])
+        if n < 0:
+            continue
+        side = n // PER_FOOT
+        early = swinging[side] and feet.until_landing[side] < _EARLY_S
+        if swinging[side] and not early:
+            continue
+        upright = 0.0
+        for axis in range(3):
+            upright += frame[c, axis] * R_sole[side, axis, 2]
+        if abs(upright) < _UPRIGHT:
+            continue  # the face of a riser, or an edge under overhanging toes
+        # a contact point lies midway between the two surfaces, so the floor is half their distance below it
+        above = 0.0
+        for axis in range(3):
+            above += (pos[c, axis] - p_sole[side, axis]) * R_sole[side, axis, 2] / R_sole[side, 2, 2]
+        above -= 0.5 * dist[c] / R_sole[side, 2, 2]
+        if abs(above) > _FLOOR_M:
+            continue
+        i = n % PER_FOOT
+        near = _LIFTS_M if before[side, i] else _BEARS_M
+        may_bear[side, i] = dist[c] < near and (early or feet.touching[side, i])
+        total[side] += above
+        count[side] += 1.0
+    for side in range(2):
+        total[side] = total[side] / count[side] if count[side] > 0.0 else np.nan
+    return may_bear, total
