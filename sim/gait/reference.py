@@ -22,7 +22,7 @@ from stridetwin.sim.gait.foot_path import FootPath, foot_path, heel_given
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend, travel
-from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD, cart_table, height_near, highest, least_knee, level_height
+from stridetwin.sim.gait.pelvis import PELVIS, cart_table, height_near, highest, least_knee, level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
@@ -40,7 +40,7 @@ def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, Foo
     """Angles of both legs that bring the feet to their paths under a pelvis at (N, 3), (N, 3, 3)."""
     return {
         side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
-                        KNEE_HARD_MIN_RAD)
+                        PELVIS.knee_hard_min_rad)
         for side in SIDES
     }  # fmt: skip
 

@@ -283,10 +283,7 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
 
 @contextmanager
 def _bounded_planes(
-    model: mujoco.MjModel,
-    endless: NDArray[np.intp],
-    data: mujoco.MjData | None = None,
-    about: ArrayLike = (0.0, 0.0),
+    model: mujoco.MjModel, endless: NDArray[np.intp], data: mujoco.MjData | None = None, about: ArrayLike = (0.0, 0.0)
 ) -> Iterator[None]:
     """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles."""
     sizes = model.geom_size[endless]

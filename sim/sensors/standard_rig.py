@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.exo_description import OnLink
+from stridetwin.sim.exo_description import OnLink, OwnExo
 from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.parts.calibration_error import nominal_rig
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
@@ -123,25 +123,31 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
     return SensorRig(rig=rig, sensors=sensors)
 
 
+def _own(config: TwinConfig) -> OwnExo | None:
+    """The user's own exoskeleton, if the wearer has one."""
+    return config.exo.own if config.exo is not None else None
+
+
+def _settings(config: TwinConfig, group: str) -> SensorConfig:
+    return config.fittings.get(group, SensorConfig())
+
+
 def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
     """True part and nominal part of a group, and the group's configuration.
 
     `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
-    sensor_config = config.fittings.get(group, SensorConfig())
-    if isinstance(standard, Part):
-        given = (
-            config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
-        )
-        return *part_of(given, group, config.ideal), sensor_config
-    return *part_of(config.fittings, group, config.ideal, standard), sensor_config
+    own = _settings(config, group)
+    if not isinstance(standard, Part):
+        return *part_of(config.fittings, group, config.ideal, standard), own
+    given = config.fittings if own.part else {**config.fittings, group: replace(own, part=standard)}
+    return *part_of(given, group, config.ideal), own
 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
-    part, nominal, sensor_config = _fit(config, group, standard)
-    return MountedSensor(
-        group=group, calibration=_nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
-    )
+    part, nominal, own = _fit(config, group, standard)
+    calibration = _nominal_imu(topic, nominal, mount)
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=own)
 
 
 def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
@@ -168,13 +174,13 @@ def _finite(range_: float) -> float:
 
 def foot_imu_place(config: TwinConfig, side: str) -> Array:
     """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
-    forward, outward, up = config.fittings.get("foot_imu", SensorConfig()).position_m or _FOOT_IMU
+    forward, outward, up = _settings(config, "foot_imu").position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
 
 def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    rotation = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
+    rotation = _settings(config, "foot_imu").rotation_rad
     if rotation is None:
         return np.eye(3)
     roll, pitch, yaw = rotation
@@ -215,12 +221,12 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
 
 
 def _nominal_shift(config: TwinConfig, group: str) -> float:
-    clock = config.fittings.get(group, SensorConfig()).clock
+    clock = _settings(config, group).clock
     return clock.shift_s if clock.told else 0.0
 
 
 def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
-    sits = config.fittings.get("foot_camera", SensorConfig()).mount or FOOT_CAMERA
+    sits = _settings(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _on_shoe(sits, side)
         pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
@@ -242,7 +248,7 @@ def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    sensor_config = config.fittings.get("head_camera", SensorConfig())
+    sensor_config = _settings(config, "head_camera")
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
     sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
@@ -250,7 +256,7 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
-    sits = config.fittings.get("foot_camera", SensorConfig()).board or FOOT_BOARD
+    sits = _settings(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
         position, out = _on_shoe(sits, side)
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
@@ -278,16 +284,15 @@ def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, 
 
 
 def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
-    sits = config.fittings.get("sonar", SensorConfig()).mount
+    sits = _settings(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
         inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
         if sits is not None:
             place, inward = _on_shoe(sits, side)
         pose = _pose(_x_along(inward), place)
-        yield _other(
-            config, "sonar", "range", f"/foot_{side}/sonar", Mount(body=f"foot_{side}", T_body_sensor=pose)
-        )  # fmt: skip
+        mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
+        yield _other(config, "sonar", "range", f"/foot_{side}/sonar", mount)
 
 
 def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -299,18 +304,19 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = config.exo.own if config.exo is not None else None
-    for place, seat in own.ahrs.items() if own is not None else ():
+    own = _own(config)
+    if own is None:
+        mounts = {place: Mount(body=f"exo_{place}") for place in _AHRS_PLACES}
+    else:
+        mounts = {place: _on(seat) for place, seat in own.ahrs.items()}
+    for place, mount in mounts.items():
         standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", _on(seat), standard=standard)
-    for place in _AHRS_PLACES if own is None else ():
-        standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
+        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
-    own = config.exo.own if config.exo is not None else None
+    own = _own(config)
     for place, (seat, part) in own.imus.items() if own is not None else ():
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
     for place in _AHRS_PLACES if own is None else ():
@@ -319,7 +325,7 @@ def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = config.exo.own if config.exo is not None else None
+    own = _own(config)
     if own is None:
         moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     else:
@@ -329,41 +335,31 @@ def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = config.exo.own if config.exo is not None else None
-    for cuff in own.cuffs if own is not None else ():
-        if cuff.force_cells:
-            yield _other(
-                config, "interaction", "interaction", f"/exo/{cuff.body}/interaction", Mount(body=cuff.link)
-            )  # fmt: skip
-    for place in (f"{part}_{side}" for part in ("thigh", "shank") for side in SIDES) if own is None else ():
-        yield _other(
-            config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=f"exo_{place}")
-        )  # fmt: skip
+    own = _own(config)
+    if own is None:
+        cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
+    else:
+        cuffs = [(cuff.body, cuff.link) for cuff in own.cuffs if cuff.force_cells]
+    for place, body in cuffs:
+        yield _other(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
 
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     mounted = {} if config.exo is None else modules(config.exo)
-    own = config.exo.own if config.exo is not None else None
-    if own is not None:
-        for name, module in mounted.items():
-            yield _other(
-                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.body_moved_by(name)),
-                standard=own.motors[name], torque_max_nm=float(module.torque_max_nm),
-                speed_max_radps=float(module.speed_max_radps),
-            )  # fmt: skip
+    limits: dict[str, dict[str, Any]] = {
+        name: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
+        for name, m in mounted.items()
+    }
+    own = _own(config)
+    if own is None:
+        joints = ((f"{j}_{s}", f"exo_{b}_{s}") for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES)
+        for name, body in joints:
+            more = limits.get(name, {}) | {"named": "actuation module" if name in mounted else "no actuation module"}
+            yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
         return
-    for joint, body in (("hip", "thigh"), ("knee", "shank")):
-        for side in SIDES:
-            name, limits = f"{joint}_{side}", {}
-            if name in mounted:
-                limits = {
-                    "torque_max_nm": float(mounted[name].torque_max_nm),
-                    "speed_max_radps": float(mounted[name].speed_max_radps),
-                }
-            yield _other(
-                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=f"exo_{body}_{side}"),
-                named="actuation module" if name in mounted else "no actuation module", **limits,
-            )  # fmt: skip
+    for name in mounted:
+        mount, more = Mount(body=own.body_moved_by(name)), limits[name] | {"standard": own.motors[name]}
+        yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", mount, **more)
 
 
 _SENSORS = {

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.faults.faults import LooseStrap, arrivals
+from stridetwin.sim.faults.faults import LooseStrap, arrivals, check_faults, plan_faults
 from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
-from stridetwin.sim.faults.plan import check_faults, plan_faults
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,

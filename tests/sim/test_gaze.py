@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Gait, Gaze
-from stridetwin.sim.gait.checks import check_gait
+from stridetwin.sim.gait.footsteps import check_gait
 from stridetwin.sim.gait.posture import Look, look
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.errors import ConfigError

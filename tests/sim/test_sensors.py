@@ -12,12 +12,10 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.parts.sensor_config import Clock
-from stridetwin.sim.sensors.ahrs import AhrsModel
-from stridetwin.sim.sensors.force_cell import ForceCells
-from stridetwin.sim.sensors.insole import InsoleModel, cell_shares
-from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
+from stridetwin.sim.sensors.exo_sensors import ActuatorModel, AhrsModel, EncoderModel
+from stridetwin.sim.sensors.force_cells import ForceCells, InsoleModel, InteractionModel, cell_shares
+from stridetwin.sim.sensors.model import Stamps
 from stridetwin.sim.sensors.sonar import SonarModel
-from stridetwin.sim.sensors.stamps import Stamps
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain

@@ -12,7 +12,7 @@ from stridetwin.sim.noise import FLOOR, Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensors import imu as imu_model
-from stridetwin.sim.sensors.suite import step_ends
+from stridetwin.sim.sensors.model import step_ends
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration, Mount
 
