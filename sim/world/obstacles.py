@@ -16,23 +16,42 @@ import numpy as np
 
 from stridetwin.sim.config import Thing
 from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip
-from stridetwin.sim.world.solids import Box, corners
+from stridetwin.sim.world.solids import Solid, corners
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
-_CLEARANCE_M = 0.35
-_SPACING_M = 2.2
-_ROOM_MARGIN_M = 3.0
-_ROOM_HEIGHT_M = 2.7
-_WALL_M, _BRICK_M = 0.12, 0.2  # thickness of a corridor's walls, and length of their parts
 _SEED = 20260  # the world looks the same in every walk
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleParameters:
+    """Sizes and distances of objects, m; chosen by hand, as large as such objects commonly are."""
+
+    clearance: float = 0.35  # between walkable ground and objects outdoors and in rooms
+    spacing: float = 2.2  # of objects along the way
+    room_margin: float = 3.0  # from the way to the walls of a room
+    room_height: float = 2.7
+    wall: float = 0.12  # thickness of a corridor's walls
+    brick: float = 0.2  # length of the parts that they are tested in
+    table_width: float = 1.40
+    table_height: float = 0.72
+    board: float = 0.04  # thickness of a table's board
+    leg: float = 0.06  # width of a table's leg
+    wall_width: float = 3.0
+    wall_height: float = 2.5
+    lift: float = 0.001  # height of paint, so that the ground does not shine through
+    body: float = 0.40  # clearance from the middle of the way, and beyond the end of the walk
+
+
+_M = ObstacleParameters()
+LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Landmark:
     """A box beside the way, of one material."""
 
-    box: Box
+    box: Solid
     material: str
 
 
@@ -45,10 +64,12 @@ class _Frame:
     yaw: float
     z: float
 
-    def box(self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0) -> Box:
+    def box(
+        self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0
+    ) -> Solid:
         """A box here, or translated along the direction and to its left."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        return Box(
+        return Solid.box(
             x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
             width=width, bottom=bottom, top=top,
         )  # fmt: skip
@@ -61,7 +82,7 @@ def surroundings(
     kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
         "outdoor": _outdoor, "room": _room, "corridor": _corridor
     }  # fmt: skip
-    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
+    clearance = 0.0 if scenery == "corridor" else _M.clearance
     kept = list(standing)
     for group in kinds[scenery](layout, bottom_m):
         if all(_clear(mark.box, layout, kept, clearance) for mark in group):
@@ -85,10 +106,10 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
     """Lowest and highest x and y of the inside of a room around the way."""
     s = np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1)
     points = layout.way.point(s)
-    return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
+    return points.min(axis=0) - _M.room_margin, points.max(axis=0) + _M.room_margin
 
 
-def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -> bool:
+def _clear(box: Solid, layout: Layout, others: list[Landmark], clearance: float) -> bool:
     """Whether a box keeps a distance to all walkable ground, and does not overlap another group."""
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
@@ -104,7 +125,7 @@ def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -
     return all(_apart(box, mark.box) for mark in others)
 
 
-def _apart(a: Box, b: Box) -> bool:
+def _apart(a: Solid, b: Solid) -> bool:
     """Whether two boxes do not overlap in plan (separating axes)."""
     reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
     if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
@@ -121,9 +142,9 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Planters and pillars along both sides of the way and a wall beyond its end."""
     rng = np.random.default_rng(_SEED)
     first, last = layout.profile[0], layout.profile[-1]
-    half = layout.slabs[0].left + _CLEARANCE_M
+    half = layout.slabs[0].left + _M.clearance
     for side in (-1.0, 1.0):
-        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
+        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _M.spacing).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
             elif i % 3 == 0:
@@ -145,7 +166,7 @@ def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
     for slab in layout.slabs:
         p, q = slab.local(np.array([x, y]))
         if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
-            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
+            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _M.clearance)
     x, y = layout.way.point(s, side * reach).tolist()
     return _Frame(x=x, y=y, yaw=yaw, z=_height(layout.profile, s))
 
@@ -177,22 +198,22 @@ def _planter(
 
 def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Walls along both sides of all straight parts, around their ends if there is space, and across both ends."""
-    pieces, profile = layout.way.pieces, layout.profile
-    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
+    lines, profile = layout.way.segments, layout.profile
+    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _M.room_height
     built: list[Landmark] = []
-    for piece, along in ((pieces[0], -_WALL_M), (pieces[-1], pieces[-1].s1 - pieces[-1].s0 + _WALL_M)):
-        end = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0)
-        yield [Landmark(box=end.box(_WALL_M, 2 * half, bottom, top, along=along), material="brick")]
-    for piece in pieces:
-        if piece.curvature:
+    for line, along in ((lines[0], -_M.wall), (lines[-1], lines[-1].s1 - lines[-1].s0 + _M.wall)):
+        end = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0)
+        yield [Landmark(box=end.box(_M.wall, 2 * half, bottom, top, along=along), material="brick")]
+    for line in lines:
+        if line.curvature:
             continue
-        start, length = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0), piece.s1 - piece.s0
+        start, length = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0), line.s1 - line.s0
         for side in (-1.0, 1.0):
-            left = side * (half + _WALL_M / 2)
+            left = side * (half + _M.wall / 2)
             bricks = []
-            for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
-                brick = start.box(_BRICK_M, _WALL_M, bottom, top, along=along, left=left)
-                material = "brick" if math.floor((piece.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
+            for along in np.arange(-2 * half, length + 2 * half, _M.brick).tolist():
+                brick = start.box(_M.brick, _M.wall, bottom, top, along=along, left=left)
+                material = "brick" if math.floor((line.s0 + along) / _M.spacing + side) % 3 == 0 else "plaster"
                 if _clear(brick, layout, built, 0.0):
                     built.append(Landmark(box=brick, material=material))
                 else:
@@ -201,8 +222,8 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             for material, run in groupby(bricks, key=itemgetter(0)):
                 if material:
                     places = [along for _, along in run]
-                    middle, long = (places[0] + places[-1]) / 2, len(places) * _BRICK_M
-                    wall = start.box(long, _WALL_M, bottom, top, along=middle, left=left)
+                    middle, long = (places[0] + places[-1]) / 2, len(places) * _M.brick
+                    wall = start.box(long, _M.wall, bottom, top, along=middle, left=left)
                     yield [Landmark(box=wall, material=material)]
 
 
@@ -213,7 +234,7 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     middle, (length, width) = (low + high) / 2, high - low
     z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
     room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
-    top = max(max(s.z0, s.z1) for s in layout.profile) + _ROOM_HEIGHT_M
+    top = max(max(s.z0, s.z1) for s in layout.profile) + _M.room_height
     for sign in (-1.0, 1.0):
         yield [Landmark(box=room.box(length, 0.1, bottom, top, left=sign * (width / 2 + 0.05)), material="plaster")]
         yield [Landmark(box=room.box(0.1, width, bottom, top, along=sign * (length / 2 + 0.05)), material="plaster")]
@@ -253,13 +274,6 @@ def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     return [Landmark(box=at.box(length, width, at.z, at.z + height), material=str(rng.choice(["brick", "leaves"])))]
 
 
-LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
-_TABLE_WIDTH_M, _TABLE_M, _BOARD_M, _LEG_M = 1.40, 0.72, 0.04, 0.06
-_WALL_WIDTH_M, _WALL_SIZE_M = 3.0, 2.5
-_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
-_BODY_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Painted:
     """A level rectangle on the ground: (4, 3) corners, m, anticlockwise seen from above, and its material."""
@@ -284,7 +298,7 @@ def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Pai
 def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float, material: str) -> Painted:
     half, s = 0.5 * width_m, np.array([start, start, end, end])
     xy = layout.way.point(s, thing.left_m + half * np.array([1.0, -1.0, -1.0, 1.0]))
-    z = _strip(layout, start).z0 + _LIFT_M
+    z = _strip(layout, start).z0 + _M.lift
     return Painted(corners=np.column_stack([xy, np.full(4, z)]), material=material)
 
 
@@ -293,23 +307,25 @@ def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
     found: list[Landmark] = []
     for thing in things:
         if thing.kind == "wall":
-            found.append(Landmark(box=_box(thing, layout, _WALL_WIDTH_M, 0.0, _WALL_SIZE_M), material="plaster"))
+            found.append(Landmark(box=_box(thing, layout, _M.wall_width, 0.0, _M.wall_height), material="plaster"))
         elif thing.kind == "table":
-            found.append(Landmark(box=_box(thing, layout, _TABLE_WIDTH_M, _TABLE_M - _BOARD_M, _TABLE_M),
+            found.append(Landmark(box=_box(thing, layout, _M.table_width, _M.table_height - _M.board, _M.table_height),
                                   material="wood"))  # fmt: skip
             for side in (-1.0, 1.0):
-                aside = side * (_TABLE_WIDTH_M / 2 - 0.1)
-                leg = _box(thing, layout, _LEG_M, 0.0, _TABLE_M - _BOARD_M, aside)
+                aside = side * (_M.table_width / 2 - 0.1)
+                leg = _box(thing, layout, _M.leg, 0.0, _M.table_height - _M.board, aside)
                 found.append(Landmark(box=leg, material="wood"))
     return tuple(found)
 
 
-def _box(thing: Thing, layout: Layout, width: float, bottom: float, top: float, aside: float = 0.0) -> Box:
+def _box(thing: Thing, layout: Layout, width: float, bottom: float, top: float, aside: float = 0.0) -> Solid:
     """A box across the way on its ground, from one height above it to another."""
     length = LENGTHS_M[thing.kind]
     s, z = thing.at_m + length / 2, _strip(layout, thing.at_m).z0
     x, y = layout.way.point(s, thing.left_m + aside).tolist()
-    return Box(x=x, y=y, yaw=float(layout.way.heading(s)), length=length, width=width, bottom=z + bottom, top=z + top)
+    return Solid.box(
+        x=x, y=y, yaw=float(layout.way.heading(s)), length=length, width=width, bottom=z + bottom, top=z + top
+    )
 
 
 def _strip(layout: Layout, s: float) -> Strip:
@@ -331,12 +347,12 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
         for mark in standing((thing,), layout):
-            if _distance(mark.box, walked).min() < _BODY_M:
-                valid = f"{_BODY_M:g} m clear of where the walker goes"
+            if _distance(mark.box, walked).min() < _M.body:
+                valid = f"{_M.body:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)
 
 
-def _distance(box: Box, xy: Array) -> Array:
+def _distance(box: Solid, xy: Array) -> Array:
     """(N,) m, distance of (N, 2) points from a box in plan view."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T
