@@ -75,12 +75,9 @@ class Sky:
         )
 
     def paint(
-        self,
-        rgb: NDArray[np.uint8],
-        depth: NDArray[np.float32],
-        T_world_camera: Array,
+        self, rgb: NDArray[np.uint8], depth: NDArray[np.float32], T_world_camera: Array,
         intrinsics: tuple[float, float, float, float],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
 
         Args:
@@ -98,16 +95,9 @@ class Sky:
 
 @numba.njit(cache=True)
 def _paint(
-    rgb: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    vertical: Array,
-    intrinsics: Array,
-    steepness: float,
-    edge: float,
-    share: float,
-    haze: Array,
-) -> None:
+    rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
+    steepness: float, edge: float, share: float, haze: Array,
+) -> None:  # fmt: skip
     fu, fv, pu, pv = intrinsics
     half, near = np.float32((len(colours) - 1) / 2), np.float32(0.5 * (1 - share) * edge)
     slope, across, middle, top = np.float32(vertical[0]), np.float32(1 / fu), np.float32(pu), len(colours) - 1

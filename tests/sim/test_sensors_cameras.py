@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor, Imager
 from stridetwin.sim.parts.library import ideal, part
-from stridetwin.sim.rendering.imager import SPARE, Sensor
-from stridetwin.sim.rendering.lens import Lens
+from stridetwin.sim.rendering.imager import SPARE, Lens, Sensor
 from stridetwin.sim.rendering.stereo_depth import DepthModel
 from stridetwin.sim.rendering.sweep import Sweep
 from stridetwin.streams.rig import CameraCalibration, Mount
@@ -112,7 +111,7 @@ def sweep(velocity=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), distance=0.4, focal=54
 def test_blur_is_as_long_as_speed_times_exposure_times_focal_length_over_distance(speed, away, exposure):
     moving = sweep(velocity=(speed, 0.0, 0.0), distance=away)
     expected = speed * exposure * 540.0 / away
-    assert moving.way_px(exposure, 149.5, 99.5) == pytest.approx(expected, rel=1e-9)
+    assert moving.path_px(exposure, 149.5, 99.5) == pytest.approx(expected, rel=1e-9)
     edge = np.zeros((200, 300), np.uint8)
     edge[:, 150:] = 255
     row = moving.blurred(edge, exposure)[100].astype(float) / 255
