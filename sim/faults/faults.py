@@ -43,16 +43,12 @@ _LONGEST_S = 36_000
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """One occurrence of a fault on one stream.
+    """One occurrence of a fault of some kind on one stream.
 
     Attributes:
-        kind: Kind of the fault.
-        topic: Topic.
-        from_ns: First instant.
-        until_ns: First instant after the event.
+        from_ns, until_ns: First instant, and first instant after the event.
         part: Part name of the sensor.
-        entropy: Seed of the walk.
-        key: Child stream of this event's own random choices.
+        entropy, key: Seed of the walk, and child stream of this event's own random choices.
     """
 
     kind: str
@@ -68,7 +64,11 @@ class Event:
         return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=self.key))
 
 
-Events = Mapping[str, tuple[Event, ...]]
+EventsOfTopic = tuple[Event, ...]
+"""Events of one fault on one topic, in time order."""
+Events = Mapping[str, EventsOfTopic]
+Memory = dict[Any, Any]
+"""State of a fault on one topic between chunks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,12 +96,7 @@ class Arrival:
 
 
 def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
-    """Items that arrive at the recorder, given those that the sensors sent.
-
-    Args:
-        items: Blocks and samples as the sensors send them.
-        faults: Each with its events by topic; they are applied in this order.
-    """
+    """Items that arrive at the recorder, given those that the sensors sent; faults are applied in their order."""
     lines: dict[str, list[_Stage]] = {}
     for fault, events in faults:
         for topic in events:
@@ -127,8 +122,8 @@ class _Stage:
     """A fault on one stream, its events there in time order, and its state between samples."""
 
     fault: Fault
-    events: tuple[Event, ...]
-    memory: dict[Any, Any] = field(default_factory=dict)
+    events: EventsOfTopic
+    memory: Memory = field(default_factory=dict)
 
     def through(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
         """Output for a chunk of the stream."""
@@ -185,21 +180,13 @@ class Fault:
         """Whether it applies to samples of this type from this part."""
         return sample in self.fits
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
-        """Output for a chunk of one topic's stream.
-
-        Args:
-            stream: The chunk.
-            events: Events of this fault on this topic, in time order.
-            memory: State of the fault between chunks.
-        """
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """Output for a chunk of one topic's stream."""
         for arrival in stream:
             event = at(events, arrival)
             yield from (arrival,) if event is None else self.corrupted(arrival, event)
 
-    def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
+    def left(self, memory: Memory) -> Iterable[Arrival]:
         """Items still in transit when the stream has ended."""
         return ()
 
@@ -208,7 +195,7 @@ class Fault:
         return (arrival,)
 
 
-def at(events: tuple[Event, ...], arrival: Arrival) -> Event | None:
+def at(events: EventsOfTopic, arrival: Arrival) -> Event | None:
     """The event that is active at the measurement time of a sample."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
@@ -234,13 +221,9 @@ class LooseStrap(Fault):
 
 
 _OTHERS: dict[str, type[Sample]] = {
-    "range": Range,
-    "insole": Insole,
-    "ahrs": Ahrs,
-    "encoder": Encoder,
-    "interaction": Interaction,
+    "range": Range, "insole": Insole, "ahrs": Ahrs, "encoder": Encoder, "interaction": Interaction,
     "actuator": Actuator,
-}
+}  # fmt: skip
 _FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensors' noise
 
 
@@ -279,15 +262,10 @@ def _affected(fault: Fault, rig: Rig) -> list[_Stream]:
 
 
 def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
-    """Rejects faults that match no stream that they can act on, or that share a name.
-
-    Args:
-        source: Name of the file in errors.
-        faults: Faults in the order of the file.
-        rig: Every sensor of the scenario.
+    """Rejects faults of the file `source` that match no stream of the rig that they can act on, or that share a name.
 
     Raises:
-        ConfigError: Names the fault, the invalid value and what is valid.
+        ConfigError: Names the fault, the invalid value and what is expected.
     """
     names: list[str] = []
     for i, fault in enumerate(faults):
@@ -311,23 +289,15 @@ def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> N
 
 
 def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> list[tuple[Fault, Events]]:
-    """All events of all faults in a walk.
+    """All events of all faults in a walk of `duration_s`, each fault with its events by topic, in time order.
 
     Random times depend on the walk's seed, the fault's name and the stream alone, so that adding or removing a fault or
     a sensor does not change the other events. Sensors on one strap slip together; occlusions cover colour and depth.
-
-    Args:
-        faults: Faults; those without a matching stream in the rig do nothing.
-        rig: The sensors that are on.
-        seed: Seed of the walk.
-        duration_s: Duration of the walk; events begin before its end.
-
-    Returns:
-        Each fault with its events by topic, in time order.
+    Faults without a matching stream in the rig do nothing.
     """
     planned: list[tuple[Fault, Events]] = []
     for fault in faults:
-        events: dict[str, tuple[Event, ...]] = {}
+        events: dict[str, EventsOfTopic] = {}
         for stream in _affected(fault, rig):
             place = getattr(stream, fault.common_to)
             key = (_FAULTS, zlib.crc32(fault.own_name.encode()), zlib.crc32(place.encode()))

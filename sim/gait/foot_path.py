@@ -80,10 +80,10 @@ class FootPathParameters:
     dorsiflexion_max_rad: float = np.radians(22.0)  # on the level
     dorsiflexion_by_slope: float = 1.3  # additional rad per rad of slope uphill
     dorsiflexion_bent_rad: float = np.radians(14.0)  # additional, on stairs
-    give_before: float = 0.55  # share of a step before toe-off, when the load moves to the ball
-    give: float = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee, which tilts the shank farther
-    give_smoothing_s: float = 0.03  # SD of the Gaussian filter
-    give_fade_s: float = 0.12
+    rise_before: float = 0.55  # share of a step before toe-off, when the load moves to the ball
+    rise_gain: float = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
+    rise_smoothing_s: float = 0.03  # SD of the Gaussian filter
+    rise_fade_s: float = 0.12
     near_edge_m: float = 0.004  # margin before and behind a riser
     near_edge_down_m: float = 0.012  # likewise, going down
 
@@ -141,7 +141,7 @@ def foot_path(
     return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta, s=s, heading=heading)
 
 
-def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, dorsiflexion: Array) -> FootPath:
+def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, dorsiflexion: Array) -> FootPath:
     """Path on which the heel leaves the ground where the ankle cannot bend farther.
 
     The ankle angle shows how far the foot is behind the body, how steep the ground is and how deep the body sinks.
@@ -159,14 +159,14 @@ def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, 
     toe, theta = path.toe_extension.copy(), path.pitch.copy()
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
-        late = (t[on] - step.t_off) / _PATH.give_fade_s
+        late = (t[on] - step.t_off) / _PATH.rise_fade_s
         # at toe-off the foot is back on its path, so that the swing does not change
-        inside = ease(late + _PATH.give_before * step_time(step, after) / _PATH.give_fade_s + 1.0) * ease(-late)
+        inside = ease(late + _PATH.rise_before * step_time(step, after) / _PATH.rise_fade_s + 1.0) * ease(-late)
         bent = _PATH.dorsiflexion_bent_rad if step.arrival != "heel" else 0.0
         limit = _PATH.dorsiflexion_max_rad + _PATH.dorsiflexion_by_slope * max(step.slope, 0.0) + bent
         beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
-        smooth = gaussian_filter1d(beyond, _PATH.give_smoothing_s / (t[1] - t[0]), mode="nearest")
-        theta[on] += inside * _PATH.give * smooth
+        smooth = gaussian_filter1d(beyond, _PATH.rise_smoothing_s / (t[1] - t[0]), mode="nearest")
+        theta[on] += inside * _PATH.rise_gain * smooth
         p[on], R[on], toe[on] = _stance(step, shoe, theta[on])
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 

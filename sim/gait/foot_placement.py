@@ -160,11 +160,10 @@ PLACEMENT = PlacementParameters()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
-    """A foothold.
+class Foothold:
+    """A foothold of the foot `l` or `r`.
 
     Attributes:
-        foot: `l` or `r`.
         s: Arc length along the way, m.
         strip: Strip of ground there.
         pause_s: Time that the walker stands still on both feet after this step, s.
@@ -181,17 +180,17 @@ def limp(gait: Gait, foot: str) -> float:
     return 1.0 + (gait.asymmetry if foot == "l" else -gait.asymmetry)
 
 
-def places(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Place]:
+def footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Foothold]:
     """Footholds in order, right foot first, from s = 0 to the end of the route, where the feet end side by side.
 
     Raises:
         ConfigError: A strip too short for a foot.
     """
-    found: list[Place] = []
+    found: list[Foothold] = []
     for k in range(len(layout.profile)):
         found += _on_strip(layout, k, size, gait, tempo, rng, len(found))
     last = found[-1]
-    return [*found, Place(foot=_foot(len(found)), s=last.s, strip=last.strip)]
+    return [*found, Foothold(foot=_foot(len(found)), s=last.s, strip=last.strip)]
 
 
 def _foot(i: int) -> str:
@@ -200,7 +199,7 @@ def _foot(i: int) -> str:
 
 def _on_strip(
     layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
-) -> list[Place]:  # fmt: skip
+) -> list[Foothold]:  # fmt: skip
     """Footholds on strip k (none for the two feet that stand at the start); `first` counts those before."""
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x
@@ -216,7 +215,7 @@ def _on_strip(
         rising = strip.z0 > profile[k - 1].z1
         ahead, behind = max(free, 1.2 * PLACEMENT.edge_m), max(free, PLACEMENT.behind_on_tread_m)
         s = strip.s1 - ahead - toe if rising else strip.s0 + behind + heel
-        return [Place(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
+        return [Foothold(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
 
     def step(s: Array) -> Array:
         steeper = max(abs(strip.slope) - PLACEMENT.steep_rad, 0)
@@ -248,7 +247,7 @@ def _on_strip(
         count = len(joined) + 1
         if led is not None and _foot(first + count) != led:
             count += 1
-        return [Place(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
+        return [Foothold(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
     lead = 0.7 if first_strip else 0.0  # from standing, the first step is shorter
     along, paces = paced(layout.way, start, stop, step)
     if first_strip:
@@ -268,8 +267,8 @@ def _on_strip(
     if len(s) > 2:
         lengths = np.gradient(s)[1:-1]
         s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -0.06, 0.06) * lengths
-    before = [Place(foot=_foot(first), s=x, strip=strip) for x in joined]
-    return before + [Place(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
+    before = [Foothold(foot=_foot(first), s=x, strip=strip) for x in joined]
+    return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
 
 
 def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:

@@ -14,8 +14,17 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import ASYMMETRY_MAX, GAZES, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
-from stridetwin.sim.gait.foot_placement import PLACEMENT, Place, Tempo, limp, places, speed_share, turn_share, widening
-from stridetwin.sim.gait.style import Style, held, level_style, pace, shuffled, style_at
+from stridetwin.sim.gait.foot_placement import (
+    PLACEMENT,
+    Foothold,
+    Tempo,
+    footholds,
+    limp,
+    speed_share,
+    turn_share,
+    widening,
+)
+from stridetwin.sim.gait.style import Style, level_style, pace, prolonged, shuffled, style_at
 from stridetwin.sim.kinematics.rotation import rot_x, rot_y, rot_z
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Layout, Strip
@@ -96,38 +105,38 @@ def check_gait(gait: Gait) -> None:
 
 
 def timing(
-    way: Way, prints: Sequence[Place], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
+    way: Way, holds: Sequence[Foothold], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> tuple[Array, list[Style]]:  # fmt: skip
     """(N,) time from the previous touch-down to each touch-down, s, and the style of each step."""
-    rises = _rises(prints)
-    even = _durations(way, prints, rises, gait, tempo, rng)
-    styles = [shuffled(style, gait.shuffle) for style in _styles(prints, rises, even, size)]
-    durations = even * [limp(gait, place.foot) for place in prints]
-    pauses = np.array([0.0, *(place.pause_s for place in prints[:-1])])
-    styles = [held(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
+    rises = _rises(holds)
+    even = _durations(way, holds, rises, gait, tempo, rng)
+    styles = [shuffled(style, gait.shuffle) for style in _styles(holds, rises, even, size)]
+    durations = even * [limp(gait, hold.foot) for hold in holds]
+    pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
+    styles = [prolonged(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
     return durations + pauses, styles
 
 
-def _rises(prints: Sequence[Place]) -> list[float]:
+def _rises(holds: Sequence[Foothold]) -> list[float]:
     """Height of the riser of each step, m, including steps that bring one foot beside the other; 0 for none."""
     rises = []
-    for i, place in enumerate(prints):
-        before = prints[i - 1] if i else None
-        if before is not None and before.s == place.s and before.strip is place.strip and i > 1:
-            before = prints[i - 2]
-        far = before is None or place.strip is before.strip or place.s - before.s >= 1.0
-        rise = 0.0 if far or before is None else place.strip.z0 - before.strip.z1
+    for i, hold in enumerate(holds):
+        before = holds[i - 1] if i else None
+        if before is not None and before.s == hold.s and before.strip is hold.strip and i > 1:
+            before = holds[i - 2]
+        far = before is None or hold.strip is before.strip or hold.s - before.s >= 1.0
+        rise = 0.0 if far or before is None else hold.strip.z0 - before.strip.z1
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
 
 
 def _durations(
-    way: Way, prints: Sequence[Place], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
+    way: Way, holds: Sequence[Foothold], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> Array:  # fmt: skip
     """Durations of the steps of an even gait, s."""
     durations, previous = [], 0.0
-    for i, (place, rise) in enumerate(zip(prints, rises)):
-        s = place.s
+    for i, (hold, rise) in enumerate(zip(holds, rises)):
+        s = hold.s
         middle = (s + previous) / 2
         level_step = tempo.duration(middle)
         if rise:
@@ -140,11 +149,11 @@ def _durations(
             ratio = np.clip(
                 max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s)), 0.3, 1.3
             )
-            ramp = place.strip.terrain == "ramp"
-            steep = max(abs(place.strip.slope) - PLACEMENT.steep_rad, 0.0) if ramp else 0.0
+            ramp = hold.strip.terrain == "ramp"
+            steep = max(abs(hold.strip.slope) - PLACEMENT.steep_rad, 0.0) if ramp else 0.0
             own = (STEP.ramp_time if ramp else 1.0) * (1.0 + STEP.slower_steep * steep) / slower
             duration = level_step * own * (0.55 + 0.45 * ratio)
-        if i == 0 or i == len(prints) - 1:
+        if i == 0 or i == len(holds) - 1:
             duration = max(duration, 0.9 * level_step)
         durations.append(duration * (1.0 + np.clip(rng.normal(0.0, gait.step_sd), -0.06, 0.06)))
         previous = s
@@ -152,9 +161,9 @@ def _durations(
     return np.convolve(np.pad(durations, 1, mode="edge"), [0.2, 0.6, 0.2], mode="valid")
 
 
-def _styles(prints: Sequence[Place], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
+def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
     """Style of each step, by its own speed."""
-    speeds = np.diff([0.0, *(place.s for place in prints)]) / durations
+    speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
     styles = []
     for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
@@ -166,7 +175,7 @@ def _styles(prints: Sequence[Place], rises: Sequence[float], durations: Array, s
         if before < 0.0:
             style = replace(style, double_support=max(style.double_support, STEP.come_down_double_support))
         swing = duration * (1.0 - float(style.double_support))
-        styles.append(held(style, max(swing / STEP.stair_swing_max_s, 1.0)) if rise else style)
+        styles.append(prolonged(style, max(swing / STEP.stair_swing_max_s, 1.0)) if rise else style)
     return styles
 
 
@@ -222,12 +231,12 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
     """
     check_gait(gait)
     tempo = Tempo.along(layout, size, gait, rng)
-    prints = places(layout, size, gait, tempo, rng)
-    durations, styles = timing(layout.way, prints, size, gait, tempo, rng)
+    holds = footholds(layout, size, gait, tempo, rng)
+    durations, styles = timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + STEP.lead_s + np.cumsum(durations)
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
-    rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(prints, touch, styles)]
+    rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)

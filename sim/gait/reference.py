@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
-from stridetwin.sim.gait.foot_path import FootPath, foot_path, heel_given
+from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend, travel
@@ -189,7 +189,7 @@ def reference(
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
             paths = {
-                side: heel_given(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
+                side: with_heel_rise(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
             centres, wanted = _pressed(steps, paths, shares, travels, size, t, terrain.height)

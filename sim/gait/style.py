@@ -169,7 +169,7 @@ def style_at(pace: float) -> Style:
     style = _scaled(style, max(shorter, _MANNER.least_share))
     height = style.height.copy()
     height[0] += (1.0 - shorter) * (_MANNER.height_slow - height[0])
-    return held(replace(style, height=height), longer, longer**_MANNER.swing_with_step)
+    return prolonged(replace(style, height=height), longer, longer**_MANNER.swing_with_step)
 
 
 def shuffled(style: Style, shuffle: float) -> Style:
@@ -179,7 +179,7 @@ def shuffled(style: Style, shuffle: float) -> Style:
     k = 1.0 - _MANNER.shuffle_lowers * shuffle
     flat = _scaled(style, 1.0 - _MANNER.shuffle_flattens * shuffle)
     flat = replace(flat, forward=style.forward * k, lift=style.lift * k)
-    return held(flat, 1.0, 1.0 - _MANNER.shuffle_stays * shuffle)
+    return prolonged(flat, 1.0, 1.0 - _MANNER.shuffle_stays * shuffle)
 
 
 def shuffled_share(shuffle: float) -> float:
@@ -187,7 +187,7 @@ def shuffled_share(shuffle: float) -> float:
     return 1.0 - _MANNER.shuffle_shortens * shuffle
 
 
-def held(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
+def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
     """Style of a step that takes `longer` times as long, while its swing takes `swing_longer` times as long."""
     share = swing_longer / longer
     return replace(

@@ -1,4 +1,4 @@
-"""The far end of a rendering process: poses in, pictures out. `sim.rendering.camera_processes` runs it as a program."""
+"""The far end of a rendering process: poses in, images out. `sim.rendering.camera_processes` runs it as a program."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def _serve(asked: IO[bytes], answers: IO[bytes]) -> None:
                 due, qpos, uppers = pickle.load(asked)
             except EOFError:
                 return
-            for picture in rendering.frames(due, qpos, uppers):
-                pickle.dump(picture, answers, protocol=5)
+            for image in rendering.frames(due, qpos, uppers):
+                pickle.dump(image, answers, protocol=5)
             answers.flush()
 
 
 if __name__ == "__main__":
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing that a library prints gets between the pictures
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing that a library prints gets between the images
     try:
         _serve(sys.stdin.buffer, out)
     except (BrokenPipeError, KeyboardInterrupt):

@@ -145,26 +145,26 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     corner = cells[list(_OUTLINE)]
     after, before = np.roll(corner, -1, axis=0), np.roll(corner, 1, axis=0)
     # A right foot's outline is clockwise.
-    turning = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
-    inside = _into(corner, after, turning, cop)
+    sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
+    inside = _into(corner, after, sense, cop)
     # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
     # far sides.
-    area = np.maximum(turning * _cross(after - corner, inside[:, None] - corner), 0.0)
-    at_corner = turning * _cross(after - corner, before - corner)
+    area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
+    at_corner = sense * _cross(after - corner, before - corner)
     weight = at_corner * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)
     shares[:, _OUTLINE] = weight / weight.sum(axis=-1, keepdims=True)
     return shares
 
 
-def _into(corner: Array, after: Array, turning: float, point: Array) -> Array:
+def _into(corner: Array, after: Array, sense: float, point: Array) -> Array:
     """Points (N, 2); those outside the outline are moved to its nearest point."""
     side = after - corner
     to = point[:, None] - corner
     share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)
     nearest = corner + share[..., None] * side
     best = np.argmin(np.linalg.norm(point[:, None] - nearest, axis=-1), axis=-1)
-    outside = np.any(turning * _cross(side, to) < 0, axis=-1)
+    outside = np.any(sense * _cross(side, to) < 0, axis=-1)
     return np.where(outside[:, None], nearest[np.arange(len(point)), best], point)
 
 
