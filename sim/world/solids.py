@@ -164,13 +164,9 @@ class SolidSet:
         self.edges = self._find_edges()
 
     def top_facet(self, xy: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
-        """Height of the surface, and the solid that it belongs to.
+        """(...) height of the surface at (..., 2) points, m, and (...) index of its solid, -1 for the ground plane.
 
-        Args:
-            xy: (..., 2) points in the world, m. A point on a border belongs to the higher side.
-
-        Returns:
-            (...) height, m, and (...) index of the solid, -1 for the ground plane.
+        A point on a border belongs to the higher side.
         """
         points = np.asarray(xy, dtype=float)
         height, which = top(
@@ -197,11 +193,7 @@ class SolidSet:
         return np.min(np.linalg.norm(points - nearest, axis=-1), axis=-1)
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-        """Nearest intersections of rays with the surface.
-
-        Args:
-            origins: (N, 3) in the world, m.
-            directions: (N, 3) in the world, any length but zero.
+        """Nearest intersections of rays with the surface, from (N, 3) origins along (N, 3) directions of any length.
 
         Returns:
             (N,) distance, m: inf for a miss, 0 for an origin inside a solid; and (N, 3) outward normal of the face

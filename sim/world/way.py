@@ -76,17 +76,10 @@ class Way:
         return point + beyond[..., None] * along + np.asarray(left, dtype=float)[..., None] * aside
 
     def project(self, path: ArrayLike, reach_m: float = 0.6, begin: float = 0.0) -> Array:
-        """Arc lengths of the points of the way that are nearest to a path.
+        """(N,) arc lengths, m, of the points of the way that are nearest to an (N, 2) path in order of time.
 
-        The path is followed from its start, which resolves ambiguities where two parts of the way meet.
-
-        Args:
-            path: (N, 2) m in the world, in order of time.
-            reach_m: Largest distance along the way between consecutive samples.
-            begin: Arc length near the first sample, m.
-
-        Returns:
-            (N,) m.
+        The path is followed from its start, near arc length `begin`, which resolves ambiguities where two parts of the
+        way meet; consecutive samples are up to `reach_m` apart along the way.
         """
         path = np.asarray(path, dtype=float)
         s0, s1 = self.segments[0].s0, self.segments[-1].s1
