@@ -281,23 +281,14 @@ def _footstep(
     left = side * (STEP.half_step_width_m + wider) + float(np.clip(rng.normal(0.0, 0.4 * gait.step_sd), -0.015, 0.015))
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
     return Footstep(
-        foot=row.foot,
-        p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
-        R_world_sole=R_world_ground @ rot_z(np.array(side * STEP.toe_out_rad)),
-        s=row.s,
-        heading=heading,
-        slope=slope,
-        rise=rise,
-        fall=row.z - ahead.z,
-        terrain=row.strip.terrain,
-        mode=mode,
+        foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
+        R_world_sole=R_world_ground @ rot_z(np.array(side * STEP.toe_out_rad)), s=row.s, heading=heading, slope=slope,
+        rise=rise, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
         arrival="flat" if flat else "forefoot" if risen < -_RISER_M else "heel",
         departure="climb" if next_risen > _RISER_M else "lower" if next_risen < -_RISER_M else "push",
-        t_touch=row.t_touch,
-        t_off=t_off,
-        style=row.style,
+        t_touch=row.t_touch, t_off=t_off, style=row.style,
         clearance_m=STEP.clearance_m + gait.shuffle * (STEP.sliding_m - STEP.clearance_m),
-    )
+    )  # fmt: skip
 
 
 def _riser(a: _Row, b: _Row) -> float:

@@ -82,10 +82,7 @@ feet, 56 strikes of one person."""
 def case_parameters(strike: float) -> ShoeParameters:
     """Vibration of a sensor case on head or chest after the strikes of both heels: a mostly vertical, decaying impulse.
 
-    Images do not show it: 10 m/s² at 12 Hz are 2 mm.
-
-    Args:
-        strike: m/s², the largest acceleration up.
+    `strike` is the largest acceleration up, m/s². Images do not show it: 10 m/s² at 12 Hz are 2 mm.
     """
     return ShoeParameters(
         mode_hz=np.array([12.0, 25.0]),
@@ -110,15 +107,10 @@ _UP = 2  # index in displacement (forward, left, up) and rotation
 
 @numba.njit(cache=True)
 def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
-    """A mode's oscillation after a strike, and its time derivative.
+    """A mode's oscillation at (N,) s after a strike, and its time derivative.
 
-    s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1.
-
-    Args:
-        tau: (N,) s since the strike.
-        hz: f.
-        decay_s: T.
-        phase: rad, φ.
+    s(τ) exp(-τ/T) sin(2πfτ + φ) with f = `hz`, T = `decay_s` and φ = `phase`, where s rises smoothly (zero first and
+    second derivative at both ends) from 0 to 1.
     """
     value, rate, omega = np.empty(len(tau)), np.empty(len(tau)), 2 * np.pi * hz
     for i in range(len(tau)):
@@ -173,15 +165,10 @@ class UpperMotion:
         cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
         pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
     ) -> Self:  # fmt: skip
-        """The motion of a walk.
+        """The motion of a walk with the footsteps of one foot; `rng` draws the variation from strike to strike.
 
-        Args:
-            steps: Footsteps of one foot.
-            pitch: (N,) s -> (N,) rad, pitch of its sole relative to the ground.
-            speed: (N,) s -> (N,) m/s, speed of the foot.
-            pivot: (3,) m in the foot's frame: position of the sensors, where the parameters were recorded.
-            rng: Draws the variation from strike to strike.
-            parameters: Parameters of the shoe.
+        `pitch` of the sole relative to the ground, rad, and `speed` of the foot, m/s, are functions of (N,) s. The
+        pivot, (3,) m in the foot's frame, is the position of the sensors, where the parameters were recorded.
         """
         landed = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)

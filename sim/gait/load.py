@@ -93,7 +93,7 @@ def pressure_centres(
 
     Args:
         steps: The footsteps of this foot, in order.
-        shoe: Its sole.
+        shoe: Sole of this foot.
         t: (N,) s.
         wanted: (N,) by time alone (`travel`).
         pitch: (N,) rad, of the foot relative to its ground, toes down positive: only the parts of the sole on the

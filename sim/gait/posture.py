@@ -72,17 +72,7 @@ class Look:
 def look(
     gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
 ) -> Look:  # fmt: skip
-    """Rotations of head and chest.
-
-    Args:
-        gaze: Kind of gaze and its offsets.
-        t: (N,) uniform s.
-        s: (N,) m, the walker along the way.
-        climb: (N,) mean slope of the ground nearby.
-        profile: Ground along the way.
-        leg_m: Hip centre to sole, m.
-        rng: Draws the directions of a wandering gaze; other kinds do not use it.
-    """
+    """Rotations of head and chest at (N,) m along the way, with (N,) mean slope nearby; the rest as for `posture`."""
     dt = float(t[1] - t[0])
     usual = _GAZE.level_pitch + _GAZE.by_climb * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
@@ -186,16 +176,16 @@ def posture(
     rhythm: Rhythm, paths: dict[str, FootPath], leg_m: float, t: Array, profile: Sequence[Strip], gaze: Gaze,
     rng: np.random.Generator,
 ) -> Posture:  # fmt: skip
-    """Posture for the motion of the feet.
+    """Posture for the motion of the feet; the styles of the steps give the amplitudes of the pelvis.
 
     Args:
-        rhythm: Steps; their styles give the amplitudes of the pelvis.
+        rhythm: Steps.
         paths: Path of each foot.
         leg_m: Hip centre to sole, m.
         t: (N,) uniform s.
         profile: Ground along the way.
         gaze: Gaze of the walker.
-        rng: Draws the directions of a wandering gaze.
+        rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
     heading = _smoothed((paths["l"].heading + paths["r"].heading) / 2, _POSTURE.turn_smoothing_s, dt)

@@ -102,7 +102,7 @@ class Reference:
 
     Attributes:
         duration_s: Length of the walk.
-        size: The wearer who walks.
+        size: Wearer.
         steps: Footsteps of each foot in order of time, initial stance first.
         coordinates: Layout of the generalised coordinates.
         splines: Quintic splines of the coordinates (`Coordinates.names`).
@@ -136,14 +136,7 @@ class Reference:
 def reference(
     config: TwinConfig, model: mujoco.MjModel, size: Wearer, terrain: Terrain, rng: np.random.Generator
 ) -> Reference:
-    """Plans the whole walk.
-
-    Args:
-        config: Scenario.
-        model: Compiled model of the wearer on the terrain.
-        size: Wearer.
-        terrain: Ground.
-        rng: Step-to-step variability.
+    """Plans the whole walk for a compiled model of the wearer on the terrain; `rng` varies the steps.
 
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.

@@ -42,8 +42,7 @@ class Due:
     """One frame to render.
 
     Attributes:
-        t_ns: Time of the frame.
-        topic: Topic of the camera.
+        t_ns, topic: Time of the frame, and topic of the camera.
         twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s), first of the body
             that carries the camera (the upper of a shoe, for a camera on a foot), then of the body with the board.
     """
@@ -88,15 +87,7 @@ def _blank(whole: tuple[int, int]) -> Pixels:
 
 
 class Cameras:
-    """Renders cameras; a context manager, because it holds graphics memory.
-
-    Args:
-        model: Compiled model.
-        sensor_rig: The sensors with their true calibration.
-        crowd: Bystanders.
-        seed: Seed of the walk.
-        mount_slips: Slip of the camera mounts.
-    """
+    """Renders the cameras of a rig; a context manager, because it holds graphics memory."""
 
     def __init__(
         self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,

@@ -112,8 +112,7 @@ class Lens:
 
     Attributes:
         straight: Whether there is no distortion.
-        width: Width of the pinhole image to render, pixels.
-        height: Height of that image, pixels.
+        width, height: Size of the pinhole image to render, pixels.
         intrinsics: Intrinsics of that image, (fu, fv, pu, pv).
 
     Raises:

@@ -47,12 +47,7 @@ class Sky:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, far: float) -> Self | None:
-        """The sky box of a model, averaged over azimuth; None without one.
-
-        Args:
-            model: Compiled model.
-            far: Distance of the far plane, m.
-        """
+        """The sky box of a model, averaged over azimuth; None without one. The far plane is at `far` m."""
         boxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
         if not len(boxes):
             return None
@@ -80,11 +75,7 @@ class Sky:
     ) -> None:  # fmt: skip
         """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
 
-        Args:
-            rgb: The image.
-            depth: (H, W) along the optical axis, m; inf where nothing was rendered.
-            T_world_camera: (4, 4) pose of the optical frame.
-            intrinsics: (fu, fv, pu, pv), pixels.
+        The depth, (H, W) m along the optical axis, is inf where nothing was rendered; intrinsics as in `SensorView`.
         """
         steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
         _paint(

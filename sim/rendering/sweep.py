@@ -24,8 +24,7 @@ class Sweep:
 
     Attributes:
         K: (3, 3) camera matrix of the image.
-        normal: (3,) unit normal of the plane.
-        distance: m along it from the camera, signed.
+        normal, distance: (3,) unit normal of the plane, and m along it from the camera, signed.
         velocity: (3,) m/s of the plane where the camera is: a point X of it moves with `velocity` + `rate` × X.
         rate: (3,) rad/s.
     """

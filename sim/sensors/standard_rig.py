@@ -52,14 +52,7 @@ Calibration = ImuCalibration | CameraCalibration | OtherSensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MountedSensor:
-    """A mounted sensor.
-
-    Attributes:
-        group: Group of the sensor.
-        calibration: Nominal calibration.
-        part: True parameters.
-        sensor_config: Differences from the standard sensor.
-    """
+    """A mounted sensor of a group: nominal calibration, true parameters, and its differences from the standard."""
 
     group: str
     calibration: Calibration
@@ -74,12 +67,7 @@ class MountedSensor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorRig:
-    """All sensors of a walk.
-
-    Attributes:
-        rig: True calibration.
-        sensors: Sensors with their true parameters, by topic.
-    """
+    """All sensors of a walk: their true calibration, and by topic their true parameters."""
 
     rig: Rig
     sensors: dict[str, MountedSensor]
@@ -97,11 +85,7 @@ def standard_rig(config: TwinConfig) -> Rig:
 
 
 def sensor_rig(config: TwinConfig) -> SensorRig:
-    """The sensors of a walk.
-
-    Args:
-        config: Groups of sensors that are on, their parts, and the place of the RGB-D camera. Without exoskeleton, its
-            groups are omitted.
+    """The sensors of a walk; without exoskeleton, its groups are omitted.
 
     Raises:
         ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
@@ -153,19 +137,14 @@ def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str
 def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
-        topic=topic,
-        part=part.description,
-        rate_hz=part.rate_hz,
-        mount=mount,
+        topic=topic, part=part.description, rate_hz=part.rate_hz, mount=mount,
         gyroscope_noise_density=gyroscope.noise_density,
         gyroscope_random_walk=gyroscope.bias_instability / math.sqrt(_WALK_S),
         accelerometer_noise_density=accelerometer.noise_density,
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
-        gyroscope_bias_sd=gyroscope.turn_on_bias,
-        accelerometer_bias_sd=accelerometer.turn_on_bias,
-        gyroscope_range=_finite(gyroscope.range),
-        accelerometer_range=_finite(accelerometer.range),
-    )
+        gyroscope_bias_sd=gyroscope.turn_on_bias, accelerometer_bias_sd=accelerometer.turn_on_bias,
+        gyroscope_range=_finite(gyroscope.range), accelerometer_range=_finite(accelerometer.range),
+    )  # fmt: skip
 
 
 def _finite(range_: float) -> float:
@@ -204,19 +183,13 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
     imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
-        topic=f"/{place}/color" if depth else f"/{place}/camera",
-        part=part.description,
-        rate_hz=part.rate_hz,
-        mount=mount,
-        width=width,
-        height=height,
+        topic=f"/{place}/color" if depth else f"/{place}/camera", part=part.description, rate_hz=part.rate_hz,
+        mount=mount, width=width, height=height,
         intrinsics=(imager.focal, imager.focal, (width - 1) / 2, (height - 1) / 2),
-        distortion_model=imager.distortion_model,
-        distortion=imager.distortion,
-        depth_topic=f"/{place}/depth" if depth else "",
-        imu_topic=f"/{place}/imu",
+        distortion_model=imager.distortion_model, distortion=imager.distortion,
+        depth_topic=f"/{place}/depth" if depth else "", imu_topic=f"/{place}/imu",
         timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
-    )
+    )  # fmt: skip
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
@@ -273,13 +246,9 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
 def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
     part, nominal, sensor_config = _fit(config, group, more.pop("standard", None))
     calibration = OtherSensor(
-        topic=topic,
-        kind=kind,
-        part=more.pop("named", nominal.description),
-        rate_hz=nominal.rate_hz,
-        mount=mount,
+        topic=topic, kind=kind, part=more.pop("named", nominal.description), rate_hz=nominal.rate_hz, mount=mount,
         parameters=NOMINAL[kind](nominal) | more,
-    )
+    )  # fmt: skip
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 

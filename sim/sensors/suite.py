@@ -25,15 +25,7 @@ from stridetwin.streams.samples import Array, Block
 
 
 class SensorSuite:
-    """Every sensor of the rig except the cameras.
-
-    Args:
-        sensor_rig: The sensors with their true calibration.
-        terrain: Ground, for the sonars.
-        crowd: Bystanders, for the sonars.
-        seed: Seed of the walk.
-        mount_slips: Slip of the sensor mounts.
-    """
+    """Every sensor of the rig except the cameras; the sonars need terrain and bystanders."""
 
     def __init__(
         self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None

@@ -174,15 +174,11 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
         face = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(len(group))[:, None, None]
         name = f"scenery_{material}"
         spec.add_mesh(
-            name=name,
-            uservert=vertices.ravel(),
-            usernormal=np.repeat(normal, 4, axis=0).ravel(),
-            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M,
-            userface=face.ravel(),
-            userfacenormal=face.ravel(),
-            userfacetexcoord=face.ravel(),
+            name=name, uservert=vertices.ravel(), usernormal=np.repeat(normal, 4, axis=0).ravel(),
+            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M, userface=face.ravel(),
+            userfacenormal=face.ravel(), userfacetexcoord=face.ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )
+        )  # fmt: skip
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name,
             material=_add_material(spec, material, finish).name,
