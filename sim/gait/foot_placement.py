@@ -148,8 +148,14 @@ class PlacementParameters:
     shorter_steep: float = 2.2  # share of a step per rad beyond
     edge_m: float = 0.01  # between the sole and any edge
     toe_to_riser_m: float = 0.07
+    tread_share: float = 0.8  # of the free part of a tread, between the foot and the riser
+    before_riser_m: float = 0.012  # going up, least distance of the toes from the next riser
     heel_from_riser_m: float = 0.03
     behind_on_tread_m: float = 0.022  # going down, the heel stays clear of the riser and the toes overhang the edge
+    ramp_step: float = 0.92  # step length relative to the level
+    first_step: float = 0.7  # likewise, from standing
+    another_step: float = 0.35  # share of a step from which another one is made
+    largest_error: float = 0.06  # share of a step length, limit of its variability
     stops_from_mps: float = 1.2  # faster walkers stop with a shorter last step
     stroll_steps: int = 9  # on average between two pauses
     pause_s: tuple[float, float] = (0.6, 2.5)  # shortest and longest
@@ -209,26 +215,21 @@ def _on_strip(
         return []
     both = gait.stairs == "step_by_step"
     if strip.terrain == "stair":
-        # the foot stays clear of the riser, the one in front going up, the one behind going down; a foot longer than
-        # the tread overhangs the free edge
-        free = 0.8 * (strip.s1 - strip.s0 - heel - toe)
-        rising = strip.z0 > profile[k - 1].z1
-        ahead, behind = max(free, 1.2 * PLACEMENT.edge_m), max(free, PLACEMENT.behind_on_tread_m)
-        s = strip.s1 - ahead - toe if rising else strip.s0 + behind + heel
+        s = _on_tread(strip, strip.z0 > profile[k - 1].z1, heel, toe)
         return [Foothold(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
 
     def step(s: Array) -> Array:
         steeper = max(abs(strip.slope) - PLACEMENT.steep_rad, 0)
-        return tempo.step(s) * (1.0 if strip.terrain == "level" else 0.92 - PLACEMENT.shorter_steep * steeper)
+        share = PLACEMENT.ramp_step - PLACEMENT.shorter_steep * steeper
+        return tempo.step(s) * (1.0 if strip.terrain == "level" else share)
 
     def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
         return max((float(tempo.step(s)) - heel - toe) / 2, PLACEMENT.edge_m)
 
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
-    start = (
-        0.0 if first_strip else strip.s0 + heel + (PLACEMENT.heel_from_riser_m if riser_before else across(strip.s0))
-    )
+    clear = PLACEMENT.heel_from_riser_m if riser_before else across(strip.s0)
+    start = 0.0 if first_strip else strip.s0 + heel + clear
     if last_strip:
         stop = end
     elif riser_after:
@@ -248,12 +249,12 @@ def _on_strip(
         if led is not None and _foot(first + count) != led:
             count += 1
         return [Foothold(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
-    lead = 0.7 if first_strip else 0.0  # from standing, the first step is shorter
+    lead = PLACEMENT.first_step if first_strip else 0.0
     along, paces = paced(layout.way, start, stop, step)
     if first_strip:
         count = max(1, round(paces[-1] + 1 - lead))
     else:
-        count = max(1, round(paces[-1])) + 1 if paces[-1] > 0.35 else 1
+        count = max(1, round(paces[-1])) + 1 if paces[-1] > PLACEMENT.another_step else 1
     if led is not None and _foot(first + len(joined) + count) != led:
         count += 1
     feet = [_foot(first + len(joined) + i) for i in range(count)]
@@ -266,9 +267,21 @@ def _on_strip(
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:
         lengths = np.gradient(s)[1:-1]
-        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -0.06, 0.06) * lengths
+        most = PLACEMENT.largest_error
+        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -most, most) * lengths
     before = [Foothold(foot=_foot(first), s=x, strip=strip) for x in joined]
     return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
+
+
+def _on_tread(strip: Strip, rising: bool, heel: float, toe: float) -> float:
+    """Arc length of a foot that stays clear of the riser, the one in front going up, the one behind going down.
+
+    A foot longer than the tread overhangs the free edge.
+    """
+    free = PLACEMENT.tread_share * (strip.s1 - strip.s0 - heel - toe)
+    if rising:
+        return strip.s1 - max(free, PLACEMENT.before_riser_m) - toe
+    return strip.s0 + max(free, PLACEMENT.behind_on_tread_m) + heel
 
 
 def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:

@@ -51,6 +51,15 @@ class StepParameters:
     stair_step_s: float = 0.60  # at the preferred speed of 1.2 m/s
     stair_swing_max_s: float = 0.75  # slower climbers stand on both feet for longer
     high_riser_m: float = 0.18  # steps over higher ones take longer, in proportion
+    preferred_mps: float = 1.2  # speed at which `stair_step_s` holds
+    time_by_length: float = 0.45  # growth of the step time with the step length, relative to both
+    length_range: tuple[float, float] = (0.3, 1.3)  # within which it grows
+    first_and_last: float = 0.9  # least time of these steps relative to the usual one
+    largest_error: float = 0.06  # share of a step time, limit of its variability
+    shared_time: tuple[float, float, float] = (0.2, 0.6, 0.2)  # neighbouring steps share their tempo
+    shared_speed: tuple[float, float, float] = (0.25, 0.5, 0.25)  # likewise, the speed that determines the style
+    side_sd: float = 0.4  # m, lateral SD of a foothold per unit of `Gait.step_sd`
+    largest_side_m: float = 0.015  # limit of that
     slower_steep: float = 2.5  # share of a step time per rad beyond `PLACEMENT.steep_rad`
     half_step_width_m: float = 0.060  # the shoes carry housings on their inner sides
     toe_out_rad: float = 0.09
@@ -140,31 +149,31 @@ def _durations(
         middle = (s + previous) / 2
         level_step = tempo.duration(middle)
         if rise:
-            stair_step = STEP.stair_step_s * np.sqrt(1.2 / tempo.on_stairs(s))
+            stair_step = STEP.stair_step_s * np.sqrt(STEP.preferred_mps / tempo.on_stairs(s))
             duration = (
                 stair_step * (STEP.up_time if rise > 0 else STEP.down_time) * max(abs(rise) / STEP.high_riser_m, 1.0)
             )
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
-            ratio = np.clip(
-                max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s)), 0.3, 1.3
-            )
+            ratio = max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s))
+            ratio = np.clip(ratio, *STEP.length_range)
             ramp = hold.strip.terrain == "ramp"
             steep = max(abs(hold.strip.slope) - PLACEMENT.steep_rad, 0.0) if ramp else 0.0
             own = (STEP.ramp_time if ramp else 1.0) * (1.0 + STEP.slower_steep * steep) / slower
-            duration = level_step * own * (0.55 + 0.45 * ratio)
+            duration = level_step * own * (1.0 - STEP.time_by_length + STEP.time_by_length * ratio)
         if i == 0 or i == len(holds) - 1:
-            duration = max(duration, 0.9 * level_step)
-        durations.append(duration * (1.0 + np.clip(rng.normal(0.0, gait.step_sd), -0.06, 0.06)))
+            duration = max(duration, STEP.first_and_last * level_step)
+        error = np.clip(rng.normal(0.0, gait.step_sd), -STEP.largest_error, STEP.largest_error)
+        durations.append(duration * (1.0 + error))
         previous = s
-    # neighbouring steps share their tempo: people do not change cadence abruptly
-    return np.convolve(np.pad(durations, 1, mode="edge"), [0.2, 0.6, 0.2], mode="valid")
+    # people do not change cadence abruptly
+    return np.convolve(np.pad(durations, 1, mode="edge"), STEP.shared_time, mode="valid")
 
 
 def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
     """Style of each step, by its own speed."""
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
-    speeds = np.convolve(np.pad(speeds, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
+    speeds = np.convolve(np.pad(speeds, 1, mode="edge"), STEP.shared_speed, mode="valid")
     styles = []
     for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
         style = style_at(pace(speed, size))
@@ -278,7 +287,8 @@ def _footstep(
     flat |= gait.shuffle > STEP.flat_shuffle and risen >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
     wider = widening(way, before.s, row.s)
-    left = side * (STEP.half_step_width_m + wider) + float(np.clip(rng.normal(0.0, 0.4 * gait.step_sd), -0.015, 0.015))
+    error = np.clip(rng.normal(0.0, STEP.side_sd * gait.step_sd), -STEP.largest_side_m, STEP.largest_side_m)
+    left = side * (STEP.half_step_width_m + wider) + float(error)
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
     return Footstep(
         foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),

@@ -234,7 +234,7 @@ def test_things_lie_flat_or_stand_clear_of_the_walker():
     np.testing.assert_array_equal(plain.height(way), full.height(way))  # nothing of it is ground
     boards = [m.box for m in full.landmarks if m.material == "wood" and m.box.bottom > 0.6]
     assert sorted(b.x - b.length / 2 for b in boards) == pytest.approx([0.5, 3.45])
-    assert {round(b.top, 3) for b in boards} == {0.72}
+    assert {round(b.start, 3) for b in boards} == {0.72}
     down = full.ray_cast([[3.8, 0.0, 1.5], [1.15, 0.0, 1.5]], [[0.0, 0.0, -1.0]] * 2)
     assert down == pytest.approx([1.5 - 0.72, 1.5])
     spec = mujoco.MjSpec()
