@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import ASYMMETRY_MAX, GAZES, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
 from stridetwin.sim.gait.foot_placement import (
@@ -26,6 +25,7 @@ from stridetwin.sim.gait.foot_placement import (
 )
 from stridetwin.sim.gait.style import Style, level_style, pace, prolonged, shuffled, style_at
 from stridetwin.sim.kinematics.rotation import rot_x, rot_y, rot_z
+from stridetwin.sim.kinematics.smooth import smoothed
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.sim.world.way import Way
@@ -339,19 +339,15 @@ class Rhythm:
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)
         inside = np.clip(t, knots[0], knots[-1])
-        return _smooth(PchipInterpolator(knots, count)(inside), t)
+        return smoothed(PchipInterpolator(knots, count)(inside), STEP.smoothing_s, t[1] - t[0])
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""
         middle = (self.begin + self.end) / 2
         at = np.concatenate([[self.begin[0] - STEP.shift_s / 2], middle, [self.end[-1] + STEP.settle_s / 2]])
-        return _smooth(np.interp(t, at, np.concatenate([[before], values, [after]])), t)
+        return smoothed(np.interp(t, at, np.concatenate([[before], values, [after]])), STEP.smoothing_s, t[1] - t[0])
 
     def styled(self, t: Array, name: str, rest: float, index: int | None = None) -> Array:
         """(N,) a field of the steps' styles, blended as in `blend`."""
         values = [getattr(step.style, name) for step in self.steps]
         return self.blend(t, np.array([v if index is None else v[index] for v in values]), rest, rest)
-
-
-def _smooth(x: Array, t: Array) -> Array:
-    return gaussian_filter1d(x, STEP.smoothing_s / (t[1] - t[0]), mode="nearest", truncate=5.0)

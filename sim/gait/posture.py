@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
 from stridetwin.sim.kinematics.rotation import from_euler
-from stridetwin.sim.kinematics.smooth import ease
-from stridetwin.sim.world.route import Strip
+from stridetwin.sim.kinematics.smooth import ease, smoothed
+from stridetwin.sim.world.route import Strip, profile_height
 from stridetwin.streams.samples import Array
 
 
@@ -77,7 +76,7 @@ def look(
     usual = _GAZE.level_pitch + _GAZE.by_climb * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
-        toward = _smoothed(_toward_ground(s, dt, profile, leg_m), _GAZE.pitch_smoothing_s, dt)
+        toward = smoothed(_toward_ground(s, dt, profile, leg_m), _GAZE.pitch_smoothing_s, dt)
         pitch = usual - _GAZE.level_pitch + toward
     elif gaze.kind == "wandering":
         away, yaw = _wander(t, rng)
@@ -91,18 +90,16 @@ def look(
     return Look(
         head_pitch=pitch,
         head_yaw=yaw,
-        chest_pitch=_GAZE.chest_pitch * _smoothed(pitch - usual, _GAZE.chest_smoothing_s, dt),
-        chest_yaw=_GAZE.chest_yaw * _smoothed(yaw, _GAZE.chest_smoothing_s, dt),
+        chest_pitch=_GAZE.chest_pitch * smoothed(pitch - usual, _GAZE.chest_smoothing_s, dt),
+        chest_yaw=_GAZE.chest_yaw * smoothed(yaw, _GAZE.chest_smoothing_s, dt),
     )
 
 
 def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
     """(N,) pitch of a head that looks at the ground where the walker will be in `_GAZE.ahead_s`."""
-    at = [v for strip in profile for v in (strip.s0, strip.s1)]
-    z = [v for strip in profile for v in (strip.z0, strip.z1)]
     rows = np.arange(len(s))
     ahead = np.maximum(np.interp(rows + _GAZE.ahead_s / dt, rows, s) - s, _GAZE.ahead_min_m)
-    below = _GAZE.eyes_legs * leg_m + np.interp(s, at, z) - np.interp(s + ahead, at, z)
+    below = _GAZE.eyes_legs * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
     return _GAZE.head_share * np.arctan2(np.maximum(below, 0.0), ahead)
 
 
@@ -188,14 +185,14 @@ def posture(
         rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
-    heading = _smoothed((paths["l"].heading + paths["r"].heading) / 2, _POSTURE.turn_smoothing_s, dt)
+    heading = smoothed((paths["l"].heading + paths["r"].heading) / 2, _POSTURE.turn_smoothing_s, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
-    stride = _smoothed(ahead, _POSTURE.swing_smoothing_s, dt)
+    stride = smoothed(ahead, _POSTURE.swing_smoothing_s, dt)
     left_first = float(rhythm.steps[0].foot == "l")  # a side of the pelvis is highest early in its stance
     list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _POSTURE.list_peak))
     s = (paths["l"].s + paths["r"].s) / 2
-    climb = _smoothed(_incline(s, profile), _POSTURE.climb_smoothing_s, dt)
+    climb = smoothed(_incline(s, profile), _POSTURE.climb_smoothing_s, dt)
     effort = np.clip(climb, 0.0, _POSTURE.effort_max)
     yaw = rhythm.styled(t, "turn", 0.0) * stride
     roll = rhythm.styled(t, "list_", 0.0) * list_to_left
@@ -218,7 +215,7 @@ def posture(
     for side, sign in (("l", 1.0), ("r", -1.0)):
         swing = sign * stride  # the left arm moves with the right foot
         flexion = torso_pitch + _POSTURE.arm_swing_rad * swing * np.where(swing > 0, _POSTURE.arm_forward, 1.0)
-        joints[f"shoulder_flexion_{side}"] = _smoothed(
+        joints[f"shoulder_flexion_{side}"] = smoothed(
             flexion + _POSTURE.arm_flexion_rad, _POSTURE.swing_smoothing_s, dt
         )
         joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, _POSTURE.arm_abduction_rad)
@@ -228,10 +225,8 @@ def posture(
 
 def _incline(s: Array, profile: Sequence[Strip]) -> Array:
     """(N,) mean slope of the ground from just behind the feet at s to the point of gaze."""
-    at = [v for strip in profile for v in (strip.s0, strip.s1)]
-    z = [v for strip in profile for v in (strip.z0, strip.z1)]
     ahead, behind = _POSTURE.look_ahead_m / 2, _POSTURE.look_behind_m
-    return (np.interp(s + ahead, at, z) - np.interp(s - behind, at, z)) / (ahead + behind)
+    return (profile_height(profile, s + ahead) - profile_height(profile, s - behind)) / (ahead + behind)
 
 
 def _ahead_of_time(x: Array, lead_s: float, dt: float) -> Array:
@@ -248,7 +243,3 @@ def _three_axes(name: str, R: Array) -> dict[str, Array]:
         f"{name}_bending": bending,
         f"{name}_rotation": np.arctan2(R[:, 1, 0], R[:, 1, 1]),
     }
-
-
-def _smoothed(x: Array, sigma_s: float, dt: float) -> Array:
-    return gaussian_filter1d(x, sigma_s / dt, axis=0, mode="nearest", truncate=5.0)

@@ -97,8 +97,7 @@ class Bystander:
         """Frames of `PARTS` at (M,) s: (M, 11, 3) origins in the world and (M, 11, 3, 3) axes; limbs along -z."""
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
-        ahead = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], -1)
-        left, up = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], -1), np.array([0.0, 0.0, 1.0])
+        (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
         k, origins, axes = self.size, [p], [_frame(left, up + _P.trunk_lean * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):
             ankle, R_foot, reach = self._foot(steps, odd)
@@ -151,8 +150,7 @@ class Bystander:
         bump = (4 * share * (1 - share)) ** 2
         ball[:, 2] += bump * (_P.lift_m + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
-        ahead = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], -1)
-        left = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], -1)
+        ahead, left = _horizontal(yaw)
         R = _pitched(left, ahead, -pitch)
         reach = np.where(share > 0, 2 * ease(share) - r, -r) * _P.step_m
         return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
@@ -179,7 +177,7 @@ def bystanders(
         rng: Draws their size and their start positions.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
-    along = gaussian_filter1d(np.interp(grid, t, s), _P.smoothing_s / _GRID_S, mode="nearest")
+    along = _smooth(np.interp(grid, t, s), _P.smoothing_s)
     walker = np.stack([np.interp(grid, t, column) for column in p_walker.T], -1)
     start = rng.uniform(0.0, 1.0)
     sense = float(rng.choice([-1.0, 1.0]))
@@ -195,15 +193,15 @@ def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, s
     beside = max(terrain.route.width_m / 2 - _P.edge_m - _P.stance_half_m, _P.beside_m)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
     s = along + _P.ahead_m * np.cos(turn)
-    s = gaussian_filter1d(np.clip(s, low, high), _P.clip_smoothing_s / _GRID_S, mode="nearest")
+    s = _smooth(np.clip(s, low, high), _P.clip_smoothing_s)
     left = beside * np.tanh(_P.square * np.sin(turn)) / np.tanh(_P.square)
-    p = gaussian_filter1d(way.point(s, left), _P.corner_s / _GRID_S, axis=0, mode="nearest")
+    p = _smooth(way.point(s, left), _P.corner_s)
     away = p - walker
     distance = np.linalg.norm(away, axis=1, keepdims=True)
     p = p + away / np.maximum(distance, 1e-6) * np.maximum(_P.keep_m - distance, 0.0)  # at corners they may come close
-    p = gaussian_filter1d(p, _P.path_smoothing_s / _GRID_S, axis=0, mode="nearest")
-    v = gaussian_filter1d(np.gradient(p, t, axis=0), _P.velocity_smoothing_s / _GRID_S, axis=0, mode="nearest")
-    yaw = gaussian_filter1d(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _P.yaw_smoothing_s / _GRID_S, mode="nearest")
+    p = _smooth(p, _P.path_smoothing_s)
+    v = _smooth(np.gradient(p, t, axis=0), _P.velocity_smoothing_s)
+    yaw = _smooth(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _P.yaw_smoothing_s)
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_P.step_m * size)
     relative_yaw = yaw - way.heading(s)
@@ -257,7 +255,11 @@ def _hip_height(body: Bystander) -> Array:
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
         level = np.linalg.norm(ankle[:, :2] - hip, axis=1)
         limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - level**2, 0.3)))
-    return gaussian_filter1d(np.minimum(*limits), _P.hip_smoothing_s / _GRID_S, mode="nearest") - 0.01
+    return _smooth(np.minimum(*limits), _P.hip_smoothing_s) - 0.01
+
+
+def _smooth(x: Array, sigma_s: float) -> Array:
+    return gaussian_filter1d(x, sigma_s / _GRID_S, axis=0, mode="nearest")
 
 
 def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: float) -> tuple[Array, Array]:
@@ -270,6 +272,12 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
     forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     return hip + thigh * (cos * unit + np.sqrt(1 - cos**2) * forward), hip + reached * unit
+
+
+def _horizontal(yaw: Array) -> tuple[Array, Array]:
+    """(N, 3) unit vectors ahead and to the left."""
+    cos, sin, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    return np.stack([cos, sin, zero], -1), np.stack([-sin, cos, zero], -1)
 
 
 def _frame(left: Array, up: Array) -> Array:

@@ -15,7 +15,7 @@ from operator import itemgetter
 import numpy as np
 
 from stridetwin.sim.config import Thing
-from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip
+from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip, profile_height
 from stridetwin.sim.world.solids import Solid, corners
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -168,11 +168,7 @@ def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
         if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
             reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _M.clearance)
     x, y = layout.way.point(s, side * reach).tolist()
-    return _Frame(x=x, y=y, yaw=yaw, z=_height(layout.profile, s))
-
-
-def _height(profile: tuple[Strip, ...], s: float) -> float:
-    return float(np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)]))
+    return _Frame(x=x, y=y, yaw=yaw, z=float(profile_height(layout.profile, s)))
 
 
 def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) -> list[Landmark]:

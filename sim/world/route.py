@@ -55,6 +55,11 @@ class Strip:
         return self.z0 + math.tan(self.slope) * (s - self.s0) + math.tan(self.cross_slope) * left
 
 
+def profile_height(profile: Sequence[Strip], s: ArrayLike) -> Array:
+    """(...) m, height of the way at (...) arc lengths."""
+    return np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Slab:
     """One flat segment of ground, a rectangle in plan view.
