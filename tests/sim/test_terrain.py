@@ -123,7 +123,7 @@ def test_rays_hit_risers_ramps_and_nothing():
 
 @settings(max_examples=25, deadline=None)
 @given(yaw=st.floats(-3.1, 3.1), seed=st.integers(0, 2**31))
-def test_turned_solids_answer_as_straight_ones(yaw, seed):
+def test_rotated_solids_give_the_same_answers(yaw, seed):
     rng = np.random.default_rng(seed)
     cos, sin = math.cos(yaw), math.sin(yaw)
     turn = np.array([[cos, -sin], [sin, cos]])
@@ -133,16 +133,16 @@ def test_turned_solids_answer_as_straight_ones(yaw, seed):
     ]
     straight = SolidSet([Solid(**b) for b in boxes], -0.2)
     centres = [turn @ (b["x"], b["y"]) for b in boxes]
-    turned = SolidSet([Solid(**{**b, "x": c[0], "y": c[1], "yaw": yaw}) for b, c in zip(boxes, centres)], -0.2)
+    rotated = SolidSet([Solid(**{**b, "x": c[0], "y": c[1], "yaw": yaw}) for b, c in zip(boxes, centres)], -0.2)
     xy = rng.uniform([-1.5, -0.8], [3.0, 0.8], (60, 2))
-    np.testing.assert_allclose(turned.top_facet(xy @ turn.T)[0], straight.top_facet(xy)[0], atol=1e-9)
-    np.testing.assert_allclose(turned.edge_distance(xy @ turn.T), straight.edge_distance(xy), atol=1e-7)
+    np.testing.assert_allclose(rotated.top_facet(xy @ turn.T)[0], straight.top_facet(xy)[0], atol=1e-9)
+    np.testing.assert_allclose(rotated.edge_distance(xy @ turn.T), straight.edge_distance(xy), atol=1e-7)
     rays = rng.standard_normal((60, 3))
     origins = np.column_stack([xy, np.full(60, 1.0)])
-    turned_rays = np.column_stack([rays[:, :2] @ turn.T, rays[:, 2]])
-    turned_origins = np.column_stack([xy @ turn.T, origins[:, 2]])
+    rotated_rays = np.column_stack([rays[:, :2] @ turn.T, rays[:, 2]])
+    rotated_origins = np.column_stack([xy @ turn.T, origins[:, 2]])
     np.testing.assert_allclose(
-        turned.ray_cast(turned_origins, turned_rays)[0],
+        rotated.ray_cast(rotated_origins, rotated_rays)[0],
         straight.ray_cast(origins, rays)[0],
         rtol=1e-7,
         atol=1e-7,

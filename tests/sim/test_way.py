@@ -85,15 +85,15 @@ def test_the_ground_of_a_turn_has_no_gap(angle, radius, left):
 
 
 def test_terrain_follows_the_way_after_a_turn():
-    turned = Route(
+    curved = Route(
         segments=(Level(length_m=2.0), Turn(angle_rad=math.pi / 2, radius_m=2.0), Level(length_m=1.0), STAIR)
     )
-    terrain = Terrain.from_route(turned)
+    terrain = Terrain.from_route(curved)
     straight = Terrain.from_route(Route(segments=(Level(length_m=3.0 + math.pi), STAIR)))
     s = np.linspace(0.0, 8.0, 300)
     way = terrain.layout.way
     np.testing.assert_allclose(terrain.height(way.point(s)), straight.height(np.stack([s, 0 * s], -1)), atol=1e-9)
-    ramp = Terrain.from_route(Route(segments=(*turned.segments[:3], RAMP, Level(length_m=1.0))))
+    ramp = Terrain.from_route(Route(segments=(*curved.segments[:3], RAMP, Level(length_m=1.0))))
     slope = ramp.normal(ramp.layout.way.point(2.0 + math.pi + 1.0 + 1.0))
     np.testing.assert_allclose(slope, [0.0, -math.sin(0.2), math.cos(0.2)], atol=1e-9)  # it now rises along +y
 
