@@ -65,14 +65,16 @@ class _Frame:
     z: float
 
     def box(
-        self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0
-    ) -> Solid:
+        self, material: str, length: float, width: float, bottom: float, top: float, along: float = 0.0,
+        left: float = 0.0,
+    ) -> Landmark:  # fmt: skip
         """A box here, or translated along the direction and to its left."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        return Solid.box(
+        solid = Solid.box(
             x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
             width=width, bottom=bottom, top=top,
         )  # fmt: skip
+        return Landmark(box=solid, material=material)
 
 
 def surroundings(
@@ -153,9 +155,7 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
                 yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
     x, y = layout.way.point(last.s1).tolist()
     end = _Frame(x=x, y=y, yaw=float(layout.way.heading(last.s1)), z=last.z1)
-    yield [
-        Landmark(box=end.box(0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0), material="brick")
-    ]
+    yield [end.box("brick", 0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0)]
 
 
 def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
@@ -175,9 +175,8 @@ def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) ->
     size = rng.uniform(0.3, 0.45)
     left = side * (size / 2 + rng.uniform(0.0, 0.5) + 0.05)
     top = at.z + rng.uniform(1.7, 2.6)
-    shaft = at.box(size, size, bottom, top, left=left)
-    cap = at.box(size + 0.1, size + 0.1, top, top + 0.08, left=left)
-    return [Landmark(box=shaft, material="plaster"), Landmark(box=cap, material="stone")]
+    shaft = at.box("plaster", size, size, bottom, top, left=left)
+    return [shaft, at.box("stone", size + 0.1, size + 0.1, top, top + 0.08, left=left)]
 
 
 def _planter(
@@ -187,9 +186,8 @@ def _planter(
     left = side * (depth / 2 + rng.uniform(0.0, 0.3))
     rim = at.z + rng.uniform(0.1, 0.2)
     top = rim + rng.uniform(*hedge_m)
-    trough = at.box(length, depth, bottom, rim, left=left)
-    hedge = at.box(length - 0.1, depth - 0.1, rim - 0.01, top, left=left)
-    return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]
+    trough = at.box("stone", length, depth, bottom, rim, left=left)
+    return [trough, at.box("leaves", length - 0.1, depth - 0.1, rim - 0.01, top, left=left)]
 
 
 def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
@@ -199,7 +197,7 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     built: list[Landmark] = []
     for line, along in ((lines[0], -_M.wall), (lines[-1], lines[-1].s1 - lines[-1].s0 + _M.wall)):
         end = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0)
-        yield [Landmark(box=end.box(_M.wall, 2 * half, bottom, top, along=along), material="brick")]
+        yield [end.box("brick", _M.wall, 2 * half, bottom, top, along=along)]
     for line in lines:
         if line.curvature:
             continue
@@ -208,19 +206,16 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             left = side * (half + _M.wall / 2)
             bricks = []
             for along in np.arange(-2 * half, length + 2 * half, _M.brick).tolist():
-                brick = start.box(_M.brick, _M.wall, bottom, top, along=along, left=left)
                 material = "brick" if math.floor((line.s0 + along) / _M.spacing + side) % 3 == 0 else "plaster"
-                if _clear(brick, layout, built, 0.0):
-                    built.append(Landmark(box=brick, material=material))
-                else:
-                    material = ""
-                bricks.append((material, along))
+                brick = start.box(material, _M.brick, _M.wall, bottom, top, along=along, left=left)
+                free = _clear(brick.box, layout, built, 0.0)
+                built += [brick] * free
+                bricks.append((material if free else "", along))
             for material, run in groupby(bricks, key=itemgetter(0)):
                 if material:
                     places = [along for _, along in run]
                     middle, long = (places[0] + places[-1]) / 2, len(places) * _M.brick
-                    wall = start.box(long, _M.wall, bottom, top, along=middle, left=left)
-                    yield [Landmark(box=wall, material=material)]
+                    yield [start.box(material, long, _M.wall, bottom, top, along=middle, left=left)]
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
@@ -232,15 +227,15 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
     top = max(max(s.z0, s.z1) for s in layout.profile) + _M.room_height
     for sign in (-1.0, 1.0):
-        yield [Landmark(box=room.box(length, 0.1, bottom, top, left=sign * (width / 2 + 0.05)), material="plaster")]
-        yield [Landmark(box=room.box(0.1, width, bottom, top, along=sign * (length / 2 + 0.05)), material="plaster")]
+        yield [room.box("plaster", length, 0.1, bottom, top, left=sign * (width / 2 + 0.05))]
+        yield [room.box("plaster", 0.1, width, bottom, top, along=sign * (length / 2 + 0.05))]
     for quarter in range(4):  # along the four walls, with the walls' direction as x
         along, away = (length, width) if quarter % 2 == 0 else (width, length)
         wall = _Frame(x=middle[0], y=middle[1], yaw=quarter * math.pi / 2, z=z)
         for u in np.arange(0.9 - along / 2, along / 2 - 0.9, 1.9).tolist():
             size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
-            shelf = wall.box(size, 0.4, z, z + tall, along=u + rng.uniform(-0.2, 0.2), left=0.22 - away / 2)
-            yield [Landmark(box=shelf, material=str(rng.choice(["wood", "brick", "stone"])))]
+            beside, material = u + rng.uniform(-0.2, 0.2), str(rng.choice(["wood", "brick", "stone"]))
+            yield [wall.box(material, size, 0.4, z, z + tall, along=beside, left=0.22 - away / 2)]
             yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
     for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
         for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
@@ -252,22 +247,20 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -> list[Landmark]:
     """A sheet on a wall, where no shelf occludes it."""
     bottom = wall.z + rng.uniform(1.0, 1.5)
-    sheet = wall.box(
-        rng.uniform(0.4, 0.7), 0.02, bottom, bottom + rng.uniform(0.4, 0.9), along=along, left=0.015 - away / 2
-    )
-    return [Landmark(box=sheet, material="poster")]
+    length, top = rng.uniform(0.4, 0.7), bottom + rng.uniform(0.4, 0.9)
+    return [wall.box("poster", length, 0.02, bottom, top, along=along, left=0.015 - away / 2)]
 
 
 def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     length, width, height = rng.uniform(0.9, 1.4), rng.uniform(0.5, 0.7), rng.uniform(0.68, 0.76)
-    sides = [at.box(0.05, width - 0.1, at.z, at.z + height - 0.04, along=e * (length / 2 - 0.08)) for e in (-1, 1)]
-    board = at.box(length, width, at.z + height - 0.04, at.z + height)
-    return [Landmark(box=box, material="wood") for box in (*sides, board)]
+    below, ends = at.z + height - 0.04, [e * (length / 2 - 0.08) for e in (-1, 1)]
+    sides = [at.box("wood", 0.05, width - 0.1, at.z, below, along=along) for along in ends]
+    return [*sides, at.box("wood", length, width, below, at.z + height)]
 
 
 def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     length, width, height = rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.6), rng.uniform(0.35, 0.6)
-    return [Landmark(box=at.box(length, width, at.z, at.z + height), material=str(rng.choice(["brick", "leaves"])))]
+    return [at.box(str(rng.choice(["brick", "leaves"])), length, width, at.z, at.z + height)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -303,25 +296,24 @@ def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
     found: list[Landmark] = []
     for thing in things:
         if thing.kind == "wall":
-            found.append(Landmark(box=_box(thing, layout, _M.wall_width, 0.0, _M.wall_height), material="plaster"))
+            found.append(_across(thing, layout, "plaster", _M.wall_width, 0.0, _M.wall_height))
         elif thing.kind == "table":
-            found.append(Landmark(box=_box(thing, layout, _M.table_width, _M.table_height - _M.board, _M.table_height),
-                                  material="wood"))  # fmt: skip
-            for side in (-1.0, 1.0):
-                aside = side * (_M.table_width / 2 - 0.1)
-                leg = _box(thing, layout, _M.leg, 0.0, _M.table_height - _M.board, aside)
-                found.append(Landmark(box=leg, material="wood"))
+            below, side = _M.table_height - _M.board, _M.table_width / 2 - 0.1
+            found.append(_across(thing, layout, "wood", _M.table_width, below, _M.table_height))
+            found += [_across(thing, layout, "wood", _M.leg, 0.0, below, aside) for aside in (-side, side)]
     return tuple(found)
 
 
-def _box(thing: Thing, layout: Layout, width: float, bottom: float, top: float, aside: float = 0.0) -> Solid:
+def _across(
+    thing: Thing, layout: Layout, material: str, width: float, bottom: float, top: float, aside: float = 0.0
+) -> Landmark:
     """A box across the way on its ground, from one height above it to another."""
     length = LENGTHS_M[thing.kind]
     s, z = thing.at_m + length / 2, _strip(layout, thing.at_m).z0
     x, y = layout.way.point(s, thing.left_m + aside).tolist()
-    return Solid.box(
-        x=x, y=y, yaw=float(layout.way.heading(s)), length=length, width=width, bottom=z + bottom, top=z + top
-    )
+    yaw = float(layout.way.heading(s))
+    solid = Solid.box(x=x, y=y, yaw=yaw, length=length, width=width, bottom=z + bottom, top=z + top)
+    return Landmark(box=solid, material=material)
 
 
 def _strip(layout: Layout, s: float) -> Strip:
