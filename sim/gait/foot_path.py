@@ -84,6 +84,8 @@ class FootPathParameters:
     rise_gain: float = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
     rise_smoothing_s: float = 0.03  # SD of the Gaussian filter
     rise_fade_s: float = 0.12
+    pivot_from: float = 0.30  # share of swing from which the moving point goes to the pivot of the landing
+    pivot_lasts: float = 0.55  # share of swing that this takes, once the foot is level
     near_edge_m: float = 0.004  # margin before and behind a riser
     near_edge_down_m: float = 0.012  # likewise, going down
 
@@ -222,7 +224,8 @@ def _swing_without_lift(
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     landing = np.array([shoe.heel_back_x, 0.0, 0.0]) if b.arrival == "heel" else hinge
-    within = hinge + soft_ease((s - 0.30) / 0.55)[:, None] * (landing - hinge)  # once the foot is level
+    share = soft_ease((s - _PATH.pivot_from) / _PATH.pivot_lasts)
+    within = hinge + share[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing
     point = start + np.stack([ahead, ahead, upward], -1) * (end - start)

@@ -51,7 +51,7 @@ _PITCH = PitchParameters()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arrival:
+class Landing:
     """Landing of a foot; pitch in rad, toes down positive.
 
     Attributes:
@@ -68,7 +68,7 @@ class Arrival:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Departure:
+class ToeOff:
     """Toe-off of a foot.
 
     Attributes:
@@ -87,15 +87,15 @@ class Departure:
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
 # Going down, the knee bends under the body until the ankle reaches its limit: then the heel has to rise quickly.
 _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))
-_ARRIVALS = {
-    "flat": Arrival(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
+_LANDINGS = {
+    "flat": Landing(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
     # the calf lowers the heel slowly, while the load moves to the toes
-    "forefoot": Arrival(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
+    "forefoot": Landing(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
                         lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33))),
 }  # fmt: skip
-_DEPARTURES = {
-    "climb": Departure(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
-    "lower": Departure(heel_off_before=0.48, rise=_LOWERING_RISE, off=0.70,
+_TOE_OFFS = {
+    "climb": ToeOff(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
+    "lower": ToeOff(heel_off_before=0.48, rise=_LOWERING_RISE, off=0.70,
                        swing=((0.16, 0.92), (0.30, 0.60), (0.50, 0.28), (0.63, 0.28))),
 }  # fmt: skip
 
@@ -112,7 +112,7 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     flats: list[tuple[float, float]] = []
     for a, b in pairwise(steps):
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
-        leave, land = _departure(a, b.style), _arrival(b)
+        leave, land = _toe_off(a, b.style), _landing(b)
         heel_off = leave.heel_off_before * duration
         usual_fall, by_fall = _PITCH.usual_fall_m, _PITCH.heel_off_by_fall
         if a.departure == "lower":
@@ -161,21 +161,21 @@ def step_time(a: Footstep, b: Footstep) -> float:
     return (b.t_touch - a.t_off) / (1.0 - float(b.style.double_support))
 
 
-def _arrival(step: Footstep) -> Arrival:
+def _landing(step: Footstep) -> Landing:
     """Landing of the foot: on the heel in the step's own style, otherwise by the terrain."""
     if step.arrival != "heel":
-        return _ARRIVALS[step.arrival]
+        return _LANDINGS[step.arrival]
     style = step.style
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
-    return Arrival(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
+    return Landing(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
 
 
-def _departure(step: Footstep, style: Style) -> Departure:
+def _toe_off(step: Footstep, style: Style) -> ToeOff:
     """Toe-off of the foot: with a push in the style of the step that it begins, otherwise by the terrain."""
     if step.departure != "push":
-        return _DEPARTURES[step.departure]
+        return _TOE_OFFS[step.departure]
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
-    return Departure(
+    return ToeOff(
         heel_off_before=float(style.heel_off_before),
         rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),
         off=knots[0][1],

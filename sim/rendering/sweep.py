@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from stridetwin.sim.rendering.imager import Pixels
 from stridetwin.streams.samples import Array
 
-Pixels = NDArray[np.uint8]
 _LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
 _COPY_PX = 1.25  # spacing of the copies that are averaged to a blur
 _COPIES = (2, 16)

@@ -72,7 +72,7 @@ class ForceCells:
 
 @numba.njit(cache=True)
 def _played(last: Array, load: Array) -> Array:
-    """Output of a play for (N, count) loads, from the (count,) state `last`, which is updated."""
+    """Output of the hysteresis for (N, count) loads, from the (count,) state `last`, which is updated."""
     play = np.empty(load.shape)
     for k in range(len(load)):
         for i in range(len(last)):

@@ -249,6 +249,6 @@ def _mix(part: ImuPart, noise: Noise) -> Array:
 
 
 def _counted(x: Array, resolution: Array) -> Array:
-    """Quantised to whole counts, for parts that quantise."""
+    """Values rounded to whole counts, where the part has a resolution."""
     step = np.where(resolution > 0, resolution, 1.0)
     return np.where(resolution > 0, np.round(x / step) * step, x)

@@ -22,7 +22,7 @@ SampleT = TypeVar("SampleT", bound=Sample)
 
 
 class SensorModel(Generic[CalibrationT, PartT]):
-    """Pattern of every model but the cameras': nominal output, then errors, then stamps.
+    """Pattern of every sensor model except the cameras: nominal output, then errors, then stamps.
 
     `read` of a model takes the true motion or load at the next instants, computes the nominal output in the sensor's
     frame, adds the errors of the part in the order in which they arise, and returns a block at the true times. The

@@ -61,7 +61,7 @@ class MountedSensor:
 
     @property
     def clock(self) -> Clock:
-        """Its clock."""
+        """Clock of the sensor."""
         return self.sensor_config.clock
 
 
