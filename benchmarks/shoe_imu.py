@@ -26,7 +26,7 @@ from stridetwin.sim.config import SIDES, Gait
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensors.imu import ImuModel
-from stridetwin.sim.sensors.suite import instants
+from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Block, Imu

@@ -71,7 +71,7 @@ def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Bloc
     lines = [_from_above(result) for result in results]
     every_x = [x for line in lines for x, _ in line] + [p[:, 0] for p in prints]
     every_y = [y for line in lines for _, y in line] + [p[:, 1] for p in prints]
-    turns = layout is not None and any(piece.curvature for piece in layout.way.pieces)
+    turns = layout is not None and any(segment.curvature for segment in layout.way.segments)
     span_x, span_y = data_range(*every_x, margin=0.02), data_range(*every_y, margin=0.05 if turns else 0.2)
 
     def draw(width: float) -> Plot:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from stridetwin.sim.world.route import Layout, Slab, Strip  # plain data: needs no simulator
-from stridetwin.sim.world.way import Piece, Way
+from stridetwin.sim.world.way import CurveSegment, Way
 from stridetwin.streams.errors import RecordingError
 
 KEY = "terrain"
@@ -16,7 +16,7 @@ KEY = "terrain"
 def to_text(layout: Layout) -> str:
     """The layout as JSON."""
     rows = {
-        "way": [asdict(piece) for piece in layout.way.pieces],
+        "way": [asdict(segment) for segment in layout.way.segments],
         "profile": [asdict(strip) for strip in layout.profile],
         "slabs": [asdict(slab) for slab in layout.slabs],
     }
@@ -34,7 +34,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Layout | None:
     try:
         rows = json.loads(metadata[KEY])
         return Layout(
-            way=Way(pieces=tuple(Piece(**row) for row in rows["way"])),
+            way=Way(segments=tuple(CurveSegment(**row) for row in rows["way"])),
             profile=tuple(Strip(**row) for row in rows["profile"]),
             slabs=tuple(Slab(**row) for row in rows["slabs"]),
         )

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios import exo_geometry, ground, injected
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
-from stridetwin.sim.faults.faults import arrivals
-from stridetwin.sim.faults.plan import check_times, plan_faults
+from stridetwin.sim.faults.faults import arrivals, check_times, plan_faults
 from stridetwin.sim.wearer.anthropometry import anthropometry
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import RecordingWriter

@@ -11,7 +11,7 @@ from typing import Any
 from stridetwin.scenarios.scenario_model import PHYSICS as PHYSICS
 from stridetwin.scenarios.scenario_model import ScenarioFile
 from stridetwin.sim.config import Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.faults.plan import check_faults
+from stridetwin.sim.faults.faults import check_faults
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
 from stridetwin.sim.world.obstacles import check_things

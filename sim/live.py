@@ -20,7 +20,8 @@ from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.simulate import MARGIN_S, Simulation
 from stridetwin.sim.dynamics.simulated_walk import Replay
 from stridetwin.sim.rendering.camera_processes import CameraProcesses
-from stridetwin.sim.sensors.suite import SensorSuite, instants
+from stridetwin.sim.sensors.model import instants
+from stridetwin.sim.sensors.suite import SensorSuite
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Sample

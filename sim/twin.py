@@ -19,7 +19,7 @@ from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
-from stridetwin.sim.faults.plan import plan_faults
+from stridetwin.sim.faults.faults import plan_faults
 from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.heel_strike import SHOE, UpperMotion, case_parameters
 from stridetwin.sim.gait.reference import Reference, reference
@@ -27,9 +27,10 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.rendering.camera_processes import CameraProcesses
 from stridetwin.sim.rendering.renderer import FilmCamera
+from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import foot_imu_place, sensor_rig
-from stridetwin.sim.sensors.suite import SensorSuite, instants
+from stridetwin.sim.sensors.suite import SensorSuite
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.sensor_bodies import add_rig
 from stridetwin.sim.world.bystanders import Crowd, add_bystanders, bystanders

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.faults.faults import Fault, arrivals
-from stridetwin.sim.faults.plan import plan_faults
+from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Sample
 

@@ -18,8 +18,8 @@ from scipy.interpolate import PchipInterpolator
 from benchmarks.gait_norms import NORM_LEG, SHOE_DROP_DEG
 from stridetwin.evaluation.norms import level_norm
 from stridetwin.sim.config import Person
+from stridetwin.sim.gait.foot_placement import preferred_step
 from stridetwin.sim.gait.style import LABELS, SIZES, Style
-from stridetwin.sim.gait.tempo import preferred_step
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 from tools.steady_cycle import SAMPLES, Cycle, Walker, steady_cycle

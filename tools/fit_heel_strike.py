@@ -1,7 +1,7 @@
 """Fits the heel-strike vibration and rocking of a shoe's upper (`sim/gait/heel_strike.py`) to recorded walks.
 
-`python -m tools.fit_heel_strike` prints the arrays of `shock.SHOE`. Recordings: `dual_foot_walk` (gaitmap's example
-data, MIT), both feet at 204.8 Hz with accelerometers of 16 g, found by `benchmarks.real_walks`. The other set,
+`python -m tools.fit_heel_strike` prints the arrays of `heel_strike.SHOE`. Recordings: `dual_foot_walk` (gaitmap's
+example data, MIT), both feet at 204.8 Hz with accelerometers of 16 g, found by `benchmarks.real_walks`. The other set,
 `foot_imu_vicon`, is filtered in the sensor and holds no sharp strike.
 
 Vibration: strikes are aligned at the onset of the force above 20 Hz. The mean power of force and angular rate in three

@@ -1,22 +1,27 @@
 """Faults between a sensor and the recorder: each is a generator that passes one topic's samples on and corrupts some.
 
-A fault defines what is corrupted; an `Event` (`sim.faults.plan`) defines when and on which stream. Faults know the
-measurement time of every sample, so that one fault may change stamps and the next still finds its events.
+A fault defines what is corrupted; an `Event` defines when and on which stream (`plan_faults`): all events of a walk are
+fixed by the seed before the first sample. Faults know the measurement time of every sample, so that one fault may
+change stamps and the next still finds its events.
 """
 
 from __future__ import annotations
 
 import math
+import zlib
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import DEG, MM, number, text
 from stridetwin.streams.recording.ros_samples import block_of
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import (
     Actuator,
     Ahrs,
@@ -38,16 +43,12 @@ _LONGEST_S = 36_000
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """One occurrence of a fault on one stream.
+    """One occurrence of a fault of some kind on one stream.
 
     Attributes:
-        kind: Kind of the fault.
-        topic: Topic.
-        from_ns: First instant.
-        until_ns: First instant after the event.
+        from_ns, until_ns: First instant, and first instant after the event.
         part: Part name of the sensor.
-        entropy: Seed of the walk.
-        key: Child stream of this event's own random choices.
+        entropy, key: Seed of the walk, and child stream of this event's own random choices.
     """
 
     kind: str
@@ -63,7 +64,11 @@ class Event:
         return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=self.key))
 
 
-Events = Mapping[str, tuple[Event, ...]]
+EventsOfTopic = tuple[Event, ...]
+"""Events of one fault on one topic, in time order."""
+Events = Mapping[str, EventsOfTopic]
+Memory = dict[Any, Any]
+"""State of a fault on one topic between chunks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,12 +96,7 @@ class Arrival:
 
 
 def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
-    """Items that arrive at the recorder, given those that the sensors sent.
-
-    Args:
-        items: Blocks and samples as the sensors send them.
-        faults: Each with its events by topic; they are applied in this order.
-    """
+    """Items that arrive at the recorder, given those that the sensors sent; faults are applied in their order."""
     lines: dict[str, list[_Stage]] = {}
     for fault, events in faults:
         for topic in events:
@@ -122,8 +122,8 @@ class _Stage:
     """A fault on one stream, its events there in time order, and its state between samples."""
 
     fault: Fault
-    events: tuple[Event, ...]
-    memory: dict[Any, Any] = field(default_factory=dict)
+    events: EventsOfTopic
+    memory: Memory = field(default_factory=dict)
 
     def through(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
         """Output for a chunk of the stream."""
@@ -180,21 +180,13 @@ class Fault:
         """Whether it applies to samples of this type from this part."""
         return sample in self.fits
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
-        """Output for a chunk of one topic's stream.
-
-        Args:
-            stream: The chunk.
-            events: Events of this fault on this topic, in time order.
-            memory: State of the fault between chunks.
-        """
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """Output for a chunk of one topic's stream."""
         for arrival in stream:
             event = at(events, arrival)
             yield from (arrival,) if event is None else self.corrupted(arrival, event)
 
-    def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
+    def left(self, memory: Memory) -> Iterable[Arrival]:
         """Items still in transit when the stream has ended."""
         return ()
 
@@ -203,7 +195,7 @@ class Fault:
         return (arrival,)
 
 
-def at(events: tuple[Event, ...], arrival: Arrival) -> Event | None:
+def at(events: EventsOfTopic, arrival: Arrival) -> Event | None:
     """The event that is active at the measurement time of a sample."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
@@ -226,3 +218,119 @@ class LooseStrap(Fault):
     fits = (Imu, Image, Depth, Ahrs, Range)
     angle_rad: Annotated[float, number(0, 90, key="angle_deg", scale=DEG)] = math.radians(10)
     shift_m: Annotated[float, number(0, 100, key="shift_mm", scale=MM)] = 0.01
+
+
+_OTHERS: dict[str, type[Sample]] = {
+    "range": Range, "insole": Insole, "ahrs": Ahrs, "encoder": Encoder, "interaction": Interaction,
+    "actuator": Actuator,
+}  # fmt: skip
+_FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensors' noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Stream:
+    """A stream of a rig, the part that sends it, and the body that carries it; streams of one case share `housing`."""
+
+    topic: str
+    kind: type[Sample]
+    part: str
+    body: str
+    housing: str
+
+
+def _streams(rig: Rig) -> Iterator[_Stream]:
+    case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
+    case |= {t.replace("/ahrs", "/imu"): t for t, other in rig.others.items() if other.kind == "ahrs"}
+    for t, c in rig.imus.items():
+        yield _Stream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
+    for t, camera in rig.cameras.items():
+        yield _Stream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
+        if camera.depth_topic:
+            depth = camera.depth_topic
+            yield _Stream(topic=depth, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
+    for t, other in rig.others.items():
+        yield _Stream(topic=t, kind=_OTHERS[other.kind], part=other.part, body=other.mount.body, housing=t)
+
+
+def _affected(fault: Fault, rig: Rig) -> list[_Stream]:
+    streams = [s for s in _streams(rig) if fault.suits(s.kind, s.part)]
+    named = [s for s in streams if fnmatchcase(s.topic, fault.topic)]
+    if isinstance(fault, LooseStrap):
+        cases = {s.housing for s in named}
+        return [s for s in streams if s.housing in cases]
+    return named
+
+
+def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
+    """Rejects faults of the file `source` that match no stream of the rig that they can act on, or that share a name.
+
+    Raises:
+        ConfigError: Names the fault, the invalid value and what is expected.
+    """
+    names: list[str] = []
+    for i, fault in enumerate(faults):
+        if not _affected(fault, rig):
+            valid = ", ".join(sorted(s.topic for s in _streams(rig) if fault.suits(s.kind, s.part)))
+            raise ConfigError(source, f"faults[{i}].topic", fault.topic, f"{valid or 'none here'} ({fault.kind}), or *")
+        if fault.own_name in names:
+            raise ConfigError(source, f"faults[{i}].name", fault.own_name, "a name of its own for each fault")
+        names.append(fault.own_name)
+
+
+def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> None:
+    """Rejects faults that begin after the end of a walk of `duration_s`.
+
+    Raises:
+        ConfigError: Names the fault, its time and the length of the walk.
+    """
+    for i, fault in enumerate(faults):
+        if fault.at_s is not None and fault.at_s >= duration_s:
+            raise ConfigError(source, f"faults[{i}].at_s", fault.at_s, f"0-{duration_s:.1f}, the length of the walk")
+
+
+def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> list[tuple[Fault, Events]]:
+    """All events of all faults in a walk of `duration_s`, each fault with its events by topic, in time order.
+
+    Random times depend on the walk's seed, the fault's name and the stream alone, so that adding or removing a fault or
+    a sensor does not change the other events. Sensors on one strap slip together; occlusions cover colour and depth.
+    Faults without a matching stream in the rig do nothing.
+    """
+    planned: list[tuple[Fault, Events]] = []
+    for fault in faults:
+        events: dict[str, EventsOfTopic] = {}
+        for stream in _affected(fault, rig):
+            place = getattr(stream, fault.common_to)
+            key = (_FAULTS, zlib.crc32(fault.own_name.encode()), zlib.crc32(place.encode()))
+            own = tuple(_events(fault, stream, seed, key, round(duration_s * 1e9)))
+            if own:
+                events[stream.topic] = own
+        planned.append((fault, events))
+    return planned
+
+
+def _events(fault: Fault, stream: _Stream, seed: int, key: tuple[int, ...], end_ns: int) -> Iterator[Event]:
+    for count, (from_s, until_s) in enumerate(_spans(fault, seed, key)):
+        from_ns = round(from_s * 1e9)
+        if from_ns >= end_ns:
+            return
+        if until_s is None or isinstance(fault, LooseStrap):  # a slip is permanent
+            until_s = math.inf
+        until_ns = end_ns + 1 if until_s * 1e9 > end_ns else round(until_s * 1e9)
+        yield Event(
+            kind=fault.kind, topic=stream.topic, from_ns=from_ns, until_ns=until_ns, part=stream.part,
+            entropy=seed, key=(*key, count),
+        )  # fmt: skip
+
+
+def _spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
+    """Begin and end of each event, s; the end is None for the rest of the walk."""
+    if fault.at_s is not None:
+        yield fault.at_s, None if fault.duration_s is None else fault.at_s + fault.duration_s
+        return
+    assert fault.rate_per_min is not None
+    assert fault.duration_s is not None
+    rng, t = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key)), 0.0
+    while True:
+        t += rng.exponential(60.0 / fault.rate_per_min)
+        yield t, t + fault.duration_s
+        t += fault.duration_s

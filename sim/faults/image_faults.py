@@ -7,20 +7,20 @@ from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, Fault, at
+from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Fault, Memory, at
 from stridetwin.streams.fields import number, whole
 from stridetwin.streams.samples import Depth, Image
 
-_CLOTH = 28  # grey value of the occluding object
-_DIM = 0.75  # transmission of dirt
-_HOLE = 0.5
+_CLOTH = 28  # grey value of the occluding object, dark textile
+_DIM = 0.75  # transmission of dirt; chosen by hand
+_HOLE = 0.5  # opacity of dirt from which depth has no reading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +30,7 @@ class _ImageFault(Fault):
     fits = IMAGES
     common_to = "housing"
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`; images with empty views share their pixels before and after."""
         for arrival in stream:
             event = at(events, arrival)
@@ -147,14 +145,9 @@ def _blurred(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.
 
 @numba.njit(cache=True)
 def _smear(
-    image: NDArray[np.uint8],
-    blurred: NDArray[np.uint8],
-    places: NDArray[np.int32],
-    clear: NDArray[np.float32],
-    corners: NDArray[np.int32],
-    shares: NDArray[np.float32],
-    width: int,
-) -> None:
+    image: NDArray[np.uint8], blurred: NDArray[np.uint8], places: NDArray[np.int32], clear: NDArray[np.float32],
+    corners: NDArray[np.int32], shares: NDArray[np.float32], width: int,
+) -> None:  # fmt: skip
     """Blends the blurred image into an image, both as rows of (N, C) pixels; other arguments as in `_Dirt`."""
     for k in range(len(places)):
         at, first, share = places[k], corners[k], shares[k]

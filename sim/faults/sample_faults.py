@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
-from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, Fault, at
+from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Fault, Memory, at
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.fields import flag, number, words
 from stridetwin.streams.samples import Array, Imu, Insole, Interaction, Sample
@@ -33,9 +33,7 @@ class Freeze(Fault):
 
     kind = "freeze"
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`; a stream that begins frozen repeats its first value."""
         for arrival in stream:
             if at(events, arrival) is None:
@@ -81,9 +79,7 @@ class Late(Fault):
     kind = "late"
     delay_s: Annotated[float, number(0.001, 60)] = 0.25
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`: stamps do not change, arrival times do."""
         for arrival in stream:
             late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
@@ -97,9 +93,7 @@ class OutOfOrder(Fault):
 
     kind = "out_of_order"
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`; an overtaken sample arrives together with the one that overtook it."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
@@ -111,7 +105,7 @@ class OutOfOrder(Fault):
             else:
                 yield arrival
 
-    def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
+    def left(self, memory: Memory) -> Iterable[Arrival]:
         """A sample that was never overtaken."""
         return tuple(memory.values())
 
@@ -128,7 +122,7 @@ class ClockJump(Fault):
     jump_s: Annotated[float, number(-3600, 3600)]
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """The sample with a shifted stamp."""
+        """The sample with an offset in its stamp."""
         return (arrival.but(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
 
 
@@ -168,9 +162,7 @@ class DeadCell(Fault):
     cell: Annotated[str, words(CELLS)] = "heel"
     stuck: Annotated[bool, flag()] = False
 
-    def through(
-        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
-    ) -> Iterator[Arrival]:
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`."""
         number = CELLS.index(self.cell)
         for arrival in stream:

@@ -3,7 +3,7 @@
 Each leg of the frame hangs on the pelvis by joints with stops and is coupled to the wearer at the thigh cuff, the
 shank cuff and the heel (`exoskeleton.couplings`). `fit_leg` finds the angles of least elastic energy of a weightless
 leg. `settle` adds the effect of its weight, inertia, rotors and friction: the motion relative to that fit, linearised
-at every instant and integrated in time. So the couplings carry the leg as they would in a forward simulation.
+at every instant and integrated in time. So the couplings support the leg as they would in a forward simulation.
 """
 
 from __future__ import annotations
@@ -84,12 +84,7 @@ class ExoLeg:
         )  # fmt: skip
 
     def strains(self, q: Array, wearer: Limbs) -> tuple[Array, Array]:
-        """(N, 6 C) strains of the couplings (displacement, rotation; `coupling.strain`) and their (N, 6 C, J) Jacobian.
-
-        Args:
-            q: (N, J) rad.
-            wearer: The leg of the wearer.
-        """
+        """(N, 6 C) strains of the couplings (displacement, rotation) and their (N, 6 C, J) Jacobian at (N, J) rad."""
         return exo_fit_kernel.strains(self.kernel, q, *self.held(wearer))
 
     def held(self, wearer: Limbs) -> tuple[Array, Array]:

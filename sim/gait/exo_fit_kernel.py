@@ -59,16 +59,9 @@ class Leg(NamedTuple):
 
 @numba.njit(cache=True)
 def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
-    """Strains of the couplings and their Jacobian (`exo_fit.ExoLeg.strains`).
+    """Strains (N, 6 C) of the couplings, displacement and rotation, and their Jacobian (N, 6 C, J) at (N, J) rad.
 
-    Args:
-        leg: The leg.
-        q: (N, J) rad.
-        p: (N, C, 3) m, origin of the wearer's body at each coupling, in the pelvis' frame.
-        R: (N, C, 3, 3) its rotation.
-
-    Returns:
-        (N, 6 C) displacement and rotation by coupling, and (N, 6 C, J).
+    `p`, (N, C, 3) m, and `R`, (N, C, 3, 3), are the pose of the wearer's body at each coupling in the pelvis' frame.
     """
     n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
     value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))

@@ -70,12 +70,27 @@ def _least_jerk(n: int) -> tuple[Array, Array, Array]:
     return third, Q, np.linalg.inv(R)
 
 
-_NEAR_EDGE_M, _NEAR_EDGE_DOWN_M = 0.004, 0.012  # margin before and behind a riser
-# Where people lift the heel. Uphill the ankle bends by the slope as well; on stairs the bent knee slackens the calf.
-_DORSIFLEXION_MAX_RAD, _DORSIFLEXION_BY_SLOPE, _DORSIFLEXION_BENT_RAD = np.radians(22.0), 1.3, np.radians(14.0)
-_GIVE_BEFORE = 0.55  # of a step before toe-off, when the load moves to the ball
-_GIVE = 1.25  # a rising heel bends the knee, which tilts the shank farther
-_GIVE_SMOOTHING_S, _GIVE_FADE_S = 0.03, 0.12
+@dataclass(frozen=True, kw_only=True)
+class FootPathParameters:
+    """Where the heel rises and how a swing clears an edge; chosen by hand for the ankle angles in `docs/design.md`.
+
+    Uphill the ankle bends by the slope as well; on stairs the bent knee slackens the calf.
+    """
+
+    dorsiflexion_max_rad: float = np.radians(22.0)  # on the level
+    dorsiflexion_by_slope: float = 1.3  # additional rad per rad of slope uphill
+    dorsiflexion_bent_rad: float = np.radians(14.0)  # additional, on stairs
+    rise_before: float = 0.55  # share of a step before toe-off, when the load moves to the ball
+    rise_gain: float = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
+    rise_smoothing_s: float = 0.03  # SD of the Gaussian filter
+    rise_fade_s: float = 0.12
+    pivot_from: float = 0.30  # share of swing from which the moving point goes to the pivot of the landing
+    pivot_lasts: float = 0.55  # share of swing that this takes, once the foot is level
+    near_edge_m: float = 0.004  # margin before and behind a riser
+    near_edge_down_m: float = 0.012  # likewise, going down
+
+
+_PATH = FootPathParameters()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,24 +116,14 @@ class FootPath:
 
 # Shares of swing in which the foot moves forward; over a riser, the one with the least total jerk.
 _DIRECT = (0.0, 1.0)
-_FORWARD = {
-    "climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)),
-    "lower": ((0.0, 0.84), (0.0, 0.92)),
-}
+_FORWARD = {"climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)), "lower": ((0.0, 0.84), (0.0, 0.92))}
 _FINE = np.linspace(0.0, 1.0, 61)
 
 
 def foot_path(
     steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]
 ) -> FootPath:  # fmt: skip
-    """Path of one foot.
-
-    Args:
-        steps: The footsteps of this foot, in order.
-        size: Wearer.
-        t: (N,) s, increasing.
-        height: Height of the ground at (..., 2) points, m.
-    """
+    """Path of one foot at (N,) increasing s, from its footsteps in order and the ground's height at (..., 2) points."""
     pitch = pitch_of(steps, t[-1])
     theta = pitch(t)
     n = len(t)
@@ -138,7 +143,7 @@ def foot_path(
     return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta, s=s, heading=heading)
 
 
-def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, dorsiflexion: Array) -> FootPath:
+def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, dorsiflexion: Array) -> FootPath:
     """Path on which the heel leaves the ground where the ankle cannot bend farther.
 
     The ankle angle shows how far the foot is behind the body, how steep the ground is and how deep the body sinks.
@@ -156,13 +161,14 @@ def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, 
     toe, theta = path.toe_extension.copy(), path.pitch.copy()
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
-        late = (t[on] - step.t_off) / _GIVE_FADE_S
+        late = (t[on] - step.t_off) / _PATH.rise_fade_s
         # at toe-off the foot is back on its path, so that the swing does not change
-        inside = ease(late + _GIVE_BEFORE * step_time(step, after) / _GIVE_FADE_S + 1.0) * ease(-late)
-        bent = _DORSIFLEXION_BENT_RAD if step.arrival != "heel" else 0.0
-        limit = _DORSIFLEXION_MAX_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0) + bent
+        inside = ease(late + _PATH.rise_before * step_time(step, after) / _PATH.rise_fade_s + 1.0) * ease(-late)
+        bent = _PATH.dorsiflexion_bent_rad if step.arrival != "heel" else 0.0
+        limit = _PATH.dorsiflexion_max_rad + _PATH.dorsiflexion_by_slope * max(step.slope, 0.0) + bent
         beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
-        theta[on] += inside * _GIVE * gaussian_filter1d(beyond, _GIVE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
+        smooth = gaussian_filter1d(beyond, _PATH.rise_smoothing_s / (t[1] - t[0]), mode="nearest")
+        theta[on] += inside * _PATH.rise_gain * smooth
         p[on], R[on], toe[on] = _stance(step, shoe, theta[on])
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
@@ -184,7 +190,7 @@ def _swing(
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
     s = (t - a.t_off) / (b.t_touch - a.t_off)
     fine_theta = pitch(a.t_off + _FINE * (b.t_touch - a.t_off))
-    near = (_NEAR_EDGE_DOWN_M if a.departure == "lower" else _NEAR_EDGE_M) * np.array(
+    near = (_PATH.near_edge_down_m if a.departure == "lower" else _PATH.near_edge_m) * np.array(
         [np.cos(b.heading), np.sin(b.heading)]
     )
 
@@ -218,7 +224,8 @@ def _swing_without_lift(
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     landing = np.array([shoe.heel_back_x, 0.0, 0.0]) if b.arrival == "heel" else hinge
-    within = hinge + soft_ease((s - 0.30) / 0.55)[:, None] * (landing - hinge)  # once the foot is level
+    share = soft_ease((s - _PATH.pivot_from) / _PATH.pivot_lasts)
+    within = hinge + share[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing
     point = start + np.stack([ahead, ahead, upward], -1) * (end - start)

@@ -18,27 +18,44 @@ from stridetwin.sim.gait.style import RISE_KNOTS, SWING_KNOTS, Style
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.streams.samples import Array
 
-_HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
-# Higher risers and steeper ramps than these bend the knee and tilt the shank farther: the heel stays up for longer, by
-# this much per metre or radian beyond.
-_USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # fall: of a step on a ramp
-_HEEL_OFF_BY_RISER, _HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 3.0, 12.0, 2.5, 1.5
-_TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
-# Uphill the rear foot lifts the body: its heel rises earlier, and is higher at toe-off, by this much per radian.
-_EARLY_BY_SLOPE, _PUSH_BY_SLOPE = 3.5, 0.9
-_FLAT_BY = 0.6  # of stance at the latest
-_PITCH_SMOOTHING_S = 0.020
 _PITCH_GRID_S = 0.004
 _LANDING_KNOTS = 3  # of the swing's, from which the pitch prepares the landing
-_SETTLING_S = 0.04  # from the end of the landing to a sole that lies exactly flat
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arrival:
+class PitchParameters:
+    """How the pitch depends on risers and slopes; chosen by hand for the ankle angles listed in `docs/design.md`.
+
+    Higher risers and steeper ramps than the usual ones bend the knee and tilt the shank farther: the heel stays up for
+    longer. Uphill the rear foot lifts the body: its heel rises earlier, and is higher at toe-off.
+    """
+
+    usual_riser_m: float = 0.155
+    usual_fall_m: float = 0.095  # of a step on a ramp
+    usual_slope_rad: float = 0.16
+    heel_off_by_riser: float = 3.0  # 1/m, longer time from heel-off to toe-off, per m beyond the usual riser
+    heel_off_by_fall: float = 12.0  # 1/m, likewise, per m beyond the usual fall
+    heel_off_by_slope: float = 2.5  # 1/rad, likewise, per rad beyond the usual slope
+    push_by_rise: float = 1.5  # rad/m, additional pitch at toe-off
+    push_by_slope: float = 0.9  # rad/rad, likewise, uphill
+    early_by_slope: float = 3.5  # 1/rad, earlier rise of the heel uphill
+    tiptoe_by_rise: float = 2.4  # rad/m, additional pitch at the landing on a high riser
+    tiptoe_by_slope: float = 1.8  # rad/rad, likewise, on a steep slope
+    heel_first_rad: float = 0.03  # least toe-up pitch of a landing on the heel
+    flat_by: float = 0.6  # share of stance by which the foot is flat at the latest
+    pitch_smoothing_s: float = 0.020  # SD of the Gaussian filter
+    settling_s: float = 0.04  # from the end of the landing to a sole that lies exactly flat
+
+
+_PITCH = PitchParameters()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landing:
     """Landing of a foot; pitch in rad, toes down positive.
 
     Attributes:
-        before: (share of swing, pitch) on the way down.
+        before: (share of swing, pitch) before touch-down.
         touch: Pitch at touch-down.
         flat_after: Time until the foot is flat, as a share of the step's duration.
         lowering: (share of that time, share of the pitch at touch-down) on the ground.
@@ -51,7 +68,7 @@ class Arrival:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Departure:
+class ToeOff:
     """Toe-off of a foot.
 
     Attributes:
@@ -70,15 +87,15 @@ class Departure:
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
 # Going down, the knee bends under the body until the ankle reaches its limit: then the heel has to rise quickly.
 _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))
-_ARRIVALS = {
-    "flat": Arrival(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
+_LANDINGS = {
+    "flat": Landing(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
     # the calf lowers the heel slowly, while the load moves to the toes
-    "forefoot": Arrival(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
+    "forefoot": Landing(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
                         lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33))),
 }  # fmt: skip
-_DEPARTURES = {
-    "climb": Departure(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
-    "lower": Departure(heel_off_before=0.48, rise=_LOWERING_RISE, off=0.70,
+_TOE_OFFS = {
+    "climb": ToeOff(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
+    "lower": ToeOff(heel_off_before=0.48, rise=_LOWERING_RISE, off=0.70,
                        swing=((0.16, 0.92), (0.30, 0.60), (0.50, 0.28), (0.63, 0.28))),
 }  # fmt: skip
 
@@ -95,30 +112,31 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     flats: list[tuple[float, float]] = []
     for a, b in pairwise(steps):
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
-        leave, land = _departure(a, b.style), _arrival(b)
+        leave, land = _toe_off(a, b.style), _landing(b)
         heel_off = leave.heel_off_before * duration
-        stair = a.departure == "lower"
-        usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if stair else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
-        fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
-        climb = max(-a.fall - _USUAL_RISER_M, 0.0)
-        steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
-        heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
-        tiptoe = _TIPTOE_BY_RISE * rise
+        usual_fall, by_fall = _PITCH.usual_fall_m, _PITCH.heel_off_by_fall
+        if a.departure == "lower":
+            usual_fall, by_fall = _PITCH.usual_riser_m, _PITCH.heel_off_by_riser
+        fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _PITCH.usual_riser_m, 0.0)
+        climb = max(-a.fall - _PITCH.usual_riser_m, 0.0)
+        steep = max(a.slope - _PITCH.usual_slope_rad, -b.slope - _PITCH.usual_slope_rad, 0.0)
+        heel_off = min(heel_off * (1.0 + by_fall * fall + _PITCH.heel_off_by_slope * steep), 0.9 * (a.t_off - flat))
+        tiptoe = _PITCH.tiptoe_by_rise * rise
         if b.arrival == "flat":
-            tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
+            tiptoe += _PITCH.tiptoe_by_slope * max(b.slope - _PITCH.usual_slope_rad, 0.0)
         uphill = max(a.slope, 0.0)
-        push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
-        off = leave.off + _PUSH_BY_RISE * climb + push
+        push, early = _PITCH.push_by_slope * uphill, 1.0 / (1.0 + _PITCH.early_by_slope * uphill)
+        off = leave.off + _PITCH.push_by_rise * climb + push
         flats.append((flat, a.t_off - heel_off))
         knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in leave.rise]
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
-        landing = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
+        landing = min(max(b.slope, 0.0), -land.touch - _PITCH.heel_first_rad) if land.touch < 0.0 else 0.0
         swung, before = leave.swing, land.before
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swung, before = tuple((u, max(angle, land.touch)) for u, angle in swung), ()
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swung]
         knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in before]
-        flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
+        flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _PITCH.flat_by * (b.t_off - b.t_touch))
         touch, lasts = land.touch + landing + tiptoe, flat - b.t_touch
         knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in land.lowering), (flat, 0.0)]
     knots.append((t_end + 10.0, 0.0))
@@ -126,13 +144,13 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     at = np.array(knots)
     grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)
     raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
-    smooth = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
+    smooth = gaussian_filter1d(raw, _PITCH.pitch_smoothing_s / _PITCH_GRID_S, truncate=5.0)
     spline = make_interp_spline(grid, smooth, k=5)
     first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:
         i = np.searchsorted(first, t, side="right") - 1  # the stance in which it may lie flat
-        lying = ease((t - first[i]) / _SETTLING_S) * ease((last[i] - t) / _SETTLING_S)
+        lying = ease((t - first[i]) / _PITCH.settling_s) * ease((last[i] - t) / _PITCH.settling_s)
         return spline(t) * (1.0 - lying)  # fades out the pitch that smoothing leaves on a flat foot
 
     return pitch
@@ -143,21 +161,21 @@ def step_time(a: Footstep, b: Footstep) -> float:
     return (b.t_touch - a.t_off) / (1.0 - float(b.style.double_support))
 
 
-def _arrival(step: Footstep) -> Arrival:
+def _landing(step: Footstep) -> Landing:
     """Landing of the foot: on the heel in the step's own style, otherwise by the terrain."""
     if step.arrival != "heel":
-        return _ARRIVALS[step.arrival]
+        return _LANDINGS[step.arrival]
     style = step.style
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
-    return Arrival(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
+    return Landing(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
 
 
-def _departure(step: Footstep, style: Style) -> Departure:
+def _toe_off(step: Footstep, style: Style) -> ToeOff:
     """Toe-off of the foot: with a push in the style of the step that it begins, otherwise by the terrain."""
     if step.departure != "push":
-        return _DEPARTURES[step.departure]
+        return _TOE_OFFS[step.departure]
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
-    return Departure(
+    return ToeOff(
         heel_off_before=float(style.heel_off_before),
         rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),
         off=knots[0][1],

@@ -1,36 +1,175 @@
-"""Footholds along the way: whole soles on the ground, with step lengths adapted before every edge."""
+"""Speed of the walker along the way, and footholds: whole soles on the ground, steps adapted before every edge.
+
+Curves are walked slower, with shorter, wider steps.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.tempo import Tempo, paced
+from stridetwin.sim.gait.style import leg_length, pace, shuffled_share, walk_growth
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M, Layout, Strip
+from stridetwin.sim.world.way import Way
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
-STEEP_RAD = np.radians(9.0)  # on steeper ramps steps are shorter by `_SHORTER_STEEP` per radian
-_SHORTER_STEEP = 2.2
-_EDGE_M = 0.01  # between the sole and any edge
-_TOE_TO_RISER_M = 0.07
-_HEEL_FROM_RISER_M = 0.03
-_BEHIND_ON_TREAD_M = 0.022  # going down, the heel stays clear of the riser behind it and the toes overhang the edge
-_STOPS_FROM_MPS = 1.2  # faster walkers stop with a shorter last step
-_STROLL_STEPS = 9  # on average between two pauses
-_PAUSE_S = (0.6, 2.5)
-_INTO_PAUSE = 0.35  # of a step: the feet end nearly side by side
+_PLANNING_M = 0.005
+_GRID_M = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
-    """A foothold.
+class TempoParameters:
+    """Speed and step length; chosen by hand where no source is named."""
+
+    turn_a_step_rad: float = np.radians(30.0)  # largest change of heading in one step
+    straight_from_m: float = 3.0  # radius from which a curve is walked at full speed
+    slowest: float = 0.4  # share of the speed, in the tightest curve
+    wider_m: float = 0.045  # on each side at the sharpest turn, so that the outer foot does not tread on the inner one
+    step_at_pace_1: float = 1.05  # leg lengths, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
+    brisk_mps: float = 1.2  # speed limit near standing, on ramps and in tight bends
+    to_riser_mps: float = 0.9  # speed limit where stairs begin and end: their steps are slow
+    tight_m: float = 2.0  # radius of a tight bend
+    gain_mps2: float = 0.5  # largest acceleration
+    stair_max_mps: float = 1.6  # speed limit for the cadence on stairs
+    quickest_shuffle_s: float = 0.48  # shortest step at full shuffle
+    wobble: float = 0.20  # speed of a stroll: SD as a fraction
+    wobble_m: float = 2.0  # distance over which it changes
+
+
+TEMPO = TempoParameters()
+
+
+def speed_share(way: Way, s: Array) -> Array:
+    """Speed relative to a straight way: it follows curvature to the power -1/3 (Hicheur et al. 2005)."""
+    radius = 1.0 / np.maximum(np.abs(way.curvature(s)), 1e-6)
+    return np.clip(np.cbrt(radius / TEMPO.straight_from_m), TEMPO.slowest, 1.0)
+
+
+def turn_share(way: Way, s0: float, s1: float) -> float:
+    """Change of heading between two arc lengths, relative to the largest change in one step."""
+    return abs(float(way.heading(s1) - way.heading(s0))) / TEMPO.turn_a_step_rad
+
+
+def widening(way: Way, s0: float, s1: float) -> float:
+    """Additional lateral distance of a foot, m, for a turn between two arc lengths."""
+    return TEMPO.wider_m * min(turn_share(way, s0, s1), 1.0)
+
+
+def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Arc lengths from start to stop and the steps made until there, for steps of `step(s)` m on a straight way.
+
+    In curves the steps are shorter, as the square root of the speed, and no step turns farther than people do.
+    """
+    s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
+    middle = (s[1:] + s[:-1]) / 2
+    turning = np.abs(way.curvature(middle)) / TEMPO.turn_a_step_rad
+    density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), turning)
+    return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tempo:
+    """Speed and step length along the way.
 
     Attributes:
-        foot: `l` or `r`.
+        size: Wearer.
+        gait: Gait of the person.
+        slow: (K,) arc lengths with a speed limit `most`: the start, the end, stairs, ramps and tight bends.
+        most: (K,) m/s.
+        grid: (N,) m, arc lengths of `share`.
+        share: (N,) speed relative to the preferred one.
+    """
+
+    size: Wearer
+    gait: Gait
+    slow: Array
+    most: Array
+    grid: Array
+    share: Array
+
+    @classmethod
+    def along(cls, layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> Tempo:
+        """Tempo of one walk; only a wandering walk uses random numbers."""
+        profile = layout.profile
+        end = profile[-1].s1 - RUN_OUT_M
+        uneven = [np.arange(strip.s0, strip.s1 + _GRID_M, _GRID_M) for strip in profile if strip.terrain != "level"]
+        risers = [a.s1 for a, b in pairwise(profile) if a.z1 != b.z0]
+        grid = np.arange(0.0, end + _GRID_M, _GRID_M)
+        tight = grid[np.abs(layout.way.curvature(grid)) > 1.0 / TEMPO.tight_m]
+        slow = np.concatenate([risers, [0.0, end], tight, *uneven])
+        most = np.full(len(slow), TEMPO.brisk_mps)
+        most[: len(risers)] = TEMPO.to_riser_mps
+        share = np.ones_like(grid)
+        if gait.pattern == "wander":
+            smoothing = TEMPO.wobble_m / _GRID_M
+            wobble = gaussian_filter1d(rng.standard_normal(len(grid)), smoothing, mode="reflect")
+            # the SD after a Gaussian filter of white noise; the SD of a short way would magnify its mean
+            share = np.exp(TEMPO.wobble * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
+        return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
+
+    def speed(self, s: Array | float) -> Array:
+        """(...) m/s, planned speed on a straight way at (...) arc lengths."""
+        s = np.asarray(s, dtype=float)
+        away = np.abs(s[..., None] - self.slow)
+        most = np.sqrt(np.min(self.most**2 + 2 * TEMPO.gain_mps2 * away, axis=-1))
+        return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
+
+    def on_stairs(self, s: float) -> float:
+        """Speed on the level, m/s, with the same cadence as the walker has on stairs there."""
+        return min(self.gait.speed_mps * float(np.interp(s, self.grid, self.share)), TEMPO.stair_max_mps)
+
+    def step(self, s: Array | float) -> Array:
+        """(...) m, step length on a straight level way at (...) arc lengths."""
+        return preferred_step(self.speed(s), self.size) * shuffled_share(self.gait.shuffle)
+
+    def duration(self, s: float) -> float:
+        """Duration of that step, s."""
+        least = TEMPO.quickest_shuffle_s * self.gait.shuffle
+        return max(float(self.step(s) / self.speed(s)), least)
+
+
+def preferred_step(speed_mps: Array | float, size: Wearer) -> Array:
+    """Preferred step length on level ground, m, at (...) m/s; sources in `style.walk_growth`."""
+    return TEMPO.step_at_pace_1 * walk_growth(np.asarray(speed_mps) * pace(1.0, size)) * leg_length(size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacementParameters:
+    """Footholds; chosen by hand."""
+
+    steep_rad: float = np.radians(9.0)  # on steeper ramps steps are shorter
+    shorter_steep: float = 2.2  # share of a step per rad beyond
+    edge_m: float = 0.01  # between the sole and any edge
+    toe_to_riser_m: float = 0.07
+    tread_share: float = 0.8  # of the free part of a tread, between the foot and the riser
+    before_riser_m: float = 0.012  # going up, least distance of the toes from the next riser
+    heel_from_riser_m: float = 0.03
+    behind_on_tread_m: float = 0.022  # going down, the heel stays clear of the riser and the toes overhang the edge
+    ramp_step: float = 0.92  # step length relative to the level
+    first_step: float = 0.7  # likewise, from standing
+    another_step: float = 0.35  # share of a step from which another one is made
+    largest_error: float = 0.06  # share of a step length, limit of its variability
+    stops_from_mps: float = 1.2  # faster walkers stop with a shorter last step
+    stroll_steps: int = 9  # on average between two pauses
+    pause_s: tuple[float, float] = (0.6, 2.5)  # shortest and longest
+    into_pause: float = 0.35  # of a step: the feet end nearly side by side
+
+
+PLACEMENT = PlacementParameters()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foothold:
+    """A foothold of the foot `l` or `r`.
+
+    Attributes:
         s: Arc length along the way, m.
         strip: Strip of ground there.
         pause_s: Time that the walker stands still on both feet after this step, s.
@@ -47,17 +186,17 @@ def limp(gait: Gait, foot: str) -> float:
     return 1.0 + (gait.asymmetry if foot == "l" else -gait.asymmetry)
 
 
-def places(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Place]:
+def footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Foothold]:
     """Footholds in order, right foot first, from s = 0 to the end of the route, where the feet end side by side.
 
     Raises:
         ConfigError: A strip too short for a foot.
     """
-    found: list[Place] = []
+    found: list[Foothold] = []
     for k in range(len(layout.profile)):
         found += _on_strip(layout, k, size, gait, tempo, rng, len(found))
     last = found[-1]
-    return [*found, Place(foot=_foot(len(found)), s=last.s, strip=last.strip)]
+    return [*found, Foothold(foot=_foot(len(found)), s=last.s, strip=last.strip)]
 
 
 def _foot(i: int) -> str:
@@ -66,7 +205,7 @@ def _foot(i: int) -> str:
 
 def _on_strip(
     layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
-) -> list[Place]:  # fmt: skip
+) -> list[Foothold]:  # fmt: skip
     """Footholds on strip k (none for the two feet that stand at the start); `first` counts those before."""
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x
@@ -76,72 +215,81 @@ def _on_strip(
         return []
     both = gait.stairs == "step_by_step"
     if strip.terrain == "stair":
-        # the foot stays clear of the riser, the one in front going up, the one behind going down; a foot longer than
-        # the tread overhangs the free edge
-        free = 0.8 * (strip.s1 - strip.s0 - heel - toe)
-        rising = strip.z0 > profile[k - 1].z1
-        ahead, behind = max(free, 1.2 * _EDGE_M), max(free, _BEHIND_ON_TREAD_M)
-        s = strip.s1 - ahead - toe if rising else strip.s0 + behind + heel
-        return [Place(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
+        s = _on_tread(strip, strip.z0 > profile[k - 1].z1, heel, toe)
+        return [Foothold(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
 
     def step(s: Array) -> Array:
-        steeper = max(abs(strip.slope) - STEEP_RAD, 0)
-        return tempo.step(s) * (1.0 if strip.terrain == "level" else 0.92 - _SHORTER_STEEP * steeper)
+        steeper = max(abs(strip.slope) - PLACEMENT.steep_rad, 0)
+        share = PLACEMENT.ramp_step - PLACEMENT.shorter_steep * steeper
+        return tempo.step(s) * (1.0 if strip.terrain == "level" else share)
 
     def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
-        return max((float(tempo.step(s)) - heel - toe) / 2, _EDGE_M)
+        return max((float(tempo.step(s)) - heel - toe) / 2, PLACEMENT.edge_m)
 
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
-    start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else across(strip.s0))
+    clear = PLACEMENT.heel_from_riser_m if riser_before else across(strip.s0)
+    start = 0.0 if first_strip else strip.s0 + heel + clear
     if last_strip:
         stop = end
     elif riser_after:
-        stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
+        stop = end - toe - (PLACEMENT.toe_to_riser_m if profile[k + 1].z0 > strip.z1 else PLACEMENT.edge_m)
     else:
         stop = end - toe - across(strip.s1)
     joined = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     led = gait.leading_foot if both and riser_after else None
     if stop < start - 1e-9:
         middle = (strip.s0 + end - toe + heel) / 2
-        if end - strip.s0 < heel + toe + 2 * _EDGE_M:
+        if end - strip.s0 < heel + toe + 2 * PLACEMENT.edge_m:
             raise ConfigError(
                 "terrain", f"{strip.terrain} at s = {strip.s0:.2f} m", f"{strip.s1 - strip.s0:.2f} m long",
-                f"at least {heel + toe + 2 * _EDGE_M:.2f} m, the length of a shoe",
+                f"at least {heel + toe + 2 * PLACEMENT.edge_m:.2f} m, the length of a shoe",
             )  # fmt: skip
         count = len(joined) + 1
         if led is not None and _foot(first + count) != led:
             count += 1
-        return [Place(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
-    lead = 0.7 if first_strip else 0.0  # from standing, the first step is shorter
+        return [Foothold(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
+    lead = PLACEMENT.first_step if first_strip else 0.0
     along, paces = paced(layout.way, start, stop, step)
     if first_strip:
         count = max(1, round(paces[-1] + 1 - lead))
     else:
-        count = max(1, round(paces[-1])) + 1 if paces[-1] > 0.35 else 1
+        count = max(1, round(paces[-1])) + 1 if paces[-1] > PLACEMENT.another_step else 1
     if led is not None and _foot(first + len(joined) + count) != led:
         count += 1
     feet = [_foot(first + len(joined) + i) for i in range(count)]
     pauses = _pauses(count, strip, gait, rng)
-    weights = np.array([limp(gait, foot) for foot in feet]) * np.where(pauses > 0, _INTO_PAUSE, 1.0)
+    weights = np.array([limp(gait, foot) for foot in feet]) * np.where(pauses > 0, PLACEMENT.into_pause, 1.0)
     weights[0] *= lead
     if last_strip:
-        weights[-1] *= min(_STOPS_FROM_MPS / gait.speed_mps, 1.0)
+        weights[-1] *= min(PLACEMENT.stops_from_mps / gait.speed_mps, 1.0)
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:
         lengths = np.gradient(s)[1:-1]
-        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -0.06, 0.06) * lengths
-    before = [Place(foot=_foot(first), s=x, strip=strip) for x in joined]
-    return before + [Place(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
+        most = PLACEMENT.largest_error
+        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -most, most) * lengths
+    before = [Foothold(foot=_foot(first), s=x, strip=strip) for x in joined]
+    return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
+
+
+def _on_tread(strip: Strip, rising: bool, heel: float, toe: float) -> float:
+    """Arc length of a foot that stays clear of the riser, the one in front going up, the one behind going down.
+
+    A foot longer than the tread overhangs the free edge.
+    """
+    free = PLACEMENT.tread_share * (strip.s1 - strip.s0 - heel - toe)
+    if rising:
+        return strip.s1 - max(free, PLACEMENT.before_riser_m) - toe
+    return strip.s0 + max(free, PLACEMENT.behind_on_tread_m) + heel
 
 
 def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:
     """(count,) s of standing at each foothold of a strip: now and then on the level, away from edges."""
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:
-        stands = rng.uniform(size=count) < 1.0 / _STROLL_STEPS
+        stands = rng.uniform(size=count) < 1.0 / PLACEMENT.stroll_steps
         stands[[0, 1, -2, -1]] = False
         stands[1:] &= ~stands[:-1]
-        pauses[stands] = rng.uniform(*_PAUSE_S, size=int(stands.sum()))
+        pauses[stands] = rng.uniform(*PLACEMENT.pause_s, size=int(stands.sum()))
     return pauses

@@ -1,120 +1,191 @@
-"""Footsteps of a route's layout: position, landing time and style of each step.
+"""Footsteps of a route's layout: position, landing time and style of each step; and which gaits are possible.
 
 A phase counts the steps, and quantities change smoothly from step to step.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.checks import check_gait
-from stridetwin.sim.gait.foot_placement import STEEP_RAD, Place, limp, places
-from stridetwin.sim.gait.style import Style, held, level_style, pace, shuffled, style_at
-from stridetwin.sim.gait.tempo import Tempo, speed_share, turn_share, widening
+from stridetwin.sim.config import ASYMMETRY_MAX, GAZES, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
+from stridetwin.sim.gait.foot_placement import (
+    PLACEMENT,
+    Foothold,
+    Tempo,
+    footholds,
+    limp,
+    speed_share,
+    turn_share,
+    widening,
+)
+from stridetwin.sim.gait.style import Style, level_style, pace, prolonged, shuffled, style_at
+from stridetwin.sim.kinematics.smooth import smoothed
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.sim.world.way import Way
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import rot_x, rot_y, rot_z
 
-# Share of a step; the same share of the stride is spent on both feet. Downstairs it takes time to lower the heel.
-_STAIR_DOUBLE_SUPPORT, _COME_DOWN_DOUBLE_SUPPORT = 0.18, 0.30
-_STAIR_TRANSFER, _DOWN_TRANSFER = 0.85, 0.60
-_STEP_TIME = {"level": 1.0, "ramp": 1.04, "up": 1.16, "down": 1.04}
-_STAIR_STEP_S = 0.60  # at the preferred speed of 1.2 m/s
-_STAIR_SWING_MAX_S = 0.75  # slower climbers stand on both feet for longer
-_HIGH_RISER_M = 0.18  # steps over higher ones take longer, in proportion
-_RISER_M = 0.02
-_SLOWER_STEEP = 2.5  # per radian beyond `STEEP_RAD`, where steps are shorter as well
+GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
+GAZE_YAW_MAX_RAD = 0.7
+SWAY_MAX_RAD, SWAY_MAX_RADPS = 0.7, 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepParameters:
+    """Timing and places of steps; chosen by hand, except for what the styles prescribe."""
+
+    stair_double_support: float = 0.18  # share of a step; the same share of the stride is spent on both feet
+    come_down_double_support: float = 0.30  # likewise, downstairs, where it takes time to lower the heel
+    stair_transfer: float = 0.85  # share of double support in which the load moves, upstairs
+    down_transfer: float = 0.60  # likewise, downstairs
+    ramp_time: float = 1.04  # step time relative to the level
+    up_time: float = 1.16  # relative to `stair_step_s`
+    down_time: float = 1.04  # likewise
+    stair_step_s: float = 0.60  # at the preferred speed of 1.2 m/s
+    stair_swing_max_s: float = 0.75  # slower climbers stand on both feet for longer
+    high_riser_m: float = 0.18  # steps over higher ones take longer, in proportion
+    preferred_mps: float = 1.2  # speed at which `stair_step_s` holds
+    time_by_length: float = 0.45  # growth of the step time with the step length, relative to both
+    length_range: tuple[float, float] = (0.3, 1.3)  # within which it grows
+    first_and_last: float = 0.9  # least time of these steps relative to the usual one
+    largest_error: float = 0.06  # share of a step time, limit of its variability
+    shared_time: tuple[float, float, float] = (0.2, 0.6, 0.2)  # neighbouring steps share their tempo
+    shared_speed: tuple[float, float, float] = (0.25, 0.5, 0.25)  # likewise, the speed that determines the style
+    side_sd: float = 0.4  # m, lateral SD of a foothold per unit of `Gait.step_sd`
+    largest_side_m: float = 0.015  # limit of that
+    slower_steep: float = 2.5  # share of a step time per rad beyond `PLACEMENT.steep_rad`
+    half_step_width_m: float = 0.060  # the shoes carry housings on their inner sides
+    toe_out_rad: float = 0.09
+    clearance_m: float = 0.018  # of the sole in swing
+    sliding_m: float = 0.005  # likewise, of a foot that shuffles
+    flat_shuffle: float = 0.4  # above this shuffle, the foot lands on the whole sole
+    lead_s: float = 0.3  # from the end of standing to the first step
+    shift_s: float = 0.55  # weight shift from both feet to one, before the first step
+    settle_s: float = 0.60  # and back to both after the last step
+    smoothing_s: float = 0.09  # SD of the filter of what changes from step to step
+
+
+STEP = StepParameters()
+_RISER_M = 0.02  # lower differences of height are no risers
+_STAIR_MODE_M = 0.07  # riser from which a step is SA or SD (Zhao et al. 2023)
+
+
+def check_gait(gait: Gait) -> None:
+    """Rejects a gait that is impossible for the legs or the neck.
+
+    Raises:
+        ConfigError: The message names field, value and range.
+    """
+    slow, fast = SPEED_RANGE_MPS
+    up, down = GAZE_PITCH_RANGE_RAD
+    gaze, aside = gait.gaze, GAZE_YAW_MAX_RAD
+    sways = {"yaw": gaze.sway_yaw_rad, "pitch": gaze.sway_pitch_rad}
+    seldom, often = SWAY_RANGE_HZ
+    fastest = 2 * math.pi * gaze.sway_hz * max(sways.values())
+    for field, value, valid, range_in_words in (
+        ("pattern", gait.pattern, gait.pattern in PATTERNS, ", ".join(PATTERNS)),
+        ("speed_mps", gait.speed_mps, slow <= gait.speed_mps <= fast, f"{slow}-{fast} m/s"),
+        ("stairs", gait.stairs, gait.stairs in STAIRS, ", ".join(STAIRS)),
+        ("leading_foot", gait.leading_foot, gait.leading_foot in ("l", "r"), "l, r"),
+        ("asymmetry", gait.asymmetry, abs(gait.asymmetry) <= ASYMMETRY_MAX, f"{-ASYMMETRY_MAX} to {ASYMMETRY_MAX}"),
+        ("shuffle", gait.shuffle, 0.0 <= gait.shuffle <= 1.0, "0-1"),
+        ("gaze.kind", gaze.kind, gaze.kind in GAZES, ", ".join(GAZES)),
+        ("gaze.pitch_rad", gaze.pitch_rad, up <= gaze.pitch_rad <= down, f"{up} to {down} rad, down positive"),
+        ("gaze.yaw_rad", gaze.yaw_rad, abs(gaze.yaw_rad) <= aside, f"{-aside} to {aside} rad, left positive"),
+        *(
+            (f"gaze.sway_{axis}_rad", sway, 0.0 <= sway <= SWAY_MAX_RAD, f"0-{SWAY_MAX_RAD} rad")
+            for axis, sway in sways.items()
+        ),
+        ("gaze.sway_hz", gaze.sway_hz, seldom <= gaze.sway_hz <= often, f"{seldom}-{often} Hz"),
+        (
+            "gaze.sway_hz", gaze.sway_hz, fastest <= SWAY_MAX_RADPS,
+            f"2 pi times rate and amplitude, the highest angular rate, of up to {SWAY_MAX_RADPS:g} rad/s",
+        ),
+    ):  # fmt: skip
+        if not valid:
+            raise ConfigError("gait", field, value, range_in_words)
 
 
 def timing(
-    way: Way, prints: Sequence[Place], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
+    way: Way, holds: Sequence[Foothold], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> tuple[Array, list[Style]]:  # fmt: skip
     """(N,) time from the previous touch-down to each touch-down, s, and the style of each step."""
-    rises = _rises(prints)
-    even = _durations(way, prints, rises, gait, tempo, rng)
-    styles = [shuffled(style, gait.shuffle) for style in _styles(prints, rises, even, size)]
-    durations = even * [limp(gait, place.foot) for place in prints]
-    pauses = np.array([0.0, *(place.pause_s for place in prints[:-1])])
-    styles = [held(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
+    rises = _rises(holds)
+    even = _durations(way, holds, rises, gait, tempo, rng)
+    styles = [shuffled(style, gait.shuffle) for style in _styles(holds, rises, even, size)]
+    durations = even * [limp(gait, hold.foot) for hold in holds]
+    pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
+    styles = [prolonged(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
     return durations + pauses, styles
 
 
-def _rises(prints: Sequence[Place]) -> list[float]:
+def _rises(holds: Sequence[Foothold]) -> list[float]:
     """Height of the riser of each step, m, including steps that bring one foot beside the other; 0 for none."""
     rises = []
-    for i, place in enumerate(prints):
-        before = prints[i - 1] if i else None
-        if before is not None and before.s == place.s and before.strip is place.strip and i > 1:
-            before = prints[i - 2]
-        far = before is None or place.strip is before.strip or place.s - before.s >= 1.0
-        rise = 0.0 if far or before is None else place.strip.z0 - before.strip.z1
+    for i, hold in enumerate(holds):
+        before = holds[i - 1] if i else None
+        if before is not None and before.s == hold.s and before.strip is hold.strip and i > 1:
+            before = holds[i - 2]
+        far = before is None or hold.strip is before.strip or hold.s - before.s >= 1.0
+        rise = 0.0 if far or before is None else hold.strip.z0 - before.strip.z1
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
 
 
 def _durations(
-    way: Way, prints: Sequence[Place], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
+    way: Way, holds: Sequence[Foothold], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> Array:  # fmt: skip
     """Durations of the steps of an even gait, s."""
     durations, previous = [], 0.0
-    for i, (place, rise) in enumerate(zip(prints, rises)):
-        s = place.s
+    for i, (hold, rise) in enumerate(zip(holds, rises)):
+        s = hold.s
         middle = (s + previous) / 2
         level_step = tempo.duration(middle)
         if rise:
-            stair_step = _STAIR_STEP_S * np.sqrt(1.2 / tempo.on_stairs(s))
-            duration = stair_step * _STEP_TIME["up" if rise > 0 else "down"] * max(abs(rise) / _HIGH_RISER_M, 1.0)
+            stair_step = STEP.stair_step_s * np.sqrt(STEP.preferred_mps / tempo.on_stairs(s))
+            duration = (
+                stair_step * (STEP.up_time if rise > 0 else STEP.down_time) * max(abs(rise) / STEP.high_riser_m, 1.0)
+            )
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
-            ratio = np.clip(
-                max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s)), 0.3, 1.3
-            )
-            ramp = place.strip.terrain == "ramp"
-            steep = max(abs(place.strip.slope) - STEEP_RAD, 0.0) if ramp else 0.0
-            own = _STEP_TIME["ramp" if ramp else "level"] * (1.0 + _SLOWER_STEEP * steep) / slower
-            duration = level_step * own * (0.55 + 0.45 * ratio)
-        if i == 0 or i == len(prints) - 1:
-            duration = max(duration, 0.9 * level_step)
-        durations.append(duration * (1.0 + np.clip(rng.normal(0.0, gait.step_sd), -0.06, 0.06)))
+            ratio = max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s))
+            ratio = np.clip(ratio, *STEP.length_range)
+            ramp = hold.strip.terrain == "ramp"
+            steep = max(abs(hold.strip.slope) - PLACEMENT.steep_rad, 0.0) if ramp else 0.0
+            own = (STEP.ramp_time if ramp else 1.0) * (1.0 + STEP.slower_steep * steep) / slower
+            duration = level_step * own * (1.0 - STEP.time_by_length + STEP.time_by_length * ratio)
+        if i == 0 or i == len(holds) - 1:
+            duration = max(duration, STEP.first_and_last * level_step)
+        error = np.clip(rng.normal(0.0, gait.step_sd), -STEP.largest_error, STEP.largest_error)
+        durations.append(duration * (1.0 + error))
         previous = s
-    # neighbouring steps share their tempo: people do not change cadence abruptly
-    return np.convolve(np.pad(durations, 1, mode="edge"), [0.2, 0.6, 0.2], mode="valid")
+    # people do not change cadence abruptly
+    return np.convolve(np.pad(durations, 1, mode="edge"), STEP.shared_time, mode="valid")
 
 
-def _styles(prints: Sequence[Place], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
+def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
     """Style of each step, by its own speed."""
-    speeds = np.diff([0.0, *(place.s for place in prints)]) / durations
-    speeds = np.convolve(np.pad(speeds, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
+    speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
+    speeds = np.convolve(np.pad(speeds, 1, mode="edge"), STEP.shared_speed, mode="valid")
     styles = []
     for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
         style = style_at(pace(speed, size))
         if rise:
             level = level_style(pace(speed, size))
-            transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWN_TRANSFER
-            style = replace(level, double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
+            transfer = STEP.stair_transfer if rise > 0.0 else STEP.down_transfer
+            style = replace(level, double_support=STEP.stair_double_support, transfer=transfer)
         if before < 0.0:
-            style = replace(style, double_support=max(style.double_support, _COME_DOWN_DOUBLE_SUPPORT))
+            style = replace(style, double_support=max(style.double_support, STEP.come_down_double_support))
         swing = duration * (1.0 - float(style.double_support))
-        styles.append(held(style, max(swing / _STAIR_SWING_MAX_S, 1.0)) if rise else style)
+        styles.append(prolonged(style, max(swing / STEP.stair_swing_max_s, 1.0)) if rise else style)
     return styles
-
-
-HALF_STEP_WIDTH_M = 0.060  # the shoes carry housings on their inner sides
-TOE_OUT_RAD = 0.09
-CLEARANCE_M = 0.018
-_SLIDING_M = 0.005  # clearance of a foot that shuffles
-_FLAT_SHUFFLE = 0.4  # above this, the foot lands on the whole sole
-_LEAD_S = 0.3  # from the end of standing to the first step
-SHIFT_S = 0.55  # weight shift from both feet to one, before the first step
-SETTLE_S = 0.60  # and back to both after the last step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,7 +226,7 @@ class Footstep:
     t_touch: float
     t_off: float
     style: Style
-    clearance_m: float = CLEARANCE_M
+    clearance_m: float = STEP.clearance_m
 
 
 def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
@@ -169,12 +240,12 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
     """
     check_gait(gait)
     tempo = Tempo.along(layout, size, gait, rng)
-    prints = places(layout, size, gait, tempo, rng)
-    durations, styles = timing(layout.way, prints, size, gait, tempo, rng)
-    touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
+    holds = footholds(layout, size, gait, tempo, rng)
+    durations, styles = timing(layout.way, holds, size, gait, tempo, rng)
+    touch = gait.stand_s + STEP.lead_s + np.cumsum(durations)
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
-    rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(prints, touch, styles)]
+    rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
@@ -184,7 +255,7 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]
         steps.append(_footstep(layout.way, row, before, own_before, ahead, after, t_off, rng, gait))
-    return steps, float(touch[-1] + SETTLE_S + gait.stand_s)
+    return steps, float(touch[-1] + STEP.settle_s + gait.stand_s)
 
 
 @dataclass(frozen=True)
@@ -208,43 +279,32 @@ def _footstep(
     rise = row.z - before.z
     risen, next_risen = _riser(before, row), _riser(row, after)
     joined = _riser(own_before, row) if before.strip is row.strip and before.s == row.s else 0.0
-    mode = "SA" if risen >= 0.07 else "SD" if risen <= -0.07 else "LG"
+    mode = "SA" if risen >= _STAIR_MODE_M else "SD" if risen <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
-    steep = slope > STEEP_RAD + 0.05
-    flat = risen > 0.02 or joined != 0.0 or steep
-    flat |= gait.shuffle > _FLAT_SHUFFLE and risen >= -0.02
+    steep = slope > PLACEMENT.steep_rad + 0.05
+    flat = risen > _RISER_M or joined != 0.0 or steep
+    flat |= gait.shuffle > STEP.flat_shuffle and risen >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
     wider = widening(way, before.s, row.s)
-    left = side * (HALF_STEP_WIDTH_M + wider) + float(np.clip(rng.normal(0.0, 0.4 * gait.step_sd), -0.015, 0.015))
+    error = np.clip(rng.normal(0.0, STEP.side_sd * gait.step_sd), -STEP.largest_side_m, STEP.largest_side_m)
+    left = side * (STEP.half_step_width_m + wider) + float(error)
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
     return Footstep(
-        foot=row.foot,
-        p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
-        R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)),
-        s=row.s,
-        heading=heading,
-        slope=slope,
-        rise=rise,
-        fall=row.z - ahead.z,
-        terrain=row.strip.terrain,
-        mode=mode,
-        arrival="flat" if flat else "forefoot" if risen < -0.02 else "heel",
-        departure="climb" if next_risen > 0.02 else "lower" if next_risen < -0.02 else "push",
-        t_touch=row.t_touch,
-        t_off=t_off,
-        style=row.style,
-        clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_M - CLEARANCE_M),
-    )
+        foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
+        R_world_sole=R_world_ground @ rot_z(np.array(side * STEP.toe_out_rad)), s=row.s, heading=heading, slope=slope,
+        rise=rise, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
+        arrival="flat" if flat else "forefoot" if risen < -_RISER_M else "heel",
+        departure="climb" if next_risen > _RISER_M else "lower" if next_risen < -_RISER_M else "push",
+        t_touch=row.t_touch, t_off=t_off, style=row.style,
+        clearance_m=STEP.clearance_m + gait.shuffle * (STEP.sliding_m - STEP.clearance_m),
+    )  # fmt: skip
 
 
 def _riser(a: _Row, b: _Row) -> float:
     """Height of the riser between two footprints, m; 0 without one, or on a ramp."""
     ramp = "ramp" in (a.strip.terrain, b.strip.terrain)
     return 0.0 if a.strip is b.strip or ramp else b.z - a.z
-
-
-_SMOOTHING_S = 0.09
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,19 +339,15 @@ class Rhythm:
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)
         inside = np.clip(t, knots[0], knots[-1])
-        return _smooth(PchipInterpolator(knots, count)(inside), t)
+        return smoothed(PchipInterpolator(knots, count)(inside), STEP.smoothing_s, t[1] - t[0])
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""
         middle = (self.begin + self.end) / 2
-        at = np.concatenate([[self.begin[0] - SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
-        return _smooth(np.interp(t, at, np.concatenate([[before], values, [after]])), t)
+        at = np.concatenate([[self.begin[0] - STEP.shift_s / 2], middle, [self.end[-1] + STEP.settle_s / 2]])
+        return smoothed(np.interp(t, at, np.concatenate([[before], values, [after]])), STEP.smoothing_s, t[1] - t[0])
 
     def styled(self, t: Array, name: str, rest: float, index: int | None = None) -> Array:
         """(N,) a field of the steps' styles, blended as in `blend`."""
         values = [getattr(step.style, name) for step in self.steps]
         return self.blend(t, np.array([v if index is None else v[index] for v in values]), rest, rest)
-
-
-def _smooth(x: Array, t: Array) -> Array:
-    return gaussian_filter1d(x, _SMOOTHING_S / (t[1] - t[0]), mode="nearest", truncate=5.0)

@@ -37,6 +37,13 @@ class ShoeParameters:
         slap: Strength of the ball's slap relative to that of the heel strike.
         rock_hz: (M,) frequencies of the motion in stance.
         rock_rate: (M, 3) rad/s, amplitude of its angular rate.
+        strength: Softest and hardest strike relative to the reference.
+        blow_s: Time after the strike at which all modes accelerate upward together.
+        jitter_rad: SD of a mode's phase from strike to strike: the strikes of a foot are similar.
+        slap_rad: Pitch of the sole against the ground at which the ball slaps down.
+        fade_s: Fade-in and fade-out of rocking.
+        rock_s: A longer stance is still after this time.
+        ground_m: (3,) pivot of rocking in the foot's frame.
     """
 
     mode_hz: Array
@@ -48,6 +55,13 @@ class ShoeParameters:
     slap: float
     rock_hz: Array
     rock_rate: Array
+    strength: tuple[float, float] = (0.15, 2.0)
+    blow_s: float = 0.007
+    jitter_rad: float = 0.5
+    slap_rad: float = 0.02
+    fade_s: float = 0.10
+    rock_s: float = 0.9
+    ground_m: tuple[float, float, float] = (0.060, 0.0, 0.0)
 
 
 SHOE = ShoeParameters(
@@ -68,10 +82,7 @@ feet, 56 strikes of one person."""
 def case_parameters(strike: float) -> ShoeParameters:
     """Vibration of a sensor case on head or chest after the strikes of both heels: a mostly vertical, decaying impulse.
 
-    Images do not show it: 10 m/s² at 12 Hz are 2 mm.
-
-    Args:
-        strike: m/s², the largest acceleration up.
+    `strike` is the largest acceleration up, m/s². Images do not show it: 10 m/s² at 12 Hz are 2 mm.
     """
     return ShoeParameters(
         mode_hz=np.array([12.0, 25.0]),
@@ -91,27 +102,15 @@ RISE_PERIODS = 0.4
 """A mode builds up within this share of its period."""
 SUPPORT = 10.0
 """A mode is over after this many decay times."""
-_STRENGTH = (0.15, 2.0)  # softest and hardest strike relative to the reference
-_FADE_S = 0.10  # fade-in and fade-out of rocking
-_ROCK_S = 0.9  # a longer stance is still after this time
 _UP = 2  # index in displacement (forward, left, up) and rotation
-_BLOW_S = 0.007  # this long after the strike all modes accelerate upward together
-_JITTER_RAD = 0.5  # of a mode's phase from strike to strike: the strikes of a foot are similar
-_SLAP_RAD = 0.02  # pitch of the sole against the ground at which the ball slaps down
-_GROUND = (0.060, 0.0, 0.0)  # m: pivot of rocking
 
 
 @numba.njit(cache=True)
 def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
-    """A mode's oscillation after a strike, and its time derivative.
+    """A mode's oscillation at (N,) s after a strike, and its time derivative.
 
-    s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1.
-
-    Args:
-        tau: (N,) s since the strike.
-        hz: f.
-        decay_s: T.
-        phase: rad, φ.
+    s(τ) exp(-τ/T) sin(2πfτ + φ) with f = `hz`, T = `decay_s` and φ = `phase`, where s rises smoothly (zero first and
+    second derivative at both ends) from 0 to 1.
     """
     value, rate, omega = np.empty(len(tau)), np.empty(len(tau)), 2 * np.pi * hz
     for i in range(len(tau)):
@@ -158,7 +157,7 @@ class UpperMotion:
 
     pivot: Array
     _parameters: ShoeParameters
-    _rings: _Vibrations
+    _vibrations: _Vibrations
     _rocks: _Rocks
 
     @classmethod
@@ -166,29 +165,24 @@ class UpperMotion:
         cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
         pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
     ) -> Self:  # fmt: skip
-        """The motion of a walk.
+        """The motion of a walk with the footsteps of one foot; `rng` draws the variation from strike to strike.
 
-        Args:
-            steps: Footsteps of one foot.
-            pitch: (N,) s -> (N,) rad, pitch of its sole relative to the ground.
-            speed: (N,) s -> (N,) m/s, speed of the foot.
-            pivot: (3,) m in the foot's frame: position of the sensors, where the parameters were recorded.
-            rng: Draws the variation from strike to strike.
-            parameters: Parameters of the shoe.
+        `pitch` of the sole relative to the ground, rad, and `speed` of the foot, m/s, are functions of (N,) s. The
+        pivot, (3,) m in the foot's frame, is the position of the sensors, where the parameters were recorded.
         """
         landed = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.mode_hz), 6))
-        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * _BLOW_S  # the ground first pushes up
+        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * parameters.blow_s  # the ground first pushes up
         omega = 2 * np.pi * parameters.mode_hz[:, None]
         unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
         strikes, rocks = [], []
         for step, impact in zip(landed, speeds):
-            strength = np.clip(impact / parameters.impact_mps, *_STRENGTH) * np.exp(
+            strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
             )
-            for t, share in ((step.t_touch, 1.0), (_slap(step, pitch), parameters.slap)):
-                phase = shape + _JITTER_RAD * rng.standard_normal(shape.shape)
+            for t, share in ((step.t_touch, 1.0), (_slap_time(step, pitch, parameters.slap_rad), parameters.slap)):
+                phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * share * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
         modes = len(parameters.mode_hz)
@@ -196,14 +190,14 @@ class UpperMotion:
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
         return cls(
             pivot=pivot, _parameters=parameters,
-            _rings=_Vibrations(
+            _vibrations=_Vibrations(
                 begin=begin, end=begin + SUPPORT * decay_s, hz=hz, decay_s=decay_s,
                 amplitude=np.reshape([a for _, a, _ in strikes], (-1, 6)),
                 phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
             ),
             _rocks=_Rocks(
                 begin=np.array([step.t_touch for step in landed]),
-                end=np.array([min(step.t_off, step.t_touch + _ROCK_S) for step in landed]),
+                end=np.array([min(step.t_off, step.t_touch + parameters.rock_s) for step in landed]),
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
             ),
         )  # fmt: skip
@@ -211,16 +205,16 @@ class UpperMotion:
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Displacement (N, 3) m and rotation vector (N, 3) rad, at (N,) increasing s, and the rates of both."""
         value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))
-        _add_rocks(t, self._rocks, self._parameters.rock_hz, self._parameters.rock_rate, value[:, 3:], rate[:, 3:])
+        shoe = self._parameters
+        _add_rocks(t, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, value[:, 3:], rate[:, 3:])
         # rocking rotates about the ground, so the pivot moves as well
-        value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - _GROUND) for x in (value, rate))
-        _add_vibrations(t, self._rings, value, rate)
+        value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - self._parameters.ground_m) for x in (value, rate))
+        _add_vibrations(t, self._vibrations, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
     def carried(self, foot: Track) -> Track:
         """Track of the upper, whose frame coincides with the foot's at rest."""
-        shift, turn, shifting, turning = self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64))
-        return foot.displaced(self.pivot, shift, turn, shifting, turning)
+        return foot.displaced(self.pivot, *self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64)))
 
 
 @numba.njit(cache=True)
@@ -241,25 +235,27 @@ def _add_vibrations(t: Array, vibrations: _Vibrations, value: Array, rate: Array
 
 
 @numba.njit(cache=True)
-def _add_rocks(t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, turn: Array, turning: Array) -> None:
+def _add_rocks(
+    t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, rotation: Array, rate: Array
+) -> None:  # fmt: skip
     """Adds the rocking at (N,) increasing s, sines of random phase in a window, to (N, 3) rotation and rate."""
     for e in range(len(rocks.begin)):
         for i in range(np.searchsorted(t, rocks.begin[e]), np.searchsorted(t, rocks.end[e])):
             tau = t[i] - rocks.begin[e]
-            begun, left = tau / _FADE_S, (rocks.end[e] - t[i]) / _FADE_S
+            begun, left = tau / fade_s, (rocks.end[e] - t[i]) / fade_s
             window = ease(begun) * ease(left)
-            changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / _FADE_S
+            changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s
             for m in range(len(rock_hz)):
                 omega = 2 * np.pi * rock_hz[m]
                 for k in range(3):
                     amplitude, angle = rock_rate[m, k] / omega, omega * tau + rocks.phase[e, m, k]
                     wave = amplitude * np.sin(angle)
-                    turn[i, k] += window * wave
-                    turning[i, k] += changing * wave + window * amplitude * omega * np.cos(angle)
+                    rotation[i, k] += window * wave
+                    rate[i, k] += changing * wave + window * amplitude * omega * np.cos(angle)
 
 
-def _slap(step: Footstep, pitch: Callable[[Array], Array]) -> float:
+def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
     """Time at which the sole slaps down on the ground, s."""
     t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
-    down = np.abs(pitch(t)) < _SLAP_RAD
+    down = np.abs(pitch(t)) < flat_rad
     return float(t[down.argmax()]) if down.any() else step.t_touch

@@ -49,16 +49,10 @@ def solve_leg(
     size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array,
     R_world_foot: Array, knee_min: float,
 ) -> LegAngles:  # fmt: skip
-    """Joint angles that bring the foot to its pose.
+    """Joint angles that bring the foot of a side (`l` or `r`) to its poses, (N, 3) and (N, 3, 3).
 
-    Args:
-        size: Wearer.
-        side: `l` or `r`.
-        p_pelvis_in_world: (N, 3) midpoint of the hip centres.
-        R_world_pelvis: (N, 3, 3).
-        p_foot_in_world: (N, 3) foot frame's origin.
-        R_world_foot: (N, 3, 3).
-        knee_min: Smallest knee flexion, rad; `stretch` gives the distance to a foot that is out of reach.
+    The pelvis' origin is the midpoint of the hip centres. The knee is flexed by `knee_min` rad at least; `stretch` is
+    the distance to a foot that is out of reach.
     """
     sign = 1.0 if side == "l" else -1.0
     p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
@@ -76,11 +70,7 @@ def solve_leg(
     R = np.swapaxes(R_world_pelvis, 1, 2) @ R_world_shank @ rot_y(-knee)  # = Ry(-flexion) Rx(roll) Rz(yaw)
     roll = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))
     return LegAngles(
-        hip_flexion=-np.arctan2(R[:, 0, 2], R[:, 2, 2]),
-        hip_adduction=-sign * roll,
-        hip_rotation=-sign * np.arctan2(R[:, 1, 0], R[:, 1, 1]),
-        knee_flexion=knee,
-        ankle_dorsiflexion=dorsiflexion,
-        ankle_inversion=-sign * inversion,
-        stretch=distance - within,
-    )
+        hip_flexion=-np.arctan2(R[:, 0, 2], R[:, 2, 2]), hip_adduction=-sign * roll,
+        hip_rotation=-sign * np.arctan2(R[:, 1, 0], R[:, 1, 1]), knee_flexion=knee, ankle_dorsiflexion=dorsiflexion,
+        ankle_inversion=-sign * inversion, stretch=distance - within,
+    )  # fmt: skip

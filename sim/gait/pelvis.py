@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,16 +16,29 @@ from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
-KNEE_MIN_RAD = np.radians(7.0)  # sets the height of the pelvis; the legs may straighten to KNEE_HARD_MIN_RAD
-KNEE_HARD_MIN_RAD = np.radians(1.5)
-# and larger off the level: down stairs people land on a bent knee; uphill, a nearly straight rear leg would have to
-# bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip
-_KNEE_OF_MODE_RAD = {"SD": np.radians(16.0), "SA": np.radians(12.0)}
-_KNEE_UPHILL, _KNEE_UPHILL_MAX_RAD = 1.5, np.radians(20.0)  # additional rad per rad of slope
 _SETTLED_M = 1e-5
-_SMOOTHNESS = 2e-3
-_STANDING_HEIGHT = 0.99  # in leg lengths
-_ABOVE_REACH = 5e3  # weight of a height beyond the legs' reach relative to the distance from the goal
+
+
+@dataclass(frozen=True, kw_only=True)
+class PelvisParameters:
+    """Least flexion of the knees, and the height of the pelvis; chosen by hand, within what the legs reach.
+
+    Off the level the least flexion is larger: down stairs people land on a bent knee; uphill, a nearly straight rear
+    leg would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip.
+    """
+
+    knee_min_rad: float = np.radians(7.0)  # determines the height of the pelvis on the level
+    knee_hard_min_rad: float = np.radians(1.5)  # to which the legs may straighten
+    knee_down_stairs_rad: float = np.radians(16.0)
+    knee_up_stairs_rad: float = np.radians(12.0)
+    knee_uphill: float = 1.5  # additional rad per rad of slope
+    knee_uphill_max_rad: float = np.radians(20.0)
+    standing_height: float = 0.99  # leg lengths
+    smoothness: float = 2e-3  # s³, weight of the third derivative of the height
+    above_reach: float = 5e3  # weight of a height beyond the legs' reach relative to the distance from the goal
+
+
+PELVIS = PelvisParameters()
 
 
 def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
@@ -45,11 +59,7 @@ def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
 
 
 def highest(
-    size: Wearer,
-    p_pelvis_in_world: Array,
-    R_world_pelvis: Array,
-    paths: Mapping[str, FootPath],
-    knee_min: Array,
+    size: Wearer, p_pelvis_in_world: Array, R_world_pelvis: Array, paths: Mapping[str, FootPath], knee_min: Array
 ) -> Array:
     """(N,) height of the pelvis at which one of the legs is as straight as (N,) `knee_min` allows."""
     limits = []
@@ -65,21 +75,17 @@ def highest(
 def least_knee(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad at (N,) uniform s, least knee flexion that determines the height of the pelvis."""
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
-    bent = np.array([_KNEE_OF_MODE_RAD.get(step.mode, KNEE_MIN_RAD) for step in rhythm.steps])
-    bent = np.minimum(bent + _KNEE_UPHILL * uphill, np.maximum(bent, _KNEE_UPHILL_MAX_RAD))
+    of_mode = {"SD": PELVIS.knee_down_stairs_rad, "SA": PELVIS.knee_up_stairs_rad}
+    bent = np.array([of_mode.get(step.mode, PELVIS.knee_min_rad) for step in rhythm.steps])
+    bent = np.minimum(bent + PELVIS.knee_uphill * uphill, np.maximum(bent, PELVIS.knee_uphill_max_rad))
     climbing = np.where([step.mode in ("SA", "RA") for step in rhythm.steps], bent, 0.0)
     for late in (1, 2):  # the rear foot leaves the ground during the next step or the one after
         bent[late:] = np.maximum(bent[late:], climbing[:-late])
-    return rhythm.blend(t, bent, KNEE_MIN_RAD, KNEE_MIN_RAD)
+    return rhythm.blend(t, bent, PELVIS.knee_min_rad, PELVIS.knee_min_rad)
 
 
 def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:
-    """Height of the pelvis on the level, from the styles of the steps.
-
-    Args:
-        rhythm: Steps.
-        t: (N,) uniform s.
-        leg_m: Hip centre to sole, m.
+    """Height of the pelvis on the level at (N,) uniform s, from the styles of the steps, for legs of `leg_m`.
 
     Returns:
         (N,) mean height in the world, m; (N,) oscillation about it, m; and (N,) share of level ground, 0-1.
@@ -88,7 +94,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
     footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
     ground = rhythm.blend(t, footprints, 0.0, footprints[-1])
-    mean = ground + leg_m * rhythm.styled(t, "height", _STANDING_HEIGHT, 0)
+    mean = ground + leg_m * rhythm.styled(t, "height", PELVIS.standing_height, 0)
     psi = 2 * np.pi * rhythm.phase(t)
     wave = np.zeros_like(t)
     for k in (1, 2, 3):
@@ -99,26 +105,20 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
 
 
 def height_near(goal: Array, limit: Array, dt: float) -> Array:
-    """Smoothest height close to a goal and below a limit: least squares with a third-derivative penalty.
-
-    Args:
-        goal: (N,) m.
-        limit: (N,) m.
-        dt: Time between rows, s.
-    """
+    """Smoothest height close to a goal and below a limit, (N,) m: least squares with a third-derivative penalty."""
     n = len(limit)
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
     penalty = sp.dia_array(D.T @ D)
     bands = np.zeros((4, n))
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:
-            bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
+            bands[3 - offset, offset:] = PELVIS.smoothness**2 * row[offset:n]
     above = np.zeros(n, dtype=bool)
     z = goal
     for _ in range(40):
         system = bands.copy()
-        system[3] += np.where(above, _ABOVE_REACH, 1.0)
-        before, z = z, solveh_banded(system, np.where(above, _ABOVE_REACH * limit, goal))
+        system[3] += np.where(above, PELVIS.above_reach, 1.0)
+        before, z = z, solveh_banded(system, np.where(above, PELVIS.above_reach * limit, goal))
         if np.abs(z - before).max() < _SETTLED_M:
             break
         above = z > limit

@@ -10,30 +10,45 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
-from stridetwin.sim.kinematics.smooth import ease
-from stridetwin.sim.world.route import Strip
+from stridetwin.sim.kinematics.smooth import ease, smoothed
+from stridetwin.sim.world.route import Strip, profile_height
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler
 
-_LEVEL_PITCH = 0.06
-_BY_CLIMB = 0.45  # on stairs and ramps the head pitches down farther
-_AHEAD_S, _AHEAD_MIN_M = 1.8, 1.1  # two steps (Marigold & Patla 2007: mostly this far, 1.5-2 s)
-_HEAD_SHARE = 0.45  # of a downward gaze; the eyes do the rest
-_EYES_LEGS = 1.78  # height of the eyes, in leg lengths
-_PITCH_SMOOTHING_S = 0.22
-_HOLD_S, _HOLD_SPREAD = 1.1, 0.5  # median, and SD of its logarithm
-_YAW_SD, _YAW_MAX = np.radians(22.0), np.radians(40.0)
-_PITCH_SD, _PITCH_MIN, _PITCH_MAX = 0.24, -0.62, 0.75
-_MOVE_S, _MOVE_S_PER_RAD = 0.22, 0.32
-_SWAY_ONSET_S = 1.0  # the head is still for this time, and reaches full sway after twice this time
-_HEAD_LIMIT_RAD = 1.0  # neck relative to trunk; approached, never exceeded
-_CHEST_YAW, _CHEST_PITCH = 0.22, 0.12  # of the head's rotation
-_CHEST_SMOOTHING_S = 0.30
+
+@dataclass(frozen=True, kw_only=True)
+class GazeParameters:
+    """Rotations of head and chest with the gaze; chosen by hand where no source is named."""
+
+    level_pitch: float = 0.06  # rad, down
+    by_climb: float = 0.45  # rad per unit of slope: on stairs and ramps the head pitches down farther
+    ahead_s: float = 1.8  # two steps (Marigold & Patla 2007: mostly this far, 1.5-2 s)
+    ahead_min_m: float = 1.1
+    head_share: float = 0.45  # of a downward gaze; the eyes do the rest
+    eyes_legs: float = 1.78  # height of the eyes, leg lengths
+    pitch_smoothing_s: float = 0.22
+    hold_s: float = 1.1  # median time for which a direction is held
+    hold_spread: float = 0.5  # SD of its logarithm
+    hold_range_s: tuple[float, float] = (0.35, 4.0)
+    yaw_sd: float = np.radians(22.0)  # of the held directions
+    yaw_max: float = np.radians(40.0)
+    pitch_sd: float = 0.24  # rad
+    pitch_min: float = -0.62  # rad
+    pitch_max: float = 0.75  # rad
+    move_s: float = 0.22  # duration of a movement between two directions
+    move_s_per_rad: float = 0.32  # and more for a larger one
+    sway_onset_s: float = 1.0  # the head is still for this time, and reaches full sway after twice this time
+    head_limit_rad: float = 1.0  # neck relative to trunk; approached, never exceeded
+    chest_yaw: float = 0.22  # share of the head's rotation
+    chest_pitch: float = 0.12  # likewise
+    chest_smoothing_s: float = 0.30
+
+
+_GAZE = GazeParameters()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,22 +71,13 @@ class Look:
 def look(
     gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
 ) -> Look:  # fmt: skip
-    """Rotations of head and chest.
-
-    Args:
-        gaze: Kind of gaze and its offsets.
-        t: (N,) uniform s.
-        s: (N,) m, the walker along the way.
-        climb: (N,) mean slope of the ground nearby.
-        profile: Ground along the way.
-        leg_m: Hip centre to sole, m.
-        rng: Draws the directions of a wandering gaze; other kinds do not use it.
-    """
+    """Rotations of head and chest at (N,) m along the way, with (N,) mean slope nearby; the rest as for `posture`."""
     dt = float(t[1] - t[0])
-    usual = _LEVEL_PITCH + _BY_CLIMB * np.abs(climb)
+    usual = _GAZE.level_pitch + _GAZE.by_climb * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
-        pitch = usual - _LEVEL_PITCH + _smooth(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
+        toward = smoothed(_toward_ground(s, dt, profile, leg_m), _GAZE.pitch_smoothing_s, dt)
+        pitch = usual - _GAZE.level_pitch + toward
     elif gaze.kind == "wandering":
         away, yaw = _wander(t, rng)
         pitch = usual + away
@@ -79,24 +85,22 @@ def look(
         return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
     yaw_sway, pitch_sway = _sway(gaze, t)
     pitch, yaw = pitch + pitch_sway, yaw + yaw_sway
-    pitch, yaw = (_HEAD_LIMIT_RAD * np.tanh((x + more) / _HEAD_LIMIT_RAD)
+    pitch, yaw = (_GAZE.head_limit_rad * np.tanh((x + more) / _GAZE.head_limit_rad)
                   for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
     return Look(
         head_pitch=pitch,
         head_yaw=yaw,
-        chest_pitch=_CHEST_PITCH * _smooth(pitch - usual, _CHEST_SMOOTHING_S, dt),
-        chest_yaw=_CHEST_YAW * _smooth(yaw, _CHEST_SMOOTHING_S, dt),
+        chest_pitch=_GAZE.chest_pitch * smoothed(pitch - usual, _GAZE.chest_smoothing_s, dt),
+        chest_yaw=_GAZE.chest_yaw * smoothed(yaw, _GAZE.chest_smoothing_s, dt),
     )
 
 
 def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
-    """(N,) pitch of a head that looks at the ground where the walker will be in `_AHEAD_S`."""
-    at = [v for strip in profile for v in (strip.s0, strip.s1)]
-    z = [v for strip in profile for v in (strip.z0, strip.z1)]
+    """(N,) pitch of a head that looks at the ground where the walker will be in `_GAZE.ahead_s`."""
     rows = np.arange(len(s))
-    ahead = np.maximum(np.interp(rows + _AHEAD_S / dt, rows, s) - s, _AHEAD_MIN_M)
-    below = _EYES_LEGS * leg_m + np.interp(s, at, z) - np.interp(s + ahead, at, z)
-    return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
+    ahead = np.maximum(np.interp(rows + _GAZE.ahead_s / dt, rows, s) - s, _GAZE.ahead_min_m)
+    below = _GAZE.eyes_legs * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
+    return _GAZE.head_share * np.arctan2(np.maximum(below, 0.0), ahead)
 
 
 def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -104,37 +108,52 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     angles = [np.zeros_like(t), np.zeros_like(t)]
     now, last = t[0], np.zeros(2)
     while now < t[-1]:
-        now += float(np.clip(_HOLD_S * np.exp(_HOLD_SPREAD * rng.standard_normal()), 0.35, 4.0))
-        pitch = np.clip(rng.normal(0.0, _PITCH_SD), _PITCH_MIN, _PITCH_MAX)
-        yaw = np.clip(rng.normal(0.0, _YAW_SD), -_YAW_MAX, _YAW_MAX)
+        now += float(np.clip(_GAZE.hold_s * np.exp(_GAZE.hold_spread * rng.standard_normal()), *_GAZE.hold_range_s))
+        pitch = np.clip(rng.normal(0.0, _GAZE.pitch_sd), _GAZE.pitch_min, _GAZE.pitch_max)
+        yaw = np.clip(rng.normal(0.0, _GAZE.yaw_sd), -_GAZE.yaw_max, _GAZE.yaw_max)
         goal = np.array([pitch, yaw])
-        move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
-        for turn, step in zip(angles, goal - last):
-            turn += step * ease((t - now) / move)
+        move = _GAZE.move_s + _GAZE.move_s_per_rad * float(np.hypot(*(goal - last)))
+        for angle, step in zip(angles, goal - last):
+            angle += step * ease((t - now) / move)
         now, last = now + move, goal
     return angles[0], angles[1]
 
 
 def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
     """(N,) yaw and (N,) pitch of a commanded periodic head motion."""
-    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
+    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _GAZE.sway_onset_s - 1.0)
     return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
 
 
-def _smooth(x: Array, sigma_s: float, dt: float) -> Array:
-    return gaussian_filter1d(x, sigma_s / dt, mode="nearest", truncate=5.0)
+@dataclass(frozen=True, kw_only=True)
+class PostureParameters:
+    """Orientation of pelvis and trunk, and the swing of the arms; chosen by hand where no source is named."""
+
+    standing_tilt_rad: float = np.radians(11.0)  # of the pelvis
+    tilt_by_effort: float = 0.20  # rad per unit of slope uphill
+    upright_down: float = 0.31  # rad per unit of slope: downhill the pelvis tilts back
+    list_peak: float = 0.34  # share of a step after touch-down
+    torso_lean: float = 0.03  # rad
+    lean_by_effort: float = 0.26  # rad per unit of slope uphill
+    effort_max: float = 0.7  # slope
+    torso_against_pelvis: tuple[float, float] = (0.6, 0.35)  # share of the pelvis' yaw and roll, opposite
+    head_with_pelvis: float = 0.1  # share of the pelvis' yaw
+    arm_swing_rad: float = 0.62  # per leg length of distance between the feet
+    arm_forward: float = 0.8  # forward swing relative to backward swing
+    arm_flexion_rad: float = 0.02  # mean
+    arm_abduction_rad: float = 0.16
+    elbow_flexion_rad: float = 0.42  # mean
+    elbow_swing_rad: float = 0.33
+    look_ahead_m: float = 1.6  # twice the distance over which the slope ahead counts
+    look_behind_m: float = 0.3
+    climb_smoothing_s: float = 0.35
+    turn_smoothing_s: float = 0.15
+    swing_smoothing_s: float = 0.03
+    head_leads_s: float = 0.40  # before a turn (Grasso et al. 1996: 0.2-0.5 s)
+    trunk_leads_s: float = 0.15
 
 
-STANDING_TILT_RAD = np.radians(11.0)
-_ARM_SWING_RAD = 0.62  # per leg length of distance between the feet
-_ELBOW_SWING_RAD = 0.33
-_LIST_PEAK = 0.34  # share of a step after touch-down
-_TORSO_LEAN = 0.03
-_LOOK_AHEAD_M = 1.6
-_UPRIGHT_DOWN = 0.31  # rad per unit of slope: downhill the pelvis tilts back
-_TURN_SMOOTHING_S = 0.15
-_HEAD_LEADS_S = 0.40  # before a turn (Grasso et al. 1996: 0.2-0.5 s)
-_TRUNK_LEADS_S = 0.15
+_POSTURE = PostureParameters()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,65 +170,63 @@ class Posture:
 
 
 def posture(
-    rhythm: Rhythm,
-    paths: dict[str, FootPath],
-    leg_m: float,
-    t: Array,
-    profile: Sequence[Strip],
-    gaze: Gaze,
+    rhythm: Rhythm, paths: dict[str, FootPath], leg_m: float, t: Array, profile: Sequence[Strip], gaze: Gaze,
     rng: np.random.Generator,
-) -> Posture:
-    """Posture for the motion of the feet.
+) -> Posture:  # fmt: skip
+    """Posture for the motion of the feet; the styles of the steps give the amplitudes of the pelvis.
 
     Args:
-        rhythm: Steps; their styles give the amplitudes of the pelvis.
+        rhythm: Steps.
         paths: Path of each foot.
         leg_m: Hip centre to sole, m.
         t: (N,) uniform s.
         profile: Ground along the way.
         gaze: Gaze of the walker.
-        rng: Draws the directions of a wandering gaze.
+        rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
-    heading = _smoothed((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
+    heading = smoothed((paths["l"].heading + paths["r"].heading) / 2, _POSTURE.turn_smoothing_s, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
-    stride = _smoothed((apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m, 0.03, dt)
+    ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
+    stride = smoothed(ahead, _POSTURE.swing_smoothing_s, dt)
     left_first = float(rhythm.steps[0].foot == "l")  # a side of the pelvis is highest early in its stance
-    list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _LIST_PEAK))
+    list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _POSTURE.list_peak))
     s = (paths["l"].s + paths["r"].s) / 2
-    climb = _smoothed(_incline(s, profile), 0.35, dt)
-    effort = np.clip(climb, 0.0, 0.7)
+    climb = smoothed(_incline(s, profile), _POSTURE.climb_smoothing_s, dt)
+    effort = np.clip(climb, 0.0, _POSTURE.effort_max)
     yaw = rhythm.styled(t, "turn", 0.0) * stride
     roll = rhythm.styled(t, "list_", 0.0) * list_to_left
-    pitch = rhythm.styled(t, "tilt", STANDING_TILT_RAD) + 0.20 * effort + _UPRIGHT_DOWN * np.minimum(climb, 0.0)
+    pitch = rhythm.styled(t, "tilt", _POSTURE.standing_tilt_rad) + _POSTURE.tilt_by_effort * effort
+    pitch = pitch + _POSTURE.upright_down * np.minimum(climb, 0.0)
     eyes = look(gaze, t, s, climb, profile, leg_m, rng)
-    torso_pitch = _TORSO_LEAN + 0.26 * effort + eyes.chest_pitch
-    trunk, head = (_ahead_of_time(heading, lead, dt) - heading for lead in (_TRUNK_LEADS_S, _HEAD_LEADS_S))
+    torso_pitch = _POSTURE.torso_lean + _POSTURE.lean_by_effort * effort + eyes.chest_pitch
+    trunk = _ahead_of_time(heading, _POSTURE.trunk_leads_s, dt) - heading
+    head = _ahead_of_time(heading, _POSTURE.head_leads_s, dt) - heading
     # from the heading's own frame, so that several full turns do not matter
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
-    R_torso = from_euler(np.stack([trunk - 0.6 * yaw + eyes.chest_yaw, torso_pitch, -0.35 * roll], -1))
-    R_head = from_euler(np.stack([head + 0.1 * yaw + eyes.head_yaw, eyes.head_pitch, np.zeros_like(yaw)], -1))
+    against_yaw, against_roll = _POSTURE.torso_against_pelvis
+    R_torso = from_euler(np.stack([trunk - against_yaw * yaw + eyes.chest_yaw, torso_pitch, -against_roll * roll], -1))
+    head_yaw = head + _POSTURE.head_with_pelvis * yaw + eyes.head_yaw
+    R_head = from_euler(np.stack([head_yaw, eyes.head_pitch, np.zeros_like(yaw)], -1))
     joints = {
         **_three_axes("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
         **_three_axes("neck", np.swapaxes(R_torso, 1, 2) @ R_head),
     }
     for side, sign in (("l", 1.0), ("r", -1.0)):
         swing = sign * stride  # the left arm moves with the right foot
-        joints[f"shoulder_flexion_{side}"] = torso_pitch + _ARM_SWING_RAD * swing * np.where(swing > 0, 0.8, 1.0) + 0.02
-        joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, 0.16)
-        joints[f"elbow_flexion_{side}"] = 0.42 + _ELBOW_SWING_RAD * swing
-    for name, value in joints.items():
-        if name.startswith("shoulder_flexion"):
-            joints[name] = _smoothed(value, 0.03, dt)
+        flexion = torso_pitch + _POSTURE.arm_swing_rad * swing * np.where(swing > 0, _POSTURE.arm_forward, 1.0)
+        joints[f"shoulder_flexion_{side}"] = smoothed(
+            flexion + _POSTURE.arm_flexion_rad, _POSTURE.swing_smoothing_s, dt
+        )
+        joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, _POSTURE.arm_abduction_rad)
+        joints[f"elbow_flexion_{side}"] = _POSTURE.elbow_flexion_rad + _POSTURE.elbow_swing_rad * swing
     return Posture(pelvis=np.stack([heading + yaw, pitch, roll], -1), joints=joints)
 
 
 def _incline(s: Array, profile: Sequence[Strip]) -> Array:
     """(N,) mean slope of the ground from just behind the feet at s to the point of gaze."""
-    at = [v for strip in profile for v in (strip.s0, strip.s1)]
-    z = [v for strip in profile for v in (strip.z0, strip.z1)]
-    ahead, behind = np.interp(s + _LOOK_AHEAD_M / 2, at, z), np.interp(s - 0.3, at, z)
-    return (ahead - behind) / (_LOOK_AHEAD_M / 2 + 0.3)
+    ahead, behind = _POSTURE.look_ahead_m / 2, _POSTURE.look_behind_m
+    return (profile_height(profile, s + ahead) - profile_height(profile, s - behind)) / (ahead + behind)
 
 
 def _ahead_of_time(x: Array, lead_s: float, dt: float) -> Array:
@@ -226,7 +243,3 @@ def _three_axes(name: str, R: Array) -> dict[str, Array]:
         f"{name}_bending": bending,
         f"{name}_rotation": np.arctan2(R[:, 1, 0], R[:, 1, 1]),
     }
-
-
-def _smoothed(x: Array, sigma_s: float, dt: float) -> Array:
-    return gaussian_filter1d(x, sigma_s / dt, axis=0, mode="nearest", truncate=5.0)

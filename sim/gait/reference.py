@@ -19,11 +19,11 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
-from stridetwin.sim.gait.foot_path import FootPath, foot_path, heel_given
+from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend, travel
-from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD, cart_table, height_near, highest, least_knee, level_height
+from stridetwin.sim.gait.pelvis import PELVIS, cart_table, height_near, highest, least_knee, level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
@@ -41,7 +41,7 @@ def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, Foo
     """Angles of both legs that bring the feet to their paths under a pelvis at (N, 3), (N, 3, 3)."""
     return {
         side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
-                        KNEE_HARD_MIN_RAD)
+                        PELVIS.knee_hard_min_rad)
         for side in SIDES
     }  # fmt: skip
 
@@ -103,7 +103,7 @@ class Walk(ABC):
 
     Attributes:
         duration_s: Length of the walk.
-        size: The wearer who walks.
+        size: Wearer.
         steps: Footsteps of each foot in order of time, initial stance first.
         coordinates: Layout of the generalised coordinates.
         splines: Splines of the coordinates (`Coordinates.names`).
@@ -150,14 +150,7 @@ class Reference(Walk):
 def reference(
     config: TwinConfig, model: mujoco.MjModel, size: Wearer, terrain: Terrain, rng: np.random.Generator
 ) -> Reference:
-    """Plans the whole walk.
-
-    Args:
-        config: Scenario.
-        model: Compiled model of the wearer on the terrain.
-        size: Wearer.
-        terrain: Ground.
-        rng: Step-to-step variability.
+    """Plans the whole walk for a compiled model of the wearer on the terrain; `rng` varies the steps.
 
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
@@ -203,7 +196,7 @@ def reference(
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
             paths = {
-                side: heel_given(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
+                side: with_heel_rise(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
             centres, wanted = _pressed(steps, paths, shares, travels, size, t, terrain.height)

@@ -110,14 +110,28 @@ def _table() -> tuple[Array, Array]:
     return np.array(values["pace"]), np.array([values[label] for label in LABELS])
 
 
-_SWING_WITH_STEP = 0.35  # swing time grows as step time to this power: slow walkers stay longer on both feet
-_LEAST_SHARE = 0.2  # of the tabled amplitudes
-_HEIGHT_SLOW = 0.985  # pelvis, legs
-_LEAST_DOUBLE_SUPPORT = 0.08
-# Beyond the table's fastest style, per unit of dimensionless speed: double support continues to shrink at its rate,
-# the pelvis is lower (leg lengths) and the swing foot reaches less far forward (share), so that the legs reach.
-_SHORTER_SUPPORT_FASTER, _LOWER_FASTER, _LESS_LEAD = 0.16, 0.12, 2.0
-_SHUFFLE_SHORTENS, _SHUFFLE_FLATTENS, _SHUFFLE_LOWERS, _SHUFFLE_STAYS = 0.45, 0.75, 0.85, 0.25
+@dataclass(frozen=True, kw_only=True)
+class MannerParameters:
+    """Styles outside the table and of shuffling feet; chosen by hand, so that the legs reach the footsteps.
+
+    The changes beyond the table's fastest style are per unit of dimensionless speed, those of a shuffle are shares of
+    the usual value at full shuffle.
+    """
+
+    swing_with_step: float = 0.35  # swing time grows as step time to this power: slow walkers stay longer on both feet
+    least_share: float = 0.2  # of the table's amplitudes, at the lowest speed
+    height_slow: float = 0.985  # pelvis at the lowest speed, leg lengths
+    least_double_support: float = 0.08  # share of a step
+    shorter_support_faster: float = 0.16  # share of a step by which double support continues to shrink
+    lower_faster: float = 0.12  # leg lengths by which the pelvis is lower
+    less_lead: float = 2.0  # share by which the swing foot reaches less far forward
+    shuffle_shortens: float = 0.45  # step length
+    shuffle_flattens: float = 0.75  # pitch and pelvis
+    shuffle_lowers: float = 0.85  # lift of the swing foot
+    shuffle_stays: float = 0.25  # swing time
+
+
+_MANNER = MannerParameters()
 
 
 def walk_growth(pace: Array | float) -> Array:
@@ -142,37 +156,38 @@ def style_at(pace: float) -> Style:
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()
-        height[0] -= _LOWER_FASTER * beyond
-        support = np.maximum(style.double_support - _SHORTER_SUPPORT_FASTER * beyond, _LEAST_DOUBLE_SUPPORT)
+        height[0] -= _MANNER.lower_faster * beyond
+        support = style.double_support - _MANNER.shorter_support_faster * beyond
+        forward = style.forward * max(1.0 - _MANNER.less_lead * beyond, 0.0)
         return replace(
-            style, double_support=support, height=height, forward=style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0)
+            style, double_support=np.maximum(support, _MANNER.least_double_support), height=height, forward=forward
         )
     if pace >= slowest:
         return style
     shorter = float(walk_growth(pace) / walk_growth(slowest))
     longer = shorter * slowest / max(pace, 1e-6)
-    style = _scaled(style, max(shorter, _LEAST_SHARE))
+    style = _scaled(style, max(shorter, _MANNER.least_share))
     height = style.height.copy()
-    height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])
-    return held(replace(style, height=height), longer, longer**_SWING_WITH_STEP)
+    height[0] += (1.0 - shorter) * (_MANNER.height_slow - height[0])
+    return prolonged(replace(style, height=height), longer, longer**_MANNER.swing_with_step)
 
 
 def shuffled(style: Style, shuffle: float) -> Style:
     """Style of feet that slide along: flat, low, and with short swings; `shuffle` from 0 to 1."""
     if shuffle == 0.0:
         return style
-    k = 1.0 - _SHUFFLE_LOWERS * shuffle
-    flat = _scaled(style, 1.0 - _SHUFFLE_FLATTENS * shuffle)
+    k = 1.0 - _MANNER.shuffle_lowers * shuffle
+    flat = _scaled(style, 1.0 - _MANNER.shuffle_flattens * shuffle)
     flat = replace(flat, forward=style.forward * k, lift=style.lift * k)
-    return held(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)
+    return prolonged(flat, 1.0, 1.0 - _MANNER.shuffle_stays * shuffle)
 
 
 def shuffled_share(shuffle: float) -> float:
     """Step length of a shuffling walker as a share of the normal one."""
-    return 1.0 - _SHUFFLE_SHORTENS * shuffle
+    return 1.0 - _MANNER.shuffle_shortens * shuffle
 
 
-def held(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
+def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
     """Style of a step that takes `longer` times as long, while its swing takes `swing_longer` times as long."""
     share = swing_longer / longer
     return replace(

@@ -1,9 +1,10 @@
-"""Smooth steps in time."""
+"""Smooth steps in time, and smoothing."""
 
 from __future__ import annotations
 
 import numba
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import betainc
 
 from stridetwin.streams.samples import Array
@@ -41,3 +42,8 @@ def quintic(s: Array, x0: float, v0: float, x1: float, v1: float) -> Array:
     d = x1 - x0
     c3, c4, c5 = 10 * d - 6 * v0 - 4 * v1, -15 * d + 8 * v0 + 7 * v1, 6 * d - 3 * (v0 + v1)
     return x0 + v0 * s + s**3 * (c3 + s * (c4 + s * c5))
+
+
+def smoothed(x: Array, sigma_s: float, dt: float) -> Array:
+    """(N, ...) values every `dt` s, filtered by a Gaussian of standard deviation `sigma_s`; the ends are repeated."""
+    return gaussian_filter1d(x, sigma_s / dt, axis=0, mode="nearest", truncate=5.0)

@@ -29,10 +29,9 @@ import numpy as np
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.rendering.cameras import Due, Patch, board_seen_by, follows, sensor_of
+from stridetwin.sim.sensors.model import Stamps, instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
-from stridetwin.sim.sensors.stamps import Stamps
 from stridetwin.sim.sensors.standard_rig import SensorRig
-from stridetwin.sim.sensors.suite import instants
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Depth, Image

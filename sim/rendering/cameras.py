@@ -6,7 +6,6 @@ import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from types import TracebackType
 from typing import Self
 
 import cv2
@@ -17,8 +16,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import CameraPart, Imager, RgbdPart
 from stridetwin.sim.parts.nominal import depth_scale
-from stridetwin.sim.rendering.imager import BLANK, Pixels, Sensor
-from stridetwin.sim.rendering.lens import Lens
+from stridetwin.sim.rendering.imager import BLANK, Lens, Pixels, Sensor
 from stridetwin.sim.rendering.renderer import SensorView, camera_pose
 from stridetwin.sim.rendering.stereo_depth import DepthModel
 from stridetwin.sim.rendering.sweep import Sweep
@@ -31,10 +29,10 @@ from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
 _AROUND_BOARD = np.array([[x, y, z] for x in (-0.024, 0.024) for y in (-0.032, 0.032) for z in (-0.003, 0.0)])
-_MARGIN_PX = 16
-_EDGE_ON = 0.2
+_MARGIN_PX = 16  # around a board that is rendered alone
+_EDGE_ON = 0.2  # cosine of the view onto a board, below which only its position matters for motion blur
 _LEAST_M = 0.03  # least distance of a board that counts as visible
-_FAR_M = 10.0
+_FAR_M = 10.0  # assumed distance of a scene without depth, for motion blur
 _NOTHING, _AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])
 _SURROUNDINGS_M = 0.5  # assumed distance from a shoe's camera to everything but the board, for motion blur
 
@@ -44,8 +42,7 @@ class Due:
     """One frame to render.
 
     Attributes:
-        t_ns: Time of the frame.
-        topic: Topic of the camera.
+        t_ns, topic: Time of the frame, and topic of the camera.
         twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s), first of the body
             that carries the camera (the upper of a shoe, for a camera on a foot), then of the body with the board.
     """
@@ -60,12 +57,10 @@ class Patch:
     """The rendered part of an otherwise empty image; it is about a hundredth of the data to send between processes.
 
     Attributes:
-        topic: Topic of the image.
-        t_ns: Time of the image.
+        topic, t_ns: Topic and time of the image.
         whole: (H, W) size of the full image.
         pixels: (h, w) grey values of the rendered part.
-        row: Row of the part's upper left pixel.
-        column: Column of that pixel.
+        row, column: Upper left pixel of that part.
     """
 
     topic: str
@@ -92,24 +87,12 @@ def _blank(whole: tuple[int, int]) -> Pixels:
 
 
 class Cameras:
-    """Renders cameras; a context manager, because it holds graphics memory.
-
-    Args:
-        model: Compiled model.
-        sensor_rig: The sensors with their true calibration.
-        crowd: Bystanders.
-        seed: Seed of the walk.
-        mount_slips: Slip of the camera mounts.
-    """
+    """Renders the cameras of a rig; a context manager, because it holds graphics memory."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        sensor_rig: SensorRig,
-        crowd: Crowd,
-        seed: int,
+        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,
         mount_slips: MountSlips | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
         self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
@@ -145,9 +128,7 @@ class Cameras:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._view.close()
 
 
@@ -165,11 +146,8 @@ def follows(sensor_rig: SensorRig, topic: str) -> bool:
 def sensor_of(sensor_rig: SensorRig, topic: str, seed: int) -> Sensor:
     """Sensor model that converts a camera's irradiance to grey values or colours."""
     calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
-    shape = (
-        (calibration.height, calibration.width)
-        if imager.colour == "grey"
-        else (calibration.height, calibration.width, 3)
-    )
+    size = calibration.height, calibration.width
+    shape = size if imager.colour == "grey" else (*size, 3)
     return Sensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
 
 
@@ -287,7 +265,7 @@ class _Camera:
             normal, away = _AHEAD, float(centre[2])
         v, w = _at(data, body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
-        margin = _MARGIN_PX + sweep.way_px(self._imager.exposure_s, *((low + high) / 2))
+        margin = _MARGIN_PX + sweep.path_px(self._imager.exposure_s, *((low + high) / 2))
         left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
         right, bottom = np.minimum(np.ceil(high + margin), size).astype(int).tolist()
         if right - left < 2 or bottom - top < 2:

@@ -1,4 +1,4 @@
-"""Image sensor: vignetting, shot noise, read noise, gain and grey values."""
+"""Camera models: distortion of the lens; vignetting, noise, gain and grey values of the image sensor."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import Imager
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array
 
 Pixels = NDArray[np.uint8]
 SPARE = 64
 """A noise bank is larger than an image by this factor, and each image uses another crop of it."""
 BLANK = 96
 """Grey value of pixels that are not rendered."""
-_TARGET = 0.45  # target of automatic exposure: mean grey value over white
-_GAINS = (0.25, 64.0)
+_TARGET = 0.45  # target of automatic exposure: mean grey value over white, that of typical cameras
+_GAINS = (0.25, 64.0)  # of automatic exposure relative to the nominal one, smallest and largest
 
 
 class Sensor:
@@ -85,14 +88,9 @@ class Sensor:
 
 @numba.njit(cache=True, error_model="numpy")
 def _developed(
-    levels: Pixels,
-    tan2_rows: NDArray[np.float32],
-    tan2_columns: NDArray[np.float32],
-    bank: NDArray[np.float32],
-    start: tuple[int, int],
-    variance: NDArray[np.float32],
-    gain: np.float32,
-) -> Pixels:
+    levels: Pixels, tan2_rows: NDArray[np.float32], tan2_columns: NDArray[np.float32], bank: NDArray[np.float32],
+    start: tuple[int, int], variance: NDArray[np.float32], gain: np.float32,
+) -> Pixels:  # fmt: skip
     """Measured levels (H, W): vignetting by the squared tangents of rows and columns, noise and gain."""
     measured, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
     of_light, in_dark = variance
@@ -104,3 +102,50 @@ def _developed(
             bright = level / (spread * spread) + np.sqrt(of_light * level + in_dark) * noise[j]
             row[j] = np.uint8(min(max(np.rint(gain * bright), np.float32(0)), white))
     return measured
+
+
+_WIDEST = 4.0  # largest pinhole image, times the image size: it cannot contain rays near 90 degrees
+
+
+class Lens:
+    """Lens of a camera with `radtan` (Brown-Conrady) or `equidistant` (Kannala-Brandt) distortion.
+
+    Attributes:
+        straight: Whether there is no distortion.
+        width, height: Size of the pinhole image to render, pixels.
+        intrinsics: Intrinsics of that image, (fu, fv, pu, pv).
+
+    Raises:
+        ConfigError: Coefficients that map the image border outside a pinhole image.
+    """
+
+    def __init__(self, calibration: CameraCalibration) -> None:
+        self.straight = calibration.distortion_model == "radtan" and not any(calibration.distortion)
+        self.width, self.height, self.intrinsics = calibration.width, calibration.height, calibration.intrinsics
+        if self.straight:
+            return
+        fu, fv, pu, pv = calibration.intrinsics
+        rays = _rays(calibration)
+        u, v = fu * rays[..., 0] + pu, fv * rays[..., 1] + pv
+        left, right = math.floor(u.min()) - 1, math.ceil(u.max()) + 1
+        top, bottom = math.floor(v.min()) - 1, math.ceil(v.max()) + 1
+        self.width, self.height = right - left + 1, bottom - top + 1
+        if not self.width * self.height < _WIDEST**2 * calibration.width * calibration.height:
+            valid = "coefficients with which every pixel is well below 90 deg off the axis"
+            raise ConfigError(calibration.topic, "distortion", list(calibration.distortion), valid)
+        self.intrinsics = fu, fv, pu - left, pv - top
+        self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
+
+    def bent(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
+        """The camera's image (H, W, ...) from a pinhole image (height, width, ...)."""
+        return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation))
+
+
+def _rays(calibration: CameraCalibration) -> Array:
+    """(H, W, 2) x/z and y/z of the ray of each pixel."""
+    v, u = np.mgrid[: calibration.height, : calibration.width].astype(float)
+    points, d = np.stack([u, v], axis=-1).reshape(-1, 1, 2), np.array(calibration.distortion)
+    undistorted = cv2.undistortPoints if calibration.distortion_model == "radtan" else cv2.fisheye.undistortPoints
+    return np.asarray(undistorted(points, calibration.K, d), np.float64).reshape(
+        calibration.height, calibration.width, 2
+    )

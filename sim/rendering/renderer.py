@@ -12,7 +12,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Self
 
 import mujoco
@@ -36,19 +35,12 @@ _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
 
 Rgb = NDArray[np.uint8]
 DepthImage = NDArray[np.float32]
+Intrinsics = tuple[float, float, float, float]
+"""(fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0)."""
 
 
 def swap_camera_convention(T: ArrayLike) -> Array:
-    """Converts the frame of a MuJoCo camera to the optical frame of the same camera, and back.
-
-    MuJoCo's camera has x right, y up and looks down −z; the optical frame has x right, y down, z forward.
-
-    Args:
-        T: (..., 4, 4) pose of a camera in some frame.
-
-    Returns:
-        (..., 4, 4) pose of the same camera in the other convention. Applied twice it is the identity.
-    """
+    """(..., 4, 4) pose of a camera in the other convention: of MuJoCo (x right, y up, looks down −z) or optical."""
     return np.asarray(T, dtype=float) @ _OPTICAL_MUJOCO
 
 
@@ -115,21 +107,14 @@ class _OffScreen:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
 class SensorView(_OffScreen):
     """Renders the view of a calibrated camera: no shadows, reflections or smoothing, so that depth is exact.
 
-    The sky is painted afterwards (`sim.rendering.sky`).
-
-    Args:
-        model: Compiled model.
-        width: Width of the largest image, pixels.
-        height: Height of the largest image, pixels.
+    The sky is painted afterwards (`sim.rendering.sky`). `width` and `height` are those of the largest image, pixels.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
@@ -141,18 +126,15 @@ class SensorView(_OffScreen):
         self._sky = Sky.of(model, FAR_M)
 
     def frame(
-        self,
-        data: mujoco.MjData,
-        T_world_camera: ArrayLike,
-        intrinsics: tuple[float, float, float, float],
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics,
         size: tuple[int, int] | None = None,
-    ) -> tuple[Rgb, DepthImage]:
+    ) -> tuple[Rgb, DepthImage]:  # fmt: skip
         """Colour and depth from one render.
 
         Args:
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
-            intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0).
+            intrinsics: Of the image.
             size: (W, H) of the image, up to the view's own, which is the default.
 
         Returns:
@@ -164,22 +146,14 @@ class SensorView(_OffScreen):
         return rgb, depth
 
     def color(
-        self,
-        data: mujoco.MjData,
-        T_world_camera: ArrayLike,
-        intrinsics: tuple[float, float, float, float],
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics,
         size: tuple[int, int] | None = None,
-    ) -> Rgb:
+    ) -> Rgb:  # fmt: skip
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as in `frame`."""
         return self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
 
     def crop(
-        self,
-        data: mujoco.MjData,
-        T_world_camera: ArrayLike,
-        intrinsics: tuple[float, float, float, float],
-        rows: slice,
-        columns: slice,
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, rows: slice, columns: slice
     ) -> Rgb:
         """Some rows and columns of `color` alone, (h, w, 3): the same pixels, faster."""
         fu, fv, pu, pv = intrinsics
@@ -188,12 +162,7 @@ class SensorView(_OffScreen):
         return self._look(data, T_world_camera, shifted, width, height)[0]
 
     def _look(
-        self,
-        data: mujoco.MjData,
-        T_world_camera: ArrayLike,
-        intrinsics: tuple[float, float, float, float],
-        width: int,
-        height: int,
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int
     ) -> tuple[Rgb, DepthImage]:
         """Colours (height, width, 3), and depth (height, width), inf where nothing is rendered."""
         self._aim(data, T_world_camera, intrinsics, width, height)
@@ -205,12 +174,7 @@ class SensorView(_OffScreen):
         return rgb, depth
 
     def _aim(
-        self,
-        data: mujoco.MjData,
-        T_world_camera: ArrayLike,
-        intrinsics: tuple[float, float, float, float],
-        width: int,
-        height: int,
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int
     ) -> None:
         """Copies the poses of visible bodies and points the camera."""
         shown = self.model.geom_group.copy()
@@ -233,13 +197,7 @@ class SensorView(_OffScreen):
 
 
 class FilmCamera(_OffScreen):
-    """Third-person view with shadows and smooth edges, for viewers.
-
-    Args:
-        model: Compiled model.
-        width: Pixels.
-        height: Pixels.
-    """
+    """Third-person view with shadows and smooth edges, for viewers."""
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
         super().__init__(model, width, height, _FILM)
@@ -283,10 +241,7 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
 
 @contextmanager
 def _bounded_planes(
-    model: mujoco.MjModel,
-    endless: NDArray[np.intp],
-    data: mujoco.MjData | None = None,
-    about: ArrayLike = (0.0, 0.0),
+    model: mujoco.MjModel, endless: NDArray[np.intp], data: mujoco.MjData | None = None, about: ArrayLike = (0.0, 0.0)
 ) -> Iterator[None]:
     """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles."""
     sizes = model.geom_size[endless]
@@ -303,12 +258,7 @@ def _bounded_planes(
 
 
 def _in_view(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    T_world_camera: Array,
-    intrinsics: tuple[float, float, float, float],
-    width: int,
-    height: int,
+    model: mujoco.MjModel, data: mujoco.MjData, T_world_camera: Array, intrinsics: Intrinsics, width: int, height: int
 ) -> NDArray[np.bool_]:
     """Geoms whose bounding sphere reaches into the view frustum; drawing the others costs as much as drawing these."""
     fu, fv, pu, pv = intrinsics
@@ -350,13 +300,10 @@ def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _
     """Sets image size and quality of the model temporarily."""
     screen, look = model.vis.global_, model.vis.quality
     values = (
-        (screen, "offwidth", width),
-        (screen, "offheight", height),
-        (look, "offsamples", quality.samples),
-        (look, "shadowsize", quality.shadow_size),
-        (look, "numslices", quality.slices),
+        (screen, "offwidth", width), (screen, "offheight", height), (look, "offsamples", quality.samples),
+        (look, "shadowsize", quality.shadow_size), (look, "numslices", quality.slices),
         (look, "numstacks", quality.stacks),
-    )
+    )  # fmt: skip
     kept = [getattr(group, name) for group, name, _ in values]
     for group, name, value in values:
         setattr(group, name, value)

@@ -47,12 +47,7 @@ class Sky:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, far: float) -> Self | None:
-        """The sky box of a model, averaged over azimuth; None without one.
-
-        Args:
-            model: Compiled model.
-            far: Distance of the far plane, m.
-        """
+        """The sky box of a model, averaged over azimuth; None without one. The far plane is at `far` m."""
         boxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
         if not len(boxes):
             return None
@@ -75,19 +70,12 @@ class Sky:
         )
 
     def paint(
-        self,
-        rgb: NDArray[np.uint8],
-        depth: NDArray[np.float32],
-        T_world_camera: Array,
+        self, rgb: NDArray[np.uint8], depth: NDArray[np.float32], T_world_camera: Array,
         intrinsics: tuple[float, float, float, float],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
 
-        Args:
-            rgb: The image.
-            depth: (H, W) along the optical axis, m; inf where nothing was rendered.
-            T_world_camera: (4, 4) pose of the optical frame.
-            intrinsics: (fu, fv, pu, pv), pixels.
+        The depth, (H, W) m along the optical axis, is inf where nothing was rendered; intrinsics as in `SensorView`.
         """
         steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
         _paint(
@@ -98,16 +86,9 @@ class Sky:
 
 @numba.njit(cache=True)
 def _paint(
-    rgb: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    vertical: Array,
-    intrinsics: Array,
-    steepness: float,
-    edge: float,
-    share: float,
-    haze: Array,
-) -> None:
+    rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
+    steepness: float, edge: float, share: float, haze: Array,
+) -> None:  # fmt: skip
     fu, fv, pu, pv = intrinsics
     half, near = np.float32((len(colours) - 1) / 2), np.float32(0.5 * (1 - share) * edge)
     slope, across, middle, top = np.float32(vertical[0]), np.float32(1 / fu), np.float32(pu), len(colours) - 1

@@ -12,24 +12,17 @@ from stridetwin.sim.parts.kinds import DepthSensor
 from stridetwin.sim.rendering.imager import SPARE, Pixels
 
 # Relative difference of a disparity from the mean around it, beside a depth discontinuity; 0 on a plane.
-_OUTLINE = np.float32(0.012)
+_DISCONTINUITY = np.float32(0.012)
 Grid = NDArray[np.float32]
 _FINEST_STEP_PER_M = 1e-4
 
 
 class DepthModel:
-    """Converts exact depth to measured depth.
+    """Converts exact depth to measured depth for images of shape (H, W), in pixels of `focal` and `centre`.
 
     A disparity is f b / z, so its constant noise and steps give errors of depth that grow with z². The noise is
     correlated over a matching window. There is no depth beside discontinuities, on dark surfaces and at glancing
     angles, and some pixels beside a discontinuity are between the two surfaces (flying pixels).
-
-    Args:
-        shape: (H, W).
-        focal: Pixels.
-        centre: (pu, pv).
-        part: True parameters of the sensor.
-        noise: Source of its errors.
     """
 
     def __init__(
@@ -117,24 +110,16 @@ def _slanted(
             count, p, q = near[i, j], a[i, j], b[i, j]
             c = count - focal * (p * x[i, j] + q * y[i, j])
             normal = np.sqrt(focal * focal * (p * p + q * q) + c * c)
-            outline = abs(count - mean[2 * i, 2 * j]) > _OUTLINE * count
-            slanted[i, j] = (count < sine * normal * length[i, j]) & ~outline
+            beside = abs(count - mean[2 * i, 2 * j]) > _DISCONTINUITY * count
+            slanted[i, j] = (count < sine * normal * length[i, j]) & ~beside
     return slanted
 
 
 @numba.njit(cache=True)
 def _measured(
-    depth: Grid,
-    counts: Grid,
-    mean: Grid,
-    unmatched: NDArray[np.bool_],
-    front: Grid,
-    back: Grid,
-    mixed: Grid,
-    noise: Grid,
-    start: tuple[int, int],
-    depth_of_count: NDArray[np.float32],
-) -> Grid:
+    depth: Grid, counts: Grid, mean: Grid, unmatched: NDArray[np.bool_], front: Grid, back: Grid, mixed: Grid,
+    noise: Grid, start: tuple[int, int], depth_of_count: NDArray[np.float32],
+) -> Grid:  # fmt: skip
     """(H, W) m with missing and flying pixels at discontinuities, noise and steps; halves as in `_slanted`."""
     measured, last = np.zeros_like(depth), len(depth_of_count) - 1
     (top, left), width = start, depth.shape[1]
@@ -144,7 +129,7 @@ def _measured(
             count = counts[i, j]
             if depth[i, j] == 0 or unmatched[i // 2, j // 2]:
                 continue
-            if abs(count - mean[i, j]) > _OUTLINE * count:
+            if abs(count - mean[i, j]) > _DISCONTINUITY * count:
                 if luck[j] > 0:
                     continue
                 weight = min(-luck[j] / np.float32(2), np.float32(1))  # a flying pixel

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from stridetwin.sim.rendering.imager import Pixels
 from stridetwin.streams.samples import Array
 
-Pixels = NDArray[np.uint8]
 _LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
 _COPY_PX = 1.25  # spacing of the copies that are averaged to a blur
 _COPIES = (2, 16)
@@ -24,8 +23,7 @@ class Sweep:
 
     Attributes:
         K: (3, 3) camera matrix of the image.
-        normal: (3,) unit normal of the plane.
-        distance: m along it from the camera, signed.
+        normal, distance: (3,) unit normal of the plane, and m along it from the camera, signed.
         velocity: (3,) m/s of the plane where the camera is: a point X of it moves with `velocity` + `rate` × X.
         rate: (3,) rad/s.
     """
@@ -44,9 +42,9 @@ class Sweep:
         """(3, 3) from the image to the one `dt` seconds later."""
         return np.asarray(self.homographies(np.array([dt]))[0])
 
-    def way_px(self, dt: float, u: float, v: float) -> float:
+    def path_px(self, dt: float, u: float, v: float) -> float:
         """Distance that the point at column u and row v moves in `dt` seconds, pixels."""
-        return _way_px(self.homography(dt), u, v)
+        return _path_px(self.homography(dt), u, v)
 
     def cropped(self, row: int, column: int) -> Sweep:
         """The same motion in the pixels of a part of the image, given its upper left pixel."""
@@ -55,10 +53,10 @@ class Sweep:
     def blurred(self, image: Pixels, exposure_s: float) -> Pixels:
         """Mean of an image, taken at mid-exposure, along its motion during the exposure."""
         height, width = image.shape[:2]
-        way = self.way_px(exposure_s, (width - 1) / 2, (height - 1) / 2)
-        if way < _LEAST_BLUR_PX:
+        length = self.path_px(exposure_s, (width - 1) / 2, (height - 1) / 2)
+        if length < _LEAST_BLUR_PX:
             return image
-        copies = min(max(math.ceil(way / _COPY_PX), _COPIES[0]), _COPIES[1])
+        copies = min(max(math.ceil(length / _COPY_PX), _COPIES[0]), _COPIES[1])
         shares = (np.arange(copies) + 0.5) / copies - 0.5
         moved = (
             cv2.warpPerspective(image, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
@@ -92,19 +90,19 @@ def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rat
     inverse[1, 2] = -K[1, 2] / K[1, 1]
     H = np.empty((len(dt), 3, 3))
     for k in range(len(dt)):
-        turn = rate * dt[k]  # a degree at most: the second order of it is enough
-        squared = np.sum(turn * turn)
+        phi = rate * dt[k]  # a degree at most: the second order of it is enough
+        squared = np.sum(phi * phi)
         M = np.empty((3, 3))
         for i in range(3):
             for j in range(3):
-                M[i, j] = turn[i] * turn[j] / 2 + velocity[i] * (dt[k] / distance) * normal[j]
+                M[i, j] = phi[i] * phi[j] / 2 + velocity[i] * (dt[k] / distance) * normal[j]
             M[i, i] += 1 - squared / 2
-        M[0, 1] -= turn[2]
-        M[1, 0] += turn[2]
-        M[2, 0] -= turn[1]
-        M[0, 2] += turn[1]
-        M[1, 2] -= turn[0]
-        M[2, 1] += turn[0]
+        M[0, 1] -= phi[2]
+        M[1, 0] += phi[2]
+        M[2, 0] -= phi[1]
+        M[0, 2] += phi[1]
+        M[1, 2] -= phi[0]
+        M[2, 1] += phi[0]
         for i in range(3):
             for j in range(3):
                 total = 0.0
@@ -117,7 +115,7 @@ def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rat
 
 
 @numba.njit(cache=True)
-def _way_px(H: Array, u: float, v: float) -> float:
+def _path_px(H: Array, u: float, v: float) -> float:
     z = H[2, 0] * u + H[2, 1] * v + H[2, 2]
     x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
     return math.hypot(x / z - u, y / z - v)

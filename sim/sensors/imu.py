@@ -32,6 +32,7 @@ from stridetwin.sim.kinematics.quaternions import (
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
+from stridetwin.sim.sensors.model import SensorModel
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
@@ -147,7 +148,7 @@ INNER_HZ = 1000.0
 """Least rate at which a part with limited bandwidth samples the motion internally."""
 
 
-class ImuModel:
+class ImuModel(SensorModel[ImuCalibration, ImuPart]):
     """Sample k is the mean over (t_{k-1}, t_k].
 
     A real part samples the motion at `INNER_HZ` or more, with scale factors, misalignment, g-sensitivity, turn-on bias
@@ -158,17 +159,13 @@ class ImuModel:
     trapezoidal rule for the velocity, up to Δt²/12 times the change of the acceleration. Before the first sample, the
     motion is assumed to be steady.
 
-    Args:
-        calibration: Topic and mount.
-        part: True parameters of the sensor.
-        noise: Source of its errors.
-        gravity: m/s², along −z of the world.
+    `gravity` is along −z of the world, m/s².
     """
 
     def __init__(
         self, calibration: ImuCalibration, part: ImuPart, noise: Noise, gravity: float = NOMINAL_GRAVITY_MPS2
     ) -> None:
-        self._calibration, self._noise = calibration, noise
+        super().__init__(calibration, part, noise)
         self._gravity = np.array([0.0, 0.0, -gravity])
         self.rate_hz = part.rate_hz
         self._range, bandwidth = _six(part, "range"), _six(part, "bandwidth_hz")
@@ -204,12 +201,7 @@ class ImuModel:
         measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
         measured += self._noise.normal(self._white, measured.shape)
         measured = _counted(np.clip(measured, -self._range, self._range), self._resolution)
-        return Block(
-            topic=self._calibration.topic,
-            kind=Imu,
-            t_ns=t_ns,
-            columns={"angular_rate": measured[:, :3], "specific_force": measured[:, 3:]},
-        )
+        return self._block(Imu, t_ns, angular_rate=measured[:, :3], specific_force=measured[:, 3:])
 
     def _followed(self, true: Array) -> Array:
         """(N, 6) rate and force after the bandwidth of the sensing elements."""
@@ -257,6 +249,6 @@ def _mix(part: ImuPart, noise: Noise) -> Array:
 
 
 def _counted(x: Array, resolution: Array) -> Array:
-    """Quantised to whole counts, for parts that quantise."""
+    """Values rounded to whole counts, where the part has a resolution."""
     step = np.where(resolution > 0, resolution, 1.0)
     return np.where(resolution > 0, np.round(x / step) * step, x)

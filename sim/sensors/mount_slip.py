@@ -6,7 +6,7 @@ includes it. The nominal calibration in the recording does not change.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import mujoco
@@ -30,30 +30,29 @@ class Slip:
     Attributes:
         from_ns: Start time.
         until_ns: End time; the new pose is permanent.
-        turn: (3,) rad, rotation vector in the body's axes.
-        shift: (3,) m, translation in the body's axes.
+        rotation: (3,) rad, rotation vector in the body's axes.
+        translation: (3,) m, in the body's axes.
         pivot: (3,) m in the body, pivot of the rotation.
     """
 
     from_ns: int
     until_ns: int
-    turn: Array
-    shift: Array
+    rotation: Array
+    translation: Array
     pivot: Array
 
     def carried(self, body: Track) -> Track:
         """Track of a frame that initially coincides with the body's and slips on it."""
-        share, speed = self._share(body.t_ns)
-        way = share[:, None], speed[:, None]
-        (shift, shifting), (turn, turning) = ([x * whole for x in way] for whole in (self.shift, self.turn))
-        return body.displaced(self.pivot, shift, turn, shifting, turning)
+        share, rate = (x[:, None] for x in self._share(body.t_ns))
+        p, phi = self.translation, self.rotation
+        return body.displaced(self.pivot, share * p, share * phi, rate * p, rate * phi)
 
     def T_body_frame(self, t_ns: int) -> Array:
         """(4, 4) pose of that frame in the body at one time."""
         share, _ = self._share(np.array([t_ns]))
         T = np.eye(4)
-        T[:3, :3] = Rotation.from_rotvec(share[0] * self.turn).as_matrix()
-        T[:3, 3] = self.pivot - T[:3, :3] @ self.pivot + share[0] * self.shift
+        T[:3, :3] = Rotation.from_rotvec(share[0] * self.rotation).as_matrix()
+        T[:3, 3] = self.pivot - T[:3, :3] @ self.pivot + share[0] * self.translation
         return T
 
     def _share(self, t_ns: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -113,15 +112,12 @@ class MountSlips:
 
 
 def _slip(fault: LooseStrap, event: Event, pivot: Array, body: str) -> Slip:
-    axis, way = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
+    axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
     return Slip(
-        from_ns=event.from_ns,
-        until_ns=event.from_ns + length,
-        turn=fault.angle_rad * axis,
-        shift=fault.shift_m * way,
-        pivot=pivot,
-    )
+        from_ns=event.from_ns, until_ns=event.from_ns + length, rotation=fault.angle_rad * axis,
+        translation=fault.shift_m * direction, pivot=pivot,
+    )  # fmt: skip
 
 
 def _by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
@@ -134,9 +130,5 @@ def _by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
 
 def _mounts(rig: Rig) -> dict[str, tuple[str, Array]]:
     """Body and position of every sensor; a depth image has those of its camera."""
-    sensors: Sequence[tuple[str, str, Array]] = [
-        (topic, s.mount.body, s.mount.T_body_sensor[:3, 3])
-        for group in (rig.imus, rig.cameras, rig.others)
-        for topic, s in group.items()
-    ]
-    return {topic: (body, p) for topic, body, p in sensors}
+    mounts = {topic: sensor.mount for group in (rig.imus, rig.cameras, rig.others) for topic, sensor in group.items()}
+    return {topic: (mount.body, mount.T_body_sensor[:3, 3]) for topic, mount in mounts.items()}

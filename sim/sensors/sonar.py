@@ -9,6 +9,7 @@ import numpy as np
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import SonarPart
+from stridetwin.sim.sensors.model import SensorModel
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import OtherSensor
@@ -22,33 +23,23 @@ _ECHO_SLANT_RAD = math.radians(40.0)
 _RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))
 
 
-class SonarModel:
+class SonarModel(SensorModel[OtherSensor, SonarPart]):
     """Range of the nearest echo in whole steps; 0 for no echo within the range.
 
     A ghost is an indirect echo: a reading anywhere between the least and the largest range.
 
-    Args:
-        calibration: Topic and mount; the x axis of its frame is the beam's axis.
-        part: True parameters of the sensor.
-        terrain: Terrain of the walk.
-        crowd: Bystanders.
-        noise: Source of its errors.
+    The x axis of the sensor's frame is the axis of the beam. `terrain` and `crowd` are what reflects.
     """
 
     def __init__(self, calibration: OtherSensor, part: SonarPart, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
-        self._calibration, self._part, self._noise = calibration, part, noise
+        super().__init__(calibration, part, noise)
         self._terrain, self._crowd = terrain, crowd
         self._luck = noise.at(0)
         self._half_beam = part.beam / 2
         self._fan = _fan(self._half_beam)
 
     def read(self, body: Track, other_foot: Track) -> Block[Range]:
-        """Samples at the tracks' instants.
-
-        Args:
-            body: Track of the body that carries the sonar.
-            other_foot: Track of the other foot's frame at the same instants.
-        """
+        """Samples at the instants of both tracks: of the body that carries the sonar, and of the other foot's frame."""
         T_world_sensor = body.mounted(self._calibration.mount.T_body_sensor).poses()
         balls = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         balls += other_foot.p_body_in_world[:, None]
@@ -58,9 +49,7 @@ class SonarModel:
         for person in self._crowd.people:
             centres, radii = person.balls(body.t_ns * 1e-9)
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
-        return Block(
-            topic=self._calibration.topic, kind=Range, t_ns=body.t_ns, columns={"distance": self._measured(nearest)}
-        )
+        return self._block(Range, body.t_ns, distance=self._measured(nearest))
 
     def _measured(self, nearest: Array) -> Array:
         part = self._part
@@ -100,9 +89,7 @@ def _fan(half_beam: float) -> Array:
     """Unit rays (M, 3) that fill the cone about x in rings."""
     rays = []
     for share, count in _RINGS:
-        turn = 2 * math.pi * np.arange(count) / count
-        off = share * half_beam
-        rays.append(
-            np.column_stack([np.full(count, math.cos(off)), math.sin(off) * np.cos(turn), math.sin(off) * np.sin(turn)])
-        )
+        about, off = 2 * math.pi * np.arange(count) / count, share * half_beam
+        aside = math.sin(off)
+        rays.append(np.column_stack([np.full(count, math.cos(off)), aside * np.cos(about), aside * np.sin(about)]))
     return np.concatenate(rays)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.exo_description import OnLink
+from stridetwin.sim.exo_description import OnLink, OwnExo
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
 from stridetwin.sim.parts.nominal import NOMINAL, nominal_rig
 from stridetwin.sim.parts.sensor_config import (
@@ -51,14 +51,7 @@ Calibration = ImuCalibration | CameraCalibration | OtherSensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MountedSensor:
-    """A mounted sensor.
-
-    Attributes:
-        group: Group of the sensor.
-        calibration: Nominal calibration.
-        part: True parameters.
-        sensor_config: Differences from the standard sensor.
-    """
+    """A mounted sensor of a group: nominal calibration, true parameters, and its differences from the standard."""
 
     group: str
     calibration: Calibration
@@ -67,18 +60,13 @@ class MountedSensor:
 
     @property
     def clock(self) -> Clock:
-        """Its clock."""
+        """Clock of the sensor."""
         return self.sensor_config.clock
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorRig:
-    """All sensors of a walk.
-
-    Attributes:
-        rig: True calibration.
-        sensors: Sensors with their true parameters, by topic.
-    """
+    """All sensors of a walk: their true calibration, and by topic their true parameters."""
 
     rig: Rig
     sensors: dict[str, MountedSensor]
@@ -96,11 +84,7 @@ def standard_rig(config: TwinConfig) -> Rig:
 
 
 def sensor_rig(config: TwinConfig) -> SensorRig:
-    """The sensors of a walk.
-
-    Args:
-        config: Groups of sensors that are on, their parts, and the place of the RGB-D camera. Without exoskeleton, its
-            groups are omitted.
+    """The sensors of a walk; without exoskeleton, its groups are omitted.
 
     Raises:
         ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
@@ -122,43 +106,44 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
     return SensorRig(rig=rig, sensors=sensors)
 
 
+def _own(config: TwinConfig) -> OwnExo | None:
+    """The user's own exoskeleton, if the wearer has one."""
+    return config.exo.own if config.exo is not None else None
+
+
+def _settings(config: TwinConfig, group: str) -> SensorConfig:
+    return config.fittings.get(group, SensorConfig())
+
+
 def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
     """True part and nominal part of a group, and the group's configuration.
 
     `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
-    sensor_config = config.fittings.get(group, SensorConfig())
-    if isinstance(standard, Part):
-        given = (
-            config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
-        )
-        return *part_of(given, group, config.ideal), sensor_config
-    return *part_of(config.fittings, group, config.ideal, standard), sensor_config
+    own = _settings(config, group)
+    if not isinstance(standard, Part):
+        return *part_of(config.fittings, group, config.ideal, standard), own
+    given = config.fittings if own.part else {**config.fittings, group: replace(own, part=standard)}
+    return *part_of(given, group, config.ideal), own
 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
-    part, nominal, sensor_config = _fit(config, group, standard)
-    return MountedSensor(
-        group=group, calibration=_nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
-    )
+    part, nominal, own = _fit(config, group, standard)
+    calibration = _nominal_imu(topic, nominal, mount)
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=own)
 
 
 def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
-        topic=topic,
-        part=part.description,
-        rate_hz=part.rate_hz,
-        mount=mount,
+        topic=topic, part=part.description, rate_hz=part.rate_hz, mount=mount,
         gyroscope_noise_density=gyroscope.noise_density,
         gyroscope_random_walk=gyroscope.bias_instability / math.sqrt(_WALK_S),
         accelerometer_noise_density=accelerometer.noise_density,
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
-        gyroscope_bias_sd=gyroscope.turn_on_bias,
-        accelerometer_bias_sd=accelerometer.turn_on_bias,
-        gyroscope_range=_finite(gyroscope.range),
-        accelerometer_range=_finite(accelerometer.range),
-    )
+        gyroscope_bias_sd=gyroscope.turn_on_bias, accelerometer_bias_sd=accelerometer.turn_on_bias,
+        gyroscope_range=_finite(gyroscope.range), accelerometer_range=_finite(accelerometer.range),
+    )  # fmt: skip
 
 
 def _finite(range_: float) -> float:
@@ -167,13 +152,13 @@ def _finite(range_: float) -> float:
 
 def foot_imu_place(config: TwinConfig, side: str) -> Array:
     """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
-    forward, outward, up = config.fittings.get("foot_imu", SensorConfig()).position_m or _FOOT_IMU
+    forward, outward, up = _settings(config, "foot_imu").position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
 
 def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    rotation = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
+    rotation = _settings(config, "foot_imu").rotation_rad
     if rotation is None:
         return np.eye(3)
     roll, pitch, yaw = rotation
@@ -197,29 +182,23 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
     imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
-        topic=f"/{place}/color" if depth else f"/{place}/camera",
-        part=part.description,
-        rate_hz=part.rate_hz,
-        mount=mount,
-        width=width,
-        height=height,
+        topic=f"/{place}/color" if depth else f"/{place}/camera", part=part.description, rate_hz=part.rate_hz,
+        mount=mount, width=width, height=height,
         intrinsics=(imager.focal, imager.focal, (width - 1) / 2, (height - 1) / 2),
-        distortion_model=imager.distortion_model,
-        distortion=imager.distortion,
-        depth_topic=f"/{place}/depth" if depth else "",
-        imu_topic=f"/{place}/imu",
+        distortion_model=imager.distortion_model, distortion=imager.distortion,
+        depth_topic=f"/{place}/depth" if depth else "", imu_topic=f"/{place}/imu",
         timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
-    )
+    )  # fmt: skip
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
 def _nominal_shift(config: TwinConfig, group: str) -> float:
-    clock = config.fittings.get(group, SensorConfig()).clock
+    clock = _settings(config, group).clock
     return clock.shift_s if clock.told else 0.0
 
 
 def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
-    sits = config.fittings.get("foot_camera", SensorConfig()).mount or FOOT_CAMERA
+    sits = _settings(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _on_shoe(sits, side)
         pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
@@ -241,7 +220,7 @@ def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    sensor_config = config.fittings.get("head_camera", SensorConfig())
+    sensor_config = _settings(config, "head_camera")
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
     sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
@@ -249,7 +228,7 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
-    sits = config.fittings.get("foot_camera", SensorConfig()).board or FOOT_BOARD
+    sits = _settings(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
         position, out = _on_shoe(sits, side)
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
@@ -266,27 +245,22 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
 def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
     part, nominal, sensor_config = _fit(config, group, more.pop("standard", None))
     calibration = OtherSensor(
-        topic=topic,
-        kind=kind,
-        part=more.pop("named", nominal.description),
-        rate_hz=nominal.rate_hz,
-        mount=mount,
+        topic=topic, kind=kind, part=more.pop("named", nominal.description), rate_hz=nominal.rate_hz, mount=mount,
         parameters=NOMINAL[kind](nominal) | more,
-    )
+    )  # fmt: skip
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
 def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
-    sits = config.fittings.get("sonar", SensorConfig()).mount
+    sits = _settings(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
         inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
         if sits is not None:
             place, inward = _on_shoe(sits, side)
         pose = _pose(_x_along(inward), place)
-        yield _other(
-            config, "sonar", "range", f"/foot_{side}/sonar", Mount(body=f"foot_{side}", T_body_sensor=pose)
-        )  # fmt: skip
+        mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
+        yield _other(config, "sonar", "range", f"/foot_{side}/sonar", mount)
 
 
 def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -298,18 +272,19 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = config.exo.own if config.exo is not None else None
-    for place, seat in own.ahrs.items() if own is not None else ():
+    own = _own(config)
+    if own is None:
+        mounts = {place: Mount(body=f"exo_{place}") for place in _AHRS_PLACES}
+    else:
+        mounts = {place: _on(seat) for place, seat in own.ahrs.items()}
+    for place, mount in mounts.items():
         standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", _on(seat), standard=standard)
-    for place in _AHRS_PLACES if own is None else ():
-        standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
+        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
-    own = config.exo.own if config.exo is not None else None
+    own = _own(config)
     for place, (seat, part) in own.imus.items() if own is not None else ():
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
     for place in _AHRS_PLACES if own is None else ():
@@ -318,7 +293,7 @@ def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = config.exo.own if config.exo is not None else None
+    own = _own(config)
     if own is None:
         moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     else:
@@ -328,41 +303,31 @@ def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = config.exo.own if config.exo is not None else None
-    for cuff in own.cuffs if own is not None else ():
-        if cuff.force_cells:
-            yield _other(
-                config, "interaction", "interaction", f"/exo/{cuff.body}/interaction", Mount(body=cuff.link)
-            )  # fmt: skip
-    for place in (f"{part}_{side}" for part in ("thigh", "shank") for side in SIDES) if own is None else ():
-        yield _other(
-            config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=f"exo_{place}")
-        )  # fmt: skip
+    own = _own(config)
+    if own is None:
+        cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
+    else:
+        cuffs = [(cuff.body, cuff.link) for cuff in own.cuffs if cuff.force_cells]
+    for place, body in cuffs:
+        yield _other(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
 
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     mounted = {} if config.exo is None else modules(config.exo)
-    own = config.exo.own if config.exo is not None else None
-    if own is not None:
-        for name, module in mounted.items():
-            yield _other(
-                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.body_moved_by(name)),
-                standard=own.motors[name], torque_max_nm=float(module.torque_max_nm),
-                speed_max_radps=float(module.speed_max_radps),
-            )  # fmt: skip
+    limits: dict[str, dict[str, Any]] = {
+        name: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
+        for name, m in mounted.items()
+    }
+    own = _own(config)
+    if own is None:
+        joints = ((f"{j}_{s}", f"exo_{b}_{s}") for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES)
+        for name, body in joints:
+            more = limits.get(name, {}) | {"named": "actuation module" if name in mounted else "no actuation module"}
+            yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
         return
-    for joint, body in (("hip", "thigh"), ("knee", "shank")):
-        for side in SIDES:
-            name, limits = f"{joint}_{side}", {}
-            if name in mounted:
-                limits = {
-                    "torque_max_nm": float(mounted[name].torque_max_nm),
-                    "speed_max_radps": float(mounted[name].speed_max_radps),
-                }
-            yield _other(
-                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=f"exo_{body}_{side}"),
-                named="actuation module" if name in mounted else "no actuation module", **limits,
-            )  # fmt: skip
+    for name in mounted:
+        mount, more = Mount(body=own.body_moved_by(name)), limits[name] | {"standard": own.motors[name]}
+        yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", mount, **more)
 
 
 _SENSORS = {

@@ -6,53 +6,26 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, ImuPart, SonarPart
 from stridetwin.sim.playback import Loads, Motion, Player
-from stridetwin.sim.sensors.ahrs import AhrsModel
+from stridetwin.sim.sensors.exo_sensors import ActuatorModel, AhrsModel, EncoderModel
+from stridetwin.sim.sensors.force_cells import InsoleModel, InteractionModel
 from stridetwin.sim.sensors.imu import ImuModel
-from stridetwin.sim.sensors.insole import InsoleModel
-from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
+from stridetwin.sim.sensors.model import Instants, Stamps, instants, step_ends
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.sonar import SonarModel
-from stridetwin.sim.sensors.stamps import Stamps
 from stridetwin.sim.sensors.standard_rig import MountedSensor, SensorRig
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
 from stridetwin.streams.samples import Array, Block
 
-Instants = NDArray[np.int64]
-
-
-def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
-    """Whole sample times k / rate with after < t <= until, rounded to nanoseconds."""
-    first = int(np.floor(after_ns * 1e-9 * rate_hz))
-    last = int(np.ceil(until_ns * 1e-9 * rate_hz))
-    t = np.round(np.arange(first, last + 1) * (1e9 / rate_hz)).astype(np.int64)
-    return t[(t > after_ns) & (t <= until_ns)]
-
-
-def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
-    """Ends of the steps of consecutive samples at (N,) whole sample times: `steps` per sample, one for the one at 0."""
-    samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)
-    first = max(steps * (int(samples[0]) - 1) + 1, 0)
-    return np.round(np.arange(first, steps * int(samples[-1]) + 1) * (1e9 / (rate_hz * steps))).astype(np.int64)
-
 
 class SensorSuite:
-    """Every sensor of the rig except the cameras.
-
-    Args:
-        sensor_rig: The sensors with their true calibration.
-        terrain: Ground, for the sonars.
-        crowd: Bystanders, for the sonars.
-        seed: Seed of the walk.
-        mount_slips: Slip of the sensor mounts.
-    """
+    """Every sensor of the rig except the cameras; the sonars need terrain and bystanders."""
 
     def __init__(
         self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None

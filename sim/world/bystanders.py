@@ -34,17 +34,39 @@ BALLS = {
     "shank": [(0.0, 0.0, -z, 0.052) for z in (0.02, 0.12, 0.22, 0.32, 0.40)],
     "foot": [(x, 0.0, -0.04, 0.042) for x in (-0.03, 0.05, 0.13)],
 }
-_AHEAD_M, _TURNS_PER_S = 2.5, 0.45 / (2 * np.pi)
-_SQUARE = 3.0  # how soon a crossing bystander is back at the side
-_BESIDE_M, _EDGE_M = 0.72, 0.08  # least distance from the middle of the way when passing; from the border to a foot
-_KEEP_M = 0.80  # from the walker's pelvis
 _GRID_S = 0.02
-_STEP_M, _CARRY = 0.56, 0.60  # step length; half of the distance that a stance foot supports, in steps
-_STANCE_HALF_M = 0.07
-_OFF_RAD, _TOUCH_RAD, _LIFT_M = 0.75, -0.22, 0.06
-_SMOOTHING_S = 0.5
-_YAW_SMOOTHING_S = 0.30
-_CORNER_S = 0.35  # over which a corner is rounded
+
+
+@dataclass(frozen=True, kw_only=True)
+class BystanderParameters:
+    """Paths and steps of bystanders; chosen by hand so that they pass the walker without meeting them."""
+
+    ahead_m: float = 2.5  # largest distance in front of the walker
+    turns_per_s: float = 0.45 / (2 * np.pi)  # round the walker
+    square: float = 3.0  # how soon a crossing bystander is back at the side
+    beside_m: float = 0.72  # least distance from the middle of the way when passing
+    edge_m: float = 0.08  # from the border of the way to a foot
+    keep_m: float = 0.80  # from the walker's pelvis
+    smoothing_s: float = 0.5  # SD of the filter of the walker's progress
+    clip_smoothing_s: float = 0.3  # likewise, at the ends of the way
+    corner_s: float = 0.35  # likewise, over which a corner is rounded
+    path_smoothing_s: float = 0.10
+    velocity_smoothing_s: float = 0.15
+    yaw_smoothing_s: float = 0.30
+    hip_smoothing_s: float = 0.07
+    step_m: float = 0.56
+    support: float = 0.60  # half of the distance that a stance foot supports, in steps
+    stance_half_m: float = 0.07  # from the middle of the body to a foot
+    off_rad: float = 0.75  # pitch of a foot at toe-off
+    touch_rad: float = -0.22  # and at touch-down
+    lift_m: float = 0.06  # of a swinging foot
+    arm_swing_rad: float = 0.45  # at the reach of one step
+    elbow_rad: float = 0.35
+    trunk_lean: float = 0.04  # rad
+    sizes: tuple[float, float] = (0.93, 1.05)  # stature as a share of 1.75 m
+
+
+_P = BystanderParameters()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,19 +97,18 @@ class Bystander:
         """Frames of `PARTS` at (M,) s: (M, 11, 3) origins in the world and (M, 11, 3, 3) axes; limbs along -z."""
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
-        ahead = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], -1)
-        left, up = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], -1), np.array([0.0, 0.0, 1.0])
-        k, origins, axes = self.size, [p], [_frame(left, up + 0.04 * ahead)]
+        (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
+        k, origins, axes = self.size, [p], [_frame(left, up + _P.trunk_lean * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):
             ankle, R_foot, reach = self._foot(steps, odd)
             hip = p + sign * HIP_M * k * left
             knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
             shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
-            swing = -0.45 * reach / _STEP_M
+            swing = -_P.arm_swing_rad * reach / _P.step_m
             upper = _pitched(left, ahead, swing)
             origins += [hip, knee, ankle, shoulder, shoulder - UPPER_ARM_M * k * upper[:, :, 2]]
             axes += [_frame(left, hip - knee), _frame(left, knee - ankle), R_foot, upper]
-            axes.append(_pitched(left, ahead, swing + 0.35))
+            axes.append(_pitched(left, ahead, swing + _P.elbow_rad))
         return np.stack(origins, 1), np.stack(axes, 1)
 
     def track(self, t_ns: NDArray[np.int64]) -> Track:
@@ -95,10 +116,10 @@ class Bystander:
         t = t_ns * 1e-9
         p, R = (part[:, 0] for part in self.parts(t))
         v = np.stack([np.interp(t, self.t, column) for column in np.gradient(self.p, self.t, axis=0).T], -1)
-        turning = np.interp(t, self.t, np.gradient(self.yaw, self.t))
+        yaw_rate = np.interp(t, self.t, np.gradient(self.yaw, self.t))
         return Track(
             t_ns=t_ns, p_body_in_world=p, q_world_body=quat_from_matrix(R), v_body_in_world=v,
-            w_body=turning[:, None] * R[:, 2],
+            w_body=yaw_rate[:, None] * R[:, 2],
         )  # fmt: skip
 
     def balls(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
@@ -115,24 +136,23 @@ class Bystander:
     def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
         """(M, 3) ankle, (M, 3, 3) axes and (M,) m in front of the hips of one foot."""
         count = steps - odd
-        cycle = np.floor((count + _CARRY) / 2)
+        cycle = np.floor((count + _P.support) / 2)
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
         at = (2 * cycle + odd - self.first).astype(int)
         a, b = self.holds[at], self.holds[at + 2]
-        share = np.clip((r - _CARRY) / (2 - 2 * _CARRY), 0.0, 1.0)
+        share = np.clip((r - _P.support) / (2 - 2 * _P.support), 0.0, 1.0)
         rise = b[:, 2] - a[:, 2]
         sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
-        pitch = _OFF_RAD * ease((r - 0.15) / (_CARRY - 0.15)) * (1 - ease(share / 0.55))
-        pitch += _TOUCH_RAD * (ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _CARRY) / 0.2)) * (r < 0))
+        pitch = _P.off_rad * ease((r - 0.15) / (_P.support - 0.15)) * (1 - ease(share / 0.55))
+        pitch += _P.touch_rad * (ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _P.support) / 0.2)) * (r < 0))
         bump = (4 * share * (1 - share)) ** 2
-        ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
+        ball[:, 2] += bump * (_P.lift_m + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
-        ahead = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], -1)
-        left = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], -1)
+        ahead, left = _horizontal(yaw)
         R = _pitched(left, ahead, -pitch)
-        reach = np.where(share > 0, 2 * ease(share) - r, -r) * _STEP_M
+        reach = np.where(share > 0, 2 * ease(share) - r, -r) * _P.step_m
         return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
 
 
@@ -154,36 +174,36 @@ def bystanders(
         t: (N,) s of the walk.
         s: (N,) m, arc length of the walker along the way.
         p_walker: (N, 2) m, pelvis of the walker in the world.
-        rng: Draws their appearance and their start positions.
+        rng: Draws their size and their start positions.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
-    along = gaussian_filter1d(np.interp(grid, t, s), _SMOOTHING_S / _GRID_S, mode="nearest")
+    along = _smooth(np.interp(grid, t, s), _P.smoothing_s)
     walker = np.stack([np.interp(grid, t, column) for column in p_walker.T], -1)
     start = rng.uniform(0.0, 1.0)
     sense = float(rng.choice([-1.0, 1.0]))
     people = []
     for i in range(count):
-        turn = sense * 2 * np.pi * (grid * _TURNS_PER_S + start + i / count)
-        people.append(_one(terrain, grid, along, walker, turn, size=rng.uniform(0.93, 1.05)))
+        turn = sense * 2 * np.pi * (grid * _P.turns_per_s + start + i / count)
+        people.append(_one(terrain, grid, along, walker, turn, size=rng.uniform(*_P.sizes)))
     return Crowd(people=tuple(people))
 
 
 def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
     way, profile = terrain.layout.way, terrain.profile
-    beside = max(terrain.route.width_m / 2 - _EDGE_M - _STANCE_HALF_M, _BESIDE_M)
+    beside = max(terrain.route.width_m / 2 - _P.edge_m - _P.stance_half_m, _P.beside_m)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
-    s = along + _AHEAD_M * np.cos(turn)
-    s = gaussian_filter1d(np.clip(s, low, high), 0.3 / _GRID_S, mode="nearest")
-    left = beside * np.tanh(_SQUARE * np.sin(turn)) / np.tanh(_SQUARE)
-    p = gaussian_filter1d(way.point(s, left), _CORNER_S / _GRID_S, axis=0, mode="nearest")
+    s = along + _P.ahead_m * np.cos(turn)
+    s = _smooth(np.clip(s, low, high), _P.clip_smoothing_s)
+    left = beside * np.tanh(_P.square * np.sin(turn)) / np.tanh(_P.square)
+    p = _smooth(way.point(s, left), _P.corner_s)
     away = p - walker
     distance = np.linalg.norm(away, axis=1, keepdims=True)
-    p = p + away / np.maximum(distance, 1e-6) * np.maximum(_KEEP_M - distance, 0.0)  # at corners they may come close
-    p = gaussian_filter1d(p, 0.10 / _GRID_S, axis=0, mode="nearest")
-    v = gaussian_filter1d(np.gradient(p, t, axis=0), 0.15 / _GRID_S, axis=0, mode="nearest")
-    yaw = gaussian_filter1d(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S / _GRID_S, mode="nearest")
+    p = p + away / np.maximum(distance, 1e-6) * np.maximum(_P.keep_m - distance, 0.0)  # at corners they may come close
+    p = _smooth(p, _P.path_smoothing_s)
+    v = _smooth(np.gradient(p, t, axis=0), _P.velocity_smoothing_s)
+    yaw = _smooth(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _P.yaw_smoothing_s)
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
-    steps = gone / (_STEP_M * size)
+    steps = gone / (_P.step_m * size)
     relative_yaw = yaw - way.heading(s)
     holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, relative_yaw]), yaw, steps, profile, size)
     body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
@@ -206,13 +226,13 @@ def _footholds(
     """
     first = -3
     count = np.arange(first, int(steps[-1]) + 5)
-    beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size
+    beyond = (count - np.clip(count, 0.0, steps[-1])) * _P.step_m * size
     heading = np.interp(count, steps, yaw)
     ahead, aside = (np.stack(a, -1) for a in ((np.cos(heading), np.sin(heading)), (-np.sin(heading), np.cos(heading))))
     sign = np.where(count % 2 == 0, 1.0, -1.0)
     x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
     forward = beyond + 0.5 * BALL_M
-    ball = np.stack([x, y], -1) + _STANCE_HALF_M * sign[:, None] * aside + forward[:, None] * ahead
+    ball = np.stack([x, y], -1) + _P.stance_half_m * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
     ground = _ground(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
@@ -235,7 +255,11 @@ def _hip_height(body: Bystander) -> Array:
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
         level = np.linalg.norm(ankle[:, :2] - hip, axis=1)
         limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - level**2, 0.3)))
-    return gaussian_filter1d(np.minimum(*limits), 0.07 / _GRID_S, mode="nearest") - 0.01
+    return _smooth(np.minimum(*limits), _P.hip_smoothing_s) - 0.01
+
+
+def _smooth(x: Array, sigma_s: float) -> Array:
+    return gaussian_filter1d(x, sigma_s / _GRID_S, axis=0, mode="nearest")
 
 
 def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: float) -> tuple[Array, Array]:
@@ -248,6 +272,12 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
     forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     return hip + thigh * (cos * unit + np.sqrt(1 - cos**2) * forward), hip + reached * unit
+
+
+def _horizontal(yaw: Array) -> tuple[Array, Array]:
+    """(N, 3) unit vectors ahead and to the left."""
+    cos, sin, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    return np.stack([cos, sin, zero], -1), np.stack([-sin, cos, zero], -1)
 
 
 def _frame(left: Array, up: Array) -> Array:

@@ -32,11 +32,7 @@ _SUFFIXES = (".stl", ".obj", ".ply")
 
 
 def read_triangles(path: Path, scale: float) -> Array:
-    """(T, 3, 3) m, corners of the triangles of a mesh.
-
-    Args:
-        path: The file.
-        scale: Metres in its unit.
+    """(T, 3, 3) m, corners of the triangles of a mesh whose unit is `scale` metres.
 
     Raises:
         ConfigError: Another kind of file, one that is too large, or one with invalid coordinates.
@@ -54,7 +50,7 @@ def read_triangles(path: Path, scale: float) -> Array:
         mesh: Any = trimesh.load(
             io.BytesIO(data), file_type=kind[1:], process=False, force="mesh", resolver=None, **more
         )
-        corners: Array = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces)]
+        corners: Array = np.asarray(mesh.triangles, dtype=np.float64)
     except OSError as error:
         raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
     except StrideTwinError:
@@ -86,32 +82,32 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 
 
-LARGEST_ERROR_M = 0.010
-"""Largest distance of the mesh from its replacement, anywhere on the way but beside risers."""
-BESIDE_RISER_M = 0.025
-STEP_M = 0.005
-_JUMP_M = 0.015  # between neighbouring samples: steeper than any ramp
-_STRAIGHT_M = 0.003
-_LEVEL_M = 0.004  # largest rise of a level
-_STEEPEST = 0.5  # least upward part of a walkable triangle's normal
-_REACH_M = 0.45  # surfaces higher than this above the last sample are not ground
-_SAME_TREAD_M = 0.01
-_TREAD_MAX_M = 0.6
-_SHORTEST_M = 0.5
-_ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9)  # of half the width
+@dataclass(frozen=True, kw_only=True)
+class FitParameters:
+    """How a profile is divided into levels, ramps and stairs; chosen by hand for meshes with errors of millimetres."""
 
+    largest_error_m: float = 0.010  # of the mesh from its replacement, anywhere on the way but beside risers
+    beside_riser_m: float = 0.025
+    step_m: float = 0.005  # spacing of the samples along the way
+    jump_m: float = 0.015  # between neighbouring samples: steeper than any ramp
+    straight_m: float = 0.003  # largest distance of a sample from a level or ramp
+    level_m: float = 0.004  # largest rise of a level
+    steepest: float = 0.5  # least upward part of a walkable triangle's normal
+    reach_m: float = 0.45  # surfaces higher than this above the last sample are not ground
+    same_tread_m: float = 0.01  # largest difference of equal treads
+    tread_max_m: float = 0.6
+    shortest_m: float = 0.5  # half of the shortest way
+    rows: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
+
+
+_FIT = FitParameters()
 Part = Level | Ramp | Stairs
 _Start = Annotated[float, number(-1000, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshTerrain:
-    """Terrain made from a mesh.
-
-    Attributes:
-        segments: Segments from its start on.
-        summary: Summary of the replacement and its error, in words.
-    """
+    """Terrain made from a mesh: its segments, and a summary of the replacement and its error in words."""
 
     segments: tuple[Part, ...]
     summary: str
@@ -139,31 +135,27 @@ class MeshWay:
 
 
 def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
-    """Segments that replace a mesh.
-
-    Args:
-        way: The mesh, and the way on it.
-        width_m: Width of the way.
+    """Segments that replace a mesh along a way of a width.
 
     Raises:
         ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
         StrideTwinError: The file cannot be read.
     """
     corners = _in_way(read_triangles(way.path, way.scale), way)
-    length = way.length_m or float(corners[:, :, 0].max()) - STEP_M
-    if not 2 * _SHORTEST_M < length < 500.0:
-        raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _SHORTEST_M:g}-500 m")
-    s = np.arange(0.0, length, STEP_M)
-    heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
-    middle = heights[:, len(_ROWS) // 2] - heights[0, len(_ROWS) // 2]
+    length = way.length_m or float(corners[:, :, 0].max()) - _FIT.step_m
+    if not 2 * _FIT.shortest_m < length < 500.0:
+        raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _FIT.shortest_m:g}-500 m")
+    s = np.arange(0.0, length, _FIT.step_m)
+    heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _FIT.rows])
+    middle = heights[:, len(_FIT.rows) // 2] - heights[0, len(_FIT.rows) // 2]
     segments = _segments(s, middle, way)
-    off = _error(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
+    off = _error(segments, s, heights - heights[0, len(_FIT.rows) // 2], width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
     summary = (
         f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
-        f"{1e3 * LARGEST_ERROR_M:g} mm is accepted; {1e3 * BESIDE_RISER_M:g} mm beside risers are excluded)"
+        f"{1e3 * _FIT.largest_error_m:g} mm is accepted; {1e3 * _FIT.beside_riser_m:g} mm beside risers are excluded)"
     )
     return MeshTerrain(segments=segments, summary=summary)
 
@@ -184,7 +176,7 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)
     near = (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
-    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _STEEPEST * size)
+    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _FIT.steepest * size)
     if np.any(flat & (normal[:, 2] > 0)):
         flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
     near &= flat
@@ -199,10 +191,10 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     heights = np.empty(len(s))
     last_z = min(at[0], default=0.0, key=abs)
     for i, found in enumerate(at):
-        low = [z for z in found if abs(z - last_z) <= _REACH_M]
+        low = [z for z in found if abs(z - last_z) <= _FIT.reach_m]
         if not low:
             where = f"{s[i]:.2f} m along, {left:+.2f} m to the left"
-            valid = f"ground all along the way, without steps of more than {_REACH_M:g} m"
+            valid = f"ground all along the way, without steps of more than {_FIT.reach_m:g} m"
             raise ConfigError(way.path, where, "no ground that can be stepped onto" if found else "a hole", valid)
         heights[i] = last_z = max(low)
     return heights
@@ -211,22 +203,23 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
 def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
     """Levels, ramps and stairs of a profile that begins at height 0."""
     parts: list[Part] = []
-    jumps = np.flatnonzero(np.abs(np.diff(z)) > _JUMP_M)
+    jumps = np.flatnonzero(np.abs(np.diff(z)) > _FIT.jump_m)
     starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]
     risers: list[float] = []
     treads: list[float] = []
     for i, (a, b) in enumerate(zip(starts, ends)):
         if i:
-            rise = float(z[a] - z[a - 1])
+            rise, at = float(z[a] - z[a - 1]), f"riser at {s[a]:.2f} m"
             if not RISER_RANGE_M[0] <= abs(rise) <= RISER_RANGE_M[1]:
                 valid = f"{1e3 * RISER_RANGE_M[0]:g}-{1e3 * RISER_RANGE_M[1]:g} mm"
-                raise ConfigError(way.path, f"riser at {s[a]:.2f} m", f"{1e3 * rise:.0f} mm", valid)
+                raise ConfigError(way.path, at, f"{1e3 * rise:.0f} mm", valid)
             if risers and risers[-1] * rise < 0:
-                raise ConfigError(way.path, f"riser at {s[a]:.2f} m", f"{1e3 * rise:.0f} mm", "one direction a flight")
+                raise ConfigError(way.path, at, f"{1e3 * rise:.0f} mm", "one direction per flight")
             risers.append(rise)
         run = _between(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)
-        flat = abs(z[b] - z[a]) < _LEVEL_M and np.ptp(z[a : b + 1]) < 2 * _LEVEL_M
-        if i and i < len(starts) - 1 and flat and run <= _TREAD_MAX_M and (z[starts[i + 1]] - z[b]) * risers[-1] > 0:
+        flat = abs(z[b] - z[a]) < _FIT.level_m and np.ptp(z[a : b + 1]) < 2 * _FIT.level_m
+        tread = flat and run <= _FIT.tread_max_m
+        if i and i < len(starts) - 1 and tread and (z[starts[i + 1]] - z[b]) * risers[-1] > 0:
             if run < TREAD_MIN_M:
                 valid = f"at least {1e3 * TREAD_MIN_M:g} mm"
                 raise ConfigError(way.path, f"tread at {s[a]:.2f} m", f"{1e3 * run:.0f} mm", valid)
@@ -251,7 +244,7 @@ def _flight(risers: list[float], treads: list[float]) -> list[Part]:
     if not risers:
         return []
     down, heights = risers[0] < 0, tuple(abs(r) for r in risers)
-    if not treads or max(treads) - min(treads) < _SAME_TREAD_M:
+    if not treads or max(treads) - min(treads) < _FIT.same_tread_m:
         tread = float(np.mean(treads)) if treads else Stairs.tread_m
         return [Stairs(risers=len(risers), riser_m=heights, tread_m=tread, down=down)]
     parts: list[Part] = []
@@ -269,7 +262,7 @@ def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
         if k in (0, len(knots) - 2):  # the half steps at the ends
             length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
-        if abs(rise) < _LEVEL_M:
+        if abs(rise) < _FIT.level_m:
             parts.append(Level(length_m=length))
             continue
         angle = math.atan2(abs(rise), length)
@@ -288,7 +281,7 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
         line = z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)
         off = np.abs(z[i : j + 1] - line)
         worst = int(np.argmax(off))
-        if off[worst] > _STRAIGHT_M and j - i > 1:
+        if off[worst] > _FIT.straight_m and j - i > 1:
             todo.append(i + worst)
         else:
             done.append(todo.pop())
@@ -303,17 +296,17 @@ def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float,
         terrain = Terrain.from_route(Route(segments=segments, width_m=width_m))
     except ConfigError as error:
         raise ConfigError(way.path, f"the resulting {error.field}", error.value, error.valid) from error
-    left = 0.5 * width_m * np.array(_ROWS)
+    left = 0.5 * width_m * np.array(_FIT.rows)
     points = np.stack(np.broadcast_arrays(s[:, None], left), -1)
     edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
-    edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _JUMP_M)]
+    edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _FIT.jump_m)]
     away = np.ones(len(s), bool)
     for edge in edges:
-        away &= np.abs(s - edge) > BESIDE_RISER_M
+        away &= np.abs(s - edge) > _FIT.beside_riser_m
     off = np.abs(terrain.height(points) - heights)[away]
-    if off.max() > LARGEST_ERROR_M:
+    if off.max() > _FIT.largest_error_m:
         row, column = np.unravel_index(int(np.argmax(off)), off.shape)
         where = f"{s[away][row]:.2f} m along, {left[column]:+.2f} m to the left"
-        valid = f"up to {1e3 * LARGEST_ERROR_M:g} mm from levels, ramps and stairs across the way"
+        valid = f"up to {1e3 * _FIT.largest_error_m:g} mm from levels, ramps and stairs across the way"
         raise ConfigError(way.path, where, f"{1e3 * off[row, column]:.0f} mm off", valid)
     return np.asarray(off).ravel()

@@ -15,24 +15,43 @@ from operator import itemgetter
 import numpy as np
 
 from stridetwin.sim.config import Thing
-from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip
-from stridetwin.sim.world.solids import Box, corners
+from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip, profile_height
+from stridetwin.sim.world.solids import Solid, corners
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
-_CLEARANCE_M = 0.35
-_SPACING_M = 2.2
-_ROOM_MARGIN_M = 3.0
-_ROOM_HEIGHT_M = 2.7
-_WALL_M, _BRICK_M = 0.12, 0.2  # thickness of a corridor's walls, and length of their parts
 _SEED = 20260  # the world looks the same in every walk
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleParameters:
+    """Sizes and distances of objects, m; chosen by hand, as large as such objects commonly are."""
+
+    clearance: float = 0.35  # between walkable ground and objects outdoors and in rooms
+    spacing: float = 2.2  # of objects along the way
+    room_margin: float = 3.0  # from the way to the walls of a room
+    room_height: float = 2.7
+    wall: float = 0.12  # thickness of a corridor's walls
+    brick: float = 0.2  # length of the parts that they are tested in
+    table_width: float = 1.40
+    table_height: float = 0.72
+    board: float = 0.04  # thickness of a table's board
+    leg: float = 0.06  # width of a table's leg
+    wall_width: float = 3.0
+    wall_height: float = 2.5
+    lift: float = 0.001  # height of paint, so that the ground does not shine through
+    body: float = 0.40  # clearance from the middle of the way, and beyond the end of the walk
+
+
+_M = ObstacleParameters()
+LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Landmark:
     """A box beside the way, of one material."""
 
-    box: Box
+    box: Solid
     material: str
 
 
@@ -45,13 +64,17 @@ class _Frame:
     yaw: float
     z: float
 
-    def box(self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0) -> Box:
+    def box(
+        self, material: str, length: float, width: float, bottom: float, top: float, along: float = 0.0,
+        left: float = 0.0,
+    ) -> Landmark:  # fmt: skip
         """A box here, or translated along the direction and to its left."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        return Box(
+        solid = Solid.box(
             x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
             width=width, bottom=bottom, top=top,
         )  # fmt: skip
+        return Landmark(box=solid, material=material)
 
 
 def surroundings(
@@ -61,7 +84,7 @@ def surroundings(
     kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
         "outdoor": _outdoor, "room": _room, "corridor": _corridor
     }  # fmt: skip
-    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
+    clearance = 0.0 if scenery == "corridor" else _M.clearance
     kept = list(standing)
     for group in kinds[scenery](layout, bottom_m):
         if all(_clear(mark.box, layout, kept, clearance) for mark in group):
@@ -85,10 +108,10 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
     """Lowest and highest x and y of the inside of a room around the way."""
     s = np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1)
     points = layout.way.point(s)
-    return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
+    return points.min(axis=0) - _M.room_margin, points.max(axis=0) + _M.room_margin
 
 
-def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -> bool:
+def _clear(box: Solid, layout: Layout, others: list[Landmark], clearance: float) -> bool:
     """Whether a box keeps a distance to all walkable ground, and does not overlap another group."""
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
@@ -104,7 +127,7 @@ def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -
     return all(_apart(box, mark.box) for mark in others)
 
 
-def _apart(a: Box, b: Box) -> bool:
+def _apart(a: Solid, b: Solid) -> bool:
     """Whether two boxes do not overlap in plan (separating axes)."""
     reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
     if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
@@ -121,9 +144,9 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Planters and pillars along both sides of the way and a wall beyond its end."""
     rng = np.random.default_rng(_SEED)
     first, last = layout.profile[0], layout.profile[-1]
-    half = layout.slabs[0].left + _CLEARANCE_M
+    half = layout.slabs[0].left + _M.clearance
     for side in (-1.0, 1.0):
-        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
+        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _M.spacing).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
             elif i % 3 == 0:
@@ -132,9 +155,7 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
                 yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
     x, y = layout.way.point(last.s1).tolist()
     end = _Frame(x=x, y=y, yaw=float(layout.way.heading(last.s1)), z=last.z1)
-    yield [
-        Landmark(box=end.box(0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0), material="brick")
-    ]
+    yield [end.box("brick", 0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0)]
 
 
 def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
@@ -145,22 +166,17 @@ def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
     for slab in layout.slabs:
         p, q = slab.local(np.array([x, y]))
         if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
-            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
+            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _M.clearance)
     x, y = layout.way.point(s, side * reach).tolist()
-    return _Frame(x=x, y=y, yaw=yaw, z=_height(layout.profile, s))
-
-
-def _height(profile: tuple[Strip, ...], s: float) -> float:
-    return float(np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)]))
+    return _Frame(x=x, y=y, yaw=yaw, z=float(profile_height(layout.profile, s)))
 
 
 def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) -> list[Landmark]:
     size = rng.uniform(0.3, 0.45)
     left = side * (size / 2 + rng.uniform(0.0, 0.5) + 0.05)
     top = at.z + rng.uniform(1.7, 2.6)
-    shaft = at.box(size, size, bottom, top, left=left)
-    cap = at.box(size + 0.1, size + 0.1, top, top + 0.08, left=left)
-    return [Landmark(box=shaft, material="plaster"), Landmark(box=cap, material="stone")]
+    shaft = at.box("plaster", size, size, bottom, top, left=left)
+    return [shaft, at.box("stone", size + 0.1, size + 0.1, top, top + 0.08, left=left)]
 
 
 def _planter(
@@ -170,40 +186,36 @@ def _planter(
     left = side * (depth / 2 + rng.uniform(0.0, 0.3))
     rim = at.z + rng.uniform(0.1, 0.2)
     top = rim + rng.uniform(*hedge_m)
-    trough = at.box(length, depth, bottom, rim, left=left)
-    hedge = at.box(length - 0.1, depth - 0.1, rim - 0.01, top, left=left)
-    return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]
+    trough = at.box("stone", length, depth, bottom, rim, left=left)
+    return [trough, at.box("leaves", length - 0.1, depth - 0.1, rim - 0.01, top, left=left)]
 
 
 def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Walls along both sides of all straight parts, around their ends if there is space, and across both ends."""
-    pieces, profile = layout.way.pieces, layout.profile
-    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
+    lines, profile = layout.way.segments, layout.profile
+    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _M.room_height
     built: list[Landmark] = []
-    for piece, along in ((pieces[0], -_WALL_M), (pieces[-1], pieces[-1].s1 - pieces[-1].s0 + _WALL_M)):
-        end = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0)
-        yield [Landmark(box=end.box(_WALL_M, 2 * half, bottom, top, along=along), material="brick")]
-    for piece in pieces:
-        if piece.curvature:
+    for line, along in ((lines[0], -_M.wall), (lines[-1], lines[-1].s1 - lines[-1].s0 + _M.wall)):
+        end = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0)
+        yield [end.box("brick", _M.wall, 2 * half, bottom, top, along=along)]
+    for line in lines:
+        if line.curvature:
             continue
-        start, length = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0), piece.s1 - piece.s0
+        start, length = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0), line.s1 - line.s0
         for side in (-1.0, 1.0):
-            left = side * (half + _WALL_M / 2)
+            left = side * (half + _M.wall / 2)
             bricks = []
-            for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
-                brick = start.box(_BRICK_M, _WALL_M, bottom, top, along=along, left=left)
-                material = "brick" if math.floor((piece.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
-                if _clear(brick, layout, built, 0.0):
-                    built.append(Landmark(box=brick, material=material))
-                else:
-                    material = ""
-                bricks.append((material, along))
+            for along in np.arange(-2 * half, length + 2 * half, _M.brick).tolist():
+                material = "brick" if math.floor((line.s0 + along) / _M.spacing + side) % 3 == 0 else "plaster"
+                brick = start.box(material, _M.brick, _M.wall, bottom, top, along=along, left=left)
+                free = _clear(brick.box, layout, built, 0.0)
+                built += [brick] * free
+                bricks.append((material if free else "", along))
             for material, run in groupby(bricks, key=itemgetter(0)):
                 if material:
                     places = [along for _, along in run]
-                    middle, long = (places[0] + places[-1]) / 2, len(places) * _BRICK_M
-                    wall = start.box(long, _WALL_M, bottom, top, along=middle, left=left)
-                    yield [Landmark(box=wall, material=material)]
+                    middle, long = (places[0] + places[-1]) / 2, len(places) * _M.brick
+                    yield [start.box(material, long, _M.wall, bottom, top, along=middle, left=left)]
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
@@ -213,17 +225,17 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     middle, (length, width) = (low + high) / 2, high - low
     z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
     room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
-    top = max(max(s.z0, s.z1) for s in layout.profile) + _ROOM_HEIGHT_M
+    top = max(max(s.z0, s.z1) for s in layout.profile) + _M.room_height
     for sign in (-1.0, 1.0):
-        yield [Landmark(box=room.box(length, 0.1, bottom, top, left=sign * (width / 2 + 0.05)), material="plaster")]
-        yield [Landmark(box=room.box(0.1, width, bottom, top, along=sign * (length / 2 + 0.05)), material="plaster")]
+        yield [room.box("plaster", length, 0.1, bottom, top, left=sign * (width / 2 + 0.05))]
+        yield [room.box("plaster", 0.1, width, bottom, top, along=sign * (length / 2 + 0.05))]
     for quarter in range(4):  # along the four walls, with the walls' direction as x
         along, away = (length, width) if quarter % 2 == 0 else (width, length)
         wall = _Frame(x=middle[0], y=middle[1], yaw=quarter * math.pi / 2, z=z)
         for u in np.arange(0.9 - along / 2, along / 2 - 0.9, 1.9).tolist():
             size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
-            shelf = wall.box(size, 0.4, z, z + tall, along=u + rng.uniform(-0.2, 0.2), left=0.22 - away / 2)
-            yield [Landmark(box=shelf, material=str(rng.choice(["wood", "brick", "stone"])))]
+            beside, material = u + rng.uniform(-0.2, 0.2), str(rng.choice(["wood", "brick", "stone"]))
+            yield [wall.box(material, size, 0.4, z, z + tall, along=beside, left=0.22 - away / 2)]
             yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
     for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
         for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
@@ -235,29 +247,20 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -> list[Landmark]:
     """A sheet on a wall, where no shelf occludes it."""
     bottom = wall.z + rng.uniform(1.0, 1.5)
-    sheet = wall.box(
-        rng.uniform(0.4, 0.7), 0.02, bottom, bottom + rng.uniform(0.4, 0.9), along=along, left=0.015 - away / 2
-    )
-    return [Landmark(box=sheet, material="poster")]
+    length, top = rng.uniform(0.4, 0.7), bottom + rng.uniform(0.4, 0.9)
+    return [wall.box("poster", length, 0.02, bottom, top, along=along, left=0.015 - away / 2)]
 
 
 def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     length, width, height = rng.uniform(0.9, 1.4), rng.uniform(0.5, 0.7), rng.uniform(0.68, 0.76)
-    sides = [at.box(0.05, width - 0.1, at.z, at.z + height - 0.04, along=e * (length / 2 - 0.08)) for e in (-1, 1)]
-    board = at.box(length, width, at.z + height - 0.04, at.z + height)
-    return [Landmark(box=box, material="wood") for box in (*sides, board)]
+    below, ends = at.z + height - 0.04, [e * (length / 2 - 0.08) for e in (-1, 1)]
+    sides = [at.box("wood", 0.05, width - 0.1, at.z, below, along=along) for along in ends]
+    return [*sides, at.box("wood", length, width, below, at.z + height)]
 
 
 def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     length, width, height = rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.6), rng.uniform(0.35, 0.6)
-    return [Landmark(box=at.box(length, width, at.z, at.z + height), material=str(rng.choice(["brick", "leaves"])))]
-
-
-LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
-_TABLE_WIDTH_M, _TABLE_M, _BOARD_M, _LEG_M = 1.40, 0.72, 0.04, 0.06
-_WALL_WIDTH_M, _WALL_SIZE_M = 3.0, 2.5
-_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
-_BODY_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
+    return [at.box(str(rng.choice(["brick", "leaves"])), length, width, at.z, at.z + height)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -284,7 +287,7 @@ def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Pai
 def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float, material: str) -> Painted:
     half, s = 0.5 * width_m, np.array([start, start, end, end])
     xy = layout.way.point(s, thing.left_m + half * np.array([1.0, -1.0, -1.0, 1.0]))
-    z = _strip(layout, start).z0 + _LIFT_M
+    z = _strip(layout, start).z0 + _M.lift
     return Painted(corners=np.column_stack([xy, np.full(4, z)]), material=material)
 
 
@@ -293,23 +296,24 @@ def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
     found: list[Landmark] = []
     for thing in things:
         if thing.kind == "wall":
-            found.append(Landmark(box=_box(thing, layout, _WALL_WIDTH_M, 0.0, _WALL_SIZE_M), material="plaster"))
+            found.append(_across(thing, layout, "plaster", _M.wall_width, 0.0, _M.wall_height))
         elif thing.kind == "table":
-            found.append(Landmark(box=_box(thing, layout, _TABLE_WIDTH_M, _TABLE_M - _BOARD_M, _TABLE_M),
-                                  material="wood"))  # fmt: skip
-            for side in (-1.0, 1.0):
-                aside = side * (_TABLE_WIDTH_M / 2 - 0.1)
-                leg = _box(thing, layout, _LEG_M, 0.0, _TABLE_M - _BOARD_M, aside)
-                found.append(Landmark(box=leg, material="wood"))
+            below, side = _M.table_height - _M.board, _M.table_width / 2 - 0.1
+            found.append(_across(thing, layout, "wood", _M.table_width, below, _M.table_height))
+            found += [_across(thing, layout, "wood", _M.leg, 0.0, below, aside) for aside in (-side, side)]
     return tuple(found)
 
 
-def _box(thing: Thing, layout: Layout, width: float, bottom: float, top: float, aside: float = 0.0) -> Box:
+def _across(
+    thing: Thing, layout: Layout, material: str, width: float, bottom: float, top: float, aside: float = 0.0
+) -> Landmark:
     """A box across the way on its ground, from one height above it to another."""
     length = LENGTHS_M[thing.kind]
     s, z = thing.at_m + length / 2, _strip(layout, thing.at_m).z0
     x, y = layout.way.point(s, thing.left_m + aside).tolist()
-    return Box(x=x, y=y, yaw=float(layout.way.heading(s)), length=length, width=width, bottom=z + bottom, top=z + top)
+    yaw = float(layout.way.heading(s))
+    solid = Solid.box(x=x, y=y, yaw=yaw, length=length, width=width, bottom=z + bottom, top=z + top)
+    return Landmark(box=solid, material=material)
 
 
 def _strip(layout: Layout, s: float) -> Strip:
@@ -331,12 +335,12 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
         for mark in standing((thing,), layout):
-            if _distance(mark.box, walked).min() < _BODY_M:
-                valid = f"{_BODY_M:g} m clear of where the walker goes"
+            if _distance(mark.box, walked).min() < _M.body:
+                valid = f"{_M.body:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)
 
 
-def _distance(box: Box, xy: Array) -> Array:
+def _distance(box: Solid, xy: Array) -> Array:
     """(N,) m, distance of (N, 2) points from a box in plan view."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.route_checks import check_segments
-from stridetwin.sim.world.way import Piece, Way, joined
+from stridetwin.sim.world.way import CurveSegment, Way, joined
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
@@ -32,10 +32,8 @@ class Strip:
     """One flat or sloping segment of the way.
 
     Attributes:
-        s0: Arc length of its start, m.
-        s1: Arc length of its end, m.
-        z0: Height of the way at s0, m.
-        z1: Height of the way at s1, m.
+        s0, s1: Arc length of its start and end, m.
+        z0, z1: Height of the way there, m.
         terrain: level, stair or ramp.
         cross_slope: Lateral tilt, rad, left side up positive.
     """
@@ -57,19 +55,21 @@ class Strip:
         return self.z0 + math.tan(self.slope) * (s - self.s0) + math.tan(self.cross_slope) * left
 
 
+def profile_height(profile: Sequence[Strip], s: ArrayLike) -> Array:
+    """(...) m, height of the way at (...) arc lengths."""
+    return np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Slab:
     """One flat segment of ground, a rectangle in plan view.
 
     Attributes:
-        x: Start of its axis in the world, m.
-        y: Start of its axis in the world, m.
+        x, y: Start of its axis in the world, m.
         heading: Direction of its axis, rad.
         length: Along its axis, m.
-        left: Extent to the left of its axis, m.
-        right: Extent to the right of its axis, m.
-        z0: Height at the start of its axis, m.
-        z1: Height at the end of its axis, m.
+        left, right: Extent to both sides of its axis, m.
+        z0, z1: Height at the start and at the end of its axis, m.
         terrain: level, stair or ramp.
         cross_slope: Lateral tilt, rad, left side up positive.
     """
@@ -140,7 +140,7 @@ def lay_out(route: Route) -> Layout:
             case _:
                 _lay(pen, segment, half)
     _refuse_conflicts(pen.slabs, pen.owners, len(route.segments))
-    return Layout(way=joined(pen.pieces), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
+    return Layout(way=joined(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
 
 
 @dataclass(kw_only=True)
@@ -153,7 +153,7 @@ class _Pen:
     z: float
     s: float
     owner: int = -1
-    pieces: list[Piece] = field(default_factory=list)
+    segments: list[CurveSegment] = field(default_factory=list)
     strips: list[Strip] = field(default_factory=list)
     slabs: list[Slab] = field(default_factory=list)
     owners: list[int] = field(default_factory=list)
@@ -167,10 +167,7 @@ class _Pen:
         self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
         """Lays a slab along a line."""
-        self._slab(
-            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
-                 z1=self.z + rise, terrain=terrain, cross_slope=cross_slope)
-        )  # fmt: skip
+        self._slab_here(length, left, right, terrain, rise, cross_slope)
         self._go(length, 0.0, terrain, rise, cross_slope)
 
     def arc(self, angle: float, radius: float, half_width: float) -> None:
@@ -192,10 +189,7 @@ class _Pen:
 
     def crossing(self, length: float, aside: float, left: float, right: float) -> None:
         """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
-        self._slab(
-            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z, z1=self.z,
-                 terrain="level")
-        )  # fmt: skip
+        self._slab_here(length, left, right)
         aslant = length - 2 * _CROSSING_STRAIGHT_M
         curvature = 4 * aside / (aslant**2 + aside**2)
         run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
@@ -210,19 +204,29 @@ class _Pen:
         self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
         """Advances, and appends to the way and its profile."""
-        here = Piece(s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature)
+        here = CurveSegment(
+            s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature
+        )
         strip = Strip(s0=self.s, s1=self.s + length, z0=self.z, z1=self.z + rise, terrain=terrain,
                       cross_slope=cross_slope)  # fmt: skip
-        self.pieces.append(here)
+        self.segments.append(here)
         last = self.strips[-1] if self.strips else None
         if last and terrain == "level" and replace(last, s0=strip.s0, s1=strip.s1) == strip:
             self.strips[-1] = replace(last, s1=strip.s1)
         else:
             self.strips.append(strip)
-        way = Way(pieces=(here,))
+        way = Way(segments=(here,))
         self.x, self.y = way.point(here.s1).tolist()
         self.heading = float(way.heading(here.s1))
         self.s, self.z = here.s1, strip.z1
+
+    def _slab_here(
+        self, length: float, left: float, right: float, terrain: str = "level", rise: float = 0.0, cross: float = 0.0
+    ) -> None:
+        self._slab(
+            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
+                 z1=self.z + rise, terrain=terrain, cross_slope=cross)
+        )  # fmt: skip
 
     def _slab(self, slab: Slab) -> None:
         """Adds a slab; merges it with the last one if both are on one level."""

@@ -50,10 +50,9 @@ def check_segments(route: Route) -> None:
     for i, thing in enumerate(route.things):
         _demand(f"things[{i}].kind", thing.kind, thing.kind in THINGS, ", ".join(THINGS))
     uneven = any(isinstance(s, Stairs | Ramp | Lanes) for s in route.segments)
-    roomy = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY
-    _demand(
-        "width_m", route.width_m, roomy, f"at least {PASSING_WIDTH_M} m, for bystanders to pass on stairs and ramps"
-    )
+    wide = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY
+    valid = f"at least {PASSING_WIDTH_M} m, for bystanders to pass on stairs and ramps"
+    _demand("width_m", route.width_m, wide, valid)
     _check_chain(route.segments, "segments")
     for i, segment in enumerate(route.segments):
         neighbours = [(k, route.segments[k]) for k in (i - 1, i + 1) if 0 <= k < len(route.segments)]
@@ -108,15 +107,11 @@ def _check_stairs(stairs: Stairs, at: str) -> None:
 
 
 def _check_beside_turn(at: str, segment: Segment) -> None:
-    room = isinstance(segment, Turn) or (
+    suits = isinstance(segment, Turn) or (
         isinstance(segment, Level) and segment.cross_slope_rad == 0.0 and segment.length_m >= LEVEL_BY_TURN_M - _TINY
     )
-    _demand(
-        at,
-        _kind(segment),
-        room,
-        f"a turn, or a level of at least {LEVEL_BY_TURN_M} m without cross slope, beside a turn",
-    )
+    valid = f"a turn, or a level of at least {LEVEL_BY_TURN_M} m without cross slope, beside a turn"
+    _demand(at, _kind(segment), suits, valid)
 
 
 def _kind(segment: Segment) -> str:

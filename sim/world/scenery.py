@@ -15,7 +15,7 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from stridetwin.sim.world.solids import Box, Solid, SolidSet, corners
+from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.sim.world.textures import FINISHES, PERIOD_M, SIZE, TEXTURES, Pixels
 from stridetwin.streams.samples import Array
 
@@ -23,24 +23,16 @@ _TINY_M = 1e-6
 
 
 def without(polygon: Array, holes: Iterable[Array]) -> list[Array]:
-    """Convex parts of a polygon outside all holes.
-
-    Args:
-        polygon: (N, 2) corners, convex, anticlockwise.
-        holes: Polygons of the same kind.
-
-    Returns:
-        Polygons that do not overlap.
-    """
-    pieces = [polygon]
+    """Convex parts, without overlap, of a polygon outside all holes; all are (N, 2), convex and anticlockwise."""
+    parts = [polygon]
     for hole in holes:
         low, high = hole.min(axis=0), hole.max(axis=0)
         left = []
-        for piece in pieces:
-            apart = np.any((piece.max(axis=0) < low) | (piece.min(axis=0) > high))
-            left += [piece] if apart else _outside(piece, hole)
-        pieces = left
-    return pieces
+        for part in parts:
+            apart = np.any((part.max(axis=0) < low) | (part.min(axis=0) > high))
+            left += [part] if apart else _outside(part, hole)
+        parts = left
+    return parts
 
 
 def split_into_quads(polygon: Array) -> list[Array]:
@@ -54,17 +46,17 @@ def split_into_quads(polygon: Array) -> list[Array]:
     return [*found, rest]
 
 
-def _outside(piece: Array, hole: Array) -> list[Array]:
+def _outside(part: Array, hole: Array) -> list[Array]:
     """Cuts off the part beyond each side of the hole in sequence; the final rest is inside the hole."""
     found: list[Array] = []
     for a, b in zip(hole, np.roll(hole, -1, axis=0)):
-        beyond = _clip(piece, a, b, -1.0)
+        beyond = _clip(part, a, b, -1.0)
         if beyond is not None:
             found.append(beyond)
-        inside = _clip(piece, a, b, 1.0)
+        inside = _clip(part, a, b, 1.0)
         if inside is None:
             return found
-        piece = inside
+        part = inside
     return found
 
 
@@ -97,13 +89,7 @@ _SEED = 20260  # the world looks the same in every walk
 
 @dataclass(frozen=True, eq=False)
 class Quad:
-    """A textured rectangle.
-
-    Attributes:
-        corners: (4, 3) in the world, anticlockwise seen from outside.
-        uv: (4, 2) texture coordinates, m.
-        material: Name of its material.
-    """
+    """A textured rectangle: (4, 3) corners, m, anticlockwise from outside, and (4, 2) texture coordinates, m."""
 
     corners: Array
     uv: Array
@@ -128,7 +114,7 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
     return quads
 
 
-def paint_box(box: Box, material: str) -> list[Quad]:
+def paint_box(box: Solid, material: str) -> list[Quad]:
     """Textured faces of a box of one material."""
     return [*_sides(box, material), *_top(box, 0.0, box.length, material)]
 
@@ -154,12 +140,12 @@ def _top(solid: Solid, start: float, end: float, material: str, painted: Sequenc
     slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])
     local = np.array([[start, 0.0], [end, 0.0], [end, solid.width], [start, solid.width]]) - half
     quads = []
-    for piece in without(centre + local @ axes, [other[:, :2] for other in painted]):
-        for quad in split_into_quads(piece):
+    for part in without(centre + local @ axes, [other[:, :2] for other in painted]):
+        for quad in split_into_quads(part):
             own = (quad - centre) @ axes.T
             z = (solid.start + solid.end) / 2 + own @ slope
             # level ground has texture coordinates of the world, so that adjacent slabs show one paving
-            paved = isinstance(solid, Box) and solid.terrain == "level"
+            paved = solid.is_box and solid.terrain == "level"
             uv = quad if paved else (own + half) * np.hypot(1.0, slope)
             quads.append(Quad(np.column_stack([quad, z]), uv, material))
     return quads
@@ -188,15 +174,11 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
         face = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(len(group))[:, None, None]
         name = f"scenery_{material}"
         spec.add_mesh(
-            name=name,
-            uservert=vertices.ravel(),
-            usernormal=np.repeat(normal, 4, axis=0).ravel(),
-            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M,
-            userface=face.ravel(),
-            userfacenormal=face.ravel(),
-            userfacetexcoord=face.ravel(),
+            name=name, uservert=vertices.ravel(), usernormal=np.repeat(normal, 4, axis=0).ravel(),
+            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M, userface=face.ravel(),
+            userfacenormal=face.ravel(), userfacetexcoord=face.ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )
+        )  # fmt: skip
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name,
             material=_add_material(spec, material, finish).name,

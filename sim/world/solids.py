@@ -1,7 +1,7 @@
 """Upright solids with a flat or a sloping top, and exact geometric queries for many of them at once.
 
-Terrain consists of these: a `Box` for a level segment, a tread or a landing, a `Wedge` for a ramp. Each may be rotated
-about the vertical. A `SolidSet` answers queries for N points or rays and all solids at once. The loops are compiled.
+Terrain consists of these: boxes for level segments, treads and landings, wedges for ramps. A `SolidSet` answers queries
+for N points or rays and all solids at once. The loops are compiled.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Self
 
 import numba
 import numpy as np
@@ -95,53 +96,17 @@ _TOUCH = 1e-9  # m; points this close to a footprint's border belong to it
 
 
 @dataclass(frozen=True, kw_only=True)
-class Box:
-    """Upright box with a level top.
+class Solid:
+    """Upright prism on a rectangular footprint, with a flat top.
 
     Attributes:
-        x: Centre of the footprint in the world, m.
-        y: Centre of the footprint in the world, m.
-        yaw: Rotation about the vertical, rad.
-        length: Extent along its own x axis, m.
-        width: Extent along its own y axis, m.
+        x, y: Centre of the footprint in the world, m.
+        length, width: Extent along its own x and y axes, m.
         bottom: Height of the underside, m.
-        top: Height of the top, m.
-        terrain: Class of its top: level, stair or ramp.
-    """
-
-    x: float
-    y: float
-    length: float
-    width: float
-    bottom: float
-    top: float
-    yaw: float = 0.0
-    terrain: str = "level"
-
-    @property
-    def start(self) -> float:
-        """Height of the top at its low-x end, m."""
-        return self.top
-
-    @property
-    def end(self) -> float:
-        """Height of the top at its high-x end, m."""
-        return self.top
-
-    @property
-    def cross(self) -> float:
-        """Rise of the top along its own y axis, m/m."""
-        return 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wedge:
-    """Upright prism with a sloping top; fields as in `Box`.
-
-    Attributes:
-        start: Height of the top in the middle of its low-x end, m.
-        end: Height of the top in the middle of its high-x end, m.
+        start, end: Height of the top in the middle of its low-x and its high-x end, m.
+        yaw: Rotation about the vertical, rad.
         cross: Rise of the top along its own y axis, m/m.
+        terrain: Class of its top: level, stair or ramp.
     """
 
     x: float
@@ -152,11 +117,20 @@ class Wedge:
     start: float
     end: float
     yaw: float = 0.0
-    terrain: str = "ramp"
     cross: float = 0.0
+    terrain: str = "level"
 
+    @property
+    def is_box(self) -> bool:
+        """Whether its top is level."""
+        return self.start == self.end and self.cross == 0.0
 
-Solid = Box | Wedge
+    @classmethod
+    def box(
+        cls, *, x: float, y: float, length: float, width: float, bottom: float, top: float, yaw: float = 0.0
+    ) -> Self:
+        """A solid with a level top at height `top`."""
+        return cls(x=x, y=y, length=length, width=width, bottom=bottom, start=top, end=top, yaw=yaw)
 
 
 def corners(solid: Solid) -> Array:
@@ -190,13 +164,9 @@ class SolidSet:
         self.edges = self._find_edges()
 
     def top_facet(self, xy: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
-        """Height of the surface, and the solid that it belongs to.
+        """(...) height of the surface at (..., 2) points, m, and (...) index of its solid, -1 for the ground plane.
 
-        Args:
-            xy: (..., 2) points in the world, m. A point on a border belongs to the higher side.
-
-        Returns:
-            (...) height, m, and (...) index of the solid, -1 for the ground plane.
+        A point on a border belongs to the higher side.
         """
         points = np.asarray(xy, dtype=float)
         height, which = top(
@@ -223,11 +193,7 @@ class SolidSet:
         return np.min(np.linalg.norm(points - nearest, axis=-1), axis=-1)
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-        """Nearest intersections of rays with the surface.
-
-        Args:
-            origins: (N, 3) in the world, m.
-            directions: (N, 3) in the world, any length but zero.
+        """Nearest intersections of rays with the surface, from (N, 3) origins along (N, 3) directions of any length.
 
         Returns:
             (N,) distance, m: inf for a miss, 0 for an origin inside a solid; and (N, 3) outward normal of the face
@@ -261,11 +227,11 @@ class SolidSet:
         """
         a = self._plan.reshape(-1, 2)
         b = np.roll(self._plan, -1, axis=1).reshape(-1, 2)
-        pieces = []
+        cut = []
         for p, q in zip(a, b):
             cuts = np.unique(np.round([0.0, *_crossings(p, q, a, b), 1.0], 9))
-            pieces += [(p + s * (q - p), p + t * (q - p)) for s, t in pairwise(cuts)]
-        segments = np.array(pieces)
+            cut += [(p + s * (q - p), p + t * (q - p)) for s, t in pairwise(cuts)]
+        segments = np.array(cut)
         run = segments[:, 1] - segments[:, 0]
         across = np.stack([-run[:, 1], run[:, 0]], -1) / np.linalg.norm(run, axis=-1, keepdims=True)
         middle = segments.mean(axis=1)

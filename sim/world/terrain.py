@@ -19,7 +19,7 @@ from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.obstacles import Landmark, floor, surroundings
 from stridetwin.sim.world.route import Layout, Slab, Strip, lay_out
 from stridetwin.sim.world.scenery import add_ground, add_quads, add_sky, paint_area, paint_box, paint_slabs
-from stridetwin.sim.world.solids import Box, Solid, SolidSet, Wedge, corners
+from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.streams.samples import Array
 
 _GROUND_BELOW_M = 0.05
@@ -42,13 +42,7 @@ class Terrain:
 
     @classmethod
     def from_route(cls, route: Route) -> Terrain:
-        """Lays out a route.
-
-        Args:
-            route: Segments from the world's origin along +x.
-
-        Returns:
-            The terrain; its way begins 2 m behind the origin and reaches 2 m beyond the route's end.
+        """Lays out a route from the world's origin along +x.
 
         Raises:
             ConfigError: A segment that cannot be built or walked; the message names field, value and range.
@@ -120,15 +114,7 @@ class Terrain:
         return self._set.edge_distance(xy)
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> Array:
-        """Distance along rays to the surface or a landmark.
-
-        Args:
-            origins: (N, 3) in the world, m.
-            directions: (N, 3) in the world, any length but zero.
-
-        Returns:
-            (N,) m; inf for a miss, 0 for an origin inside a solid.
-        """
+        """(N,) distance, m, along rays to the surface or a landmark, as for `SolidSet.ray_cast`."""
         return self.ray_hit(origins, directions)[0]
 
     def ray_hit(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
@@ -138,21 +124,19 @@ class Terrain:
 
 def _solid(slab: Slab, bottom: float) -> Solid:
     x, y, _ = slab.point(slab.length / 2, (slab.left - slab.right) / 2).tolist()
-    width = slab.left + slab.right
-    if slab.z0 == slab.z1 and slab.cross_slope == 0.0:
-        return Box(x=x, y=y, yaw=slab.heading, length=slab.length, width=width, bottom=bottom, top=slab.z0,
-                   terrain=slab.terrain)  # fmt: skip
-    return Wedge(x=x, y=y, yaw=slab.heading, length=slab.length, width=width, bottom=bottom, start=slab.z0,
-                 end=slab.z1, cross=math.tan(slab.cross_slope), terrain=slab.terrain)  # fmt: skip
+    return Solid(
+        x=x, y=y, yaw=slab.heading, length=slab.length, width=slab.left + slab.right, bottom=bottom,
+        start=slab.z0, end=slab.z1, cross=math.tan(slab.cross_slope), terrain=slab.terrain,
+    )  # fmt: skip
 
 
 def _add_collision(spec: mujoco.MjSpec, name: str, solid: Solid) -> None:
     """Adds the exact shape of a solid, invisible (group 3)."""
-    if isinstance(solid, Box):
+    if solid.is_box:
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_BOX, group=3,
-            pos=(solid.x, solid.y, (solid.bottom + solid.top) / 2),
-            size=(solid.length / 2, solid.width / 2, (solid.top - solid.bottom) / 2),
+            pos=(solid.x, solid.y, (solid.bottom + solid.start) / 2),
+            size=(solid.length / 2, solid.width / 2, (solid.start - solid.bottom) / 2),
             quat=(math.cos(solid.yaw / 2), 0.0, 0.0, math.sin(solid.yaw / 2)),
         )  # fmt: skip
     else:

@@ -15,14 +15,12 @@ _PROJECTION_M = 0.02  # spacing of the candidate points
 
 
 @dataclass(frozen=True, kw_only=True)
-class Piece:
+class CurveSegment:
     """A line or an arc of the way.
 
     Attributes:
-        s0: Arc length of its start, m.
-        s1: Arc length of its end, m.
-        x: Start in the world, m.
-        y: Start in the world, m.
+        s0, s1: Arc length of its start and end, m.
+        x, y: Start in the world, m.
         heading: Direction at its start, rad; unwrapped, so that it is continuous along the way.
         curvature: 1/m, left positive; 0 for a line.
     """
@@ -40,14 +38,14 @@ class Way:
     """Segments in order; before the first and after the last the way continues straight.
 
     Attributes:
-        pieces: Segments; each begins where the previous one ends.
+        segments: Segments; each begins where the previous one ends.
     """
 
-    pieces: tuple[Piece, ...]
+    segments: tuple[CurveSegment, ...]
 
     @cached_property
     def _columns(self) -> Array:
-        return np.array([(p.s0, p.s1, p.x, p.y, p.heading, p.curvature) for p in self.pieces]).T
+        return np.array([(p.s0, p.s1, p.x, p.y, p.heading, p.curvature) for p in self.segments]).T
 
     def _locate(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Point (..., 2), heading (...) and curvature (...) at arc lengths, and the distance of s beyond the way."""
@@ -78,20 +76,13 @@ class Way:
         return point + beyond[..., None] * along + np.asarray(left, dtype=float)[..., None] * aside
 
     def project(self, path: ArrayLike, reach_m: float = 0.6, begin: float = 0.0) -> Array:
-        """Arc lengths of the points of the way that are nearest to a path.
+        """(N,) arc lengths, m, of the points of the way that are nearest to an (N, 2) path in order of time.
 
-        The path is followed from its start, which resolves ambiguities where two parts of the way meet.
-
-        Args:
-            path: (N, 2) m in the world, in order of time.
-            reach_m: Largest distance along the way between consecutive samples.
-            begin: Arc length near the first sample, m.
-
-        Returns:
-            (N,) m.
+        The path is followed from its start, near arc length `begin`, which resolves ambiguities where two parts of the
+        way meet; consecutive samples are up to `reach_m` apart along the way.
         """
         path = np.asarray(path, dtype=float)
-        s0, s1 = self.pieces[0].s0, self.pieces[-1].s1
+        s0, s1 = self.segments[0].s0, self.segments[-1].s1
         grid = np.linspace(s0, s1, max(2, int((s1 - s0) / _PROJECTION_M)))
         points, heading = self.point(grid), self.heading(grid)
         window, at = int(np.ceil(reach_m / (grid[1] - grid[0]))), int(np.argmin(np.abs(grid - begin)))
@@ -105,13 +96,13 @@ class Way:
         return grid[nearest] + np.sum((path - points[nearest]) * along, axis=1)
 
 
-def joined(pieces: Sequence[Piece]) -> Way:
+def joined(segments: Sequence[CurveSegment]) -> Way:
     """A way of segments; neighbouring lines of one direction are merged."""
-    found: list[Piece] = []
-    for piece in pieces:
+    found: list[CurveSegment] = []
+    for segment in segments:
         last = found[-1] if found else None
-        if last is not None and last.curvature == piece.curvature == 0.0 and last.heading == piece.heading:
-            found[-1] = Piece(s0=last.s0, s1=piece.s1, x=last.x, y=last.y, heading=last.heading, curvature=0.0)
+        if last is not None and last.curvature == segment.curvature == 0.0 and last.heading == segment.heading:
+            found[-1] = CurveSegment(s0=last.s0, s1=segment.s1, x=last.x, y=last.y, heading=last.heading, curvature=0.0)
         else:
-            found.append(piece)
-    return Way(pieces=tuple(found))
+            found.append(segment)
+    return Way(segments=tuple(found))

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath, StartPose
-from stridetwin.sim.faults.faults import Fault, arrivals
-from stridetwin.sim.faults.plan import plan_faults
+from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
 from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
 from stridetwin.streams.recording.ros_samples import block_of
 from stridetwin.streams.rig import Rig

@@ -14,7 +14,7 @@ from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.couplings import CouplingSet
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ForceCellPart
-from stridetwin.sim.sensors.joint import InteractionModel
+from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench

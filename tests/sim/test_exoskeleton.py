@@ -20,7 +20,7 @@ from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, Limbs, fit_leg, limbs
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Playback
-from stridetwin.sim.sensors.joint import InteractionModel
+from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.anthropometry import PEOPLE

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.faults.faults import LooseStrap, arrivals
+from stridetwin.sim.faults.faults import LooseStrap, arrivals, check_faults, plan_faults
 from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
-from stridetwin.sim.faults.plan import check_faults, plan_faults
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,
@@ -81,7 +80,7 @@ def cut(block: Block, size: int) -> list[Block]:
 
 
 def corrupted(block: Block, *faults, seed: int = 0, size: int = 200) -> tuple[np.ndarray, np.ndarray, dict]:
-    """Stamps, arrivals and columns of what arrives of one block, sent in pieces."""
+    """Stamps, arrivals and columns of what arrives of one block, sent in parts."""
     planned = plan_faults(faults, RIG, seed, DURATION_S)
     got = list(arrivals(cut(block, size), planned))
     stamps = np.concatenate([a.item.t_ns for a in got])
@@ -178,7 +177,7 @@ def test_a_dead_cell_reads_zero_or_stays(stuck: bool) -> None:
     np.testing.assert_array_equal(columns["force"][~dead], block.columns["force"][~dead])
 
 
-def pictures(*faults) -> tuple[np.ndarray, np.ndarray]:
+def images(*faults) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(3)
     pixels = rng.integers(60, 255, (48, 64, 3)).astype(np.uint8)
     items = [Image(topic=COLOR, t_ns=10, pixels=pixels), Depth(topic=DEPTH, t_ns=10, depth=np.ones((48, 64), "f4"))]
@@ -187,19 +186,19 @@ def pictures(*faults) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_occlusion_covers_its_share_of_colour_and_of_depth_alike() -> None:
-    covered, no_depth = pictures(Occlusion(topic="/head/*", at_s=0, share=0.25))
+    covered, no_depth = images(Occlusion(topic="/head/*", at_s=0, share=0.25))
     assert covered.mean() == pytest.approx(0.25, abs=0.02)
     np.testing.assert_array_equal(covered, no_depth)
 
 
 def test_dirt_spoils_spots_and_spares_the_rest() -> None:
-    blurred, no_depth = pictures(LensDirt(topic="/head/*", at_s=0, spots=3, size=0.1))
+    blurred, no_depth = images(LensDirt(topic="/head/*", at_s=0, spots=3, size=0.1))
     assert 0.02 < blurred.mean() < 0.35
     assert 0.01 < no_depth.mean() < blurred.mean()
     assert blurred[no_depth].mean() > 0.95
 
 
-def test_pictures_that_share_their_pixels_share_them_behind_dirt() -> None:
+def test_images_that_share_their_pixels_share_them_behind_dirt() -> None:
     pixels = np.full((48, 64, 3), 90, np.uint8)
     pixels.setflags(write=False)
     own = pixels.copy()
@@ -318,7 +317,7 @@ HARMLESS = (
 def test_a_recording_with_a_fault_is_refused_by_name_or_read_and_always_read_leniently(tmp_path, fault) -> None:
     path = tmp_path / "a.mcap"
     with RecordingWriter(path, RIG) as writer:
-        sent = [piece for pair in zip(cut(imu_block(), 200), cut(imu_block(RIGHT), 200)) for piece in pair]
+        sent = [block for pair in zip(cut(imu_block(), 200), cut(imu_block(RIGHT), 200)) for block in pair]
         for arrival in arrivals(sent, plan_faults([fault], RIG, 0, DURATION_S)):
             writer.write(arrival.item, arrival.log_ns)
     if fault in REFUSED:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from benchmarks import gait_norms
 from stridetwin.sim.config import Level, Person
+from stridetwin.sim.gait.foot_placement import preferred_step
 from stridetwin.sim.gait.style import Style, level_style
-from stridetwin.sim.gait.tempo import preferred_step
 from stridetwin.sim.kinematics.smooth import bump, soft_ease
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.body import wearer

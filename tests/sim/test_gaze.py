@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Gait, Gaze
-from stridetwin.sim.gait.checks import check_gait
+from stridetwin.sim.gait.footsteps import check_gait
 from stridetwin.sim.gait.posture import Look, look
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.errors import ConfigError
@@ -59,13 +59,13 @@ def test_a_wandering_gaze_holds_still_between_quick_moves() -> None:
 
 
 def test_what_the_user_adds_turns_the_head_and_a_little_the_chest() -> None:
-    plain, turned = looked(Gaze()), looked(Gaze(pitch_rad=0.3, yaw_rad=-0.4))
-    assert np.mean(turned.head_pitch - plain.head_pitch) == pytest.approx(0.3, abs=0.03)
-    assert np.mean(turned.head_yaw) == pytest.approx(-0.4, abs=0.03)
-    assert -0.15 < np.mean(turned.chest_yaw) < -0.05
+    plain, rotated = looked(Gaze()), looked(Gaze(pitch_rad=0.3, yaw_rad=-0.4))
+    assert np.mean(rotated.head_pitch - plain.head_pitch) == pytest.approx(0.3, abs=0.03)
+    assert np.mean(rotated.head_yaw) == pytest.approx(-0.4, abs=0.03)
+    assert -0.15 < np.mean(rotated.chest_yaw) < -0.05
 
 
-def test_a_head_that_sways_starts_still_and_reaches_the_rate_it_is_told() -> None:
+def test_a_head_that_sways_starts_still_and_reaches_the_configured_rate() -> None:
     amplitude, hz = np.radians(9.0), 2.0
     found, plain = looked(Gaze(sway_yaw_rad=amplitude, sway_pitch_rad=0.05, sway_hz=hz)), looked(Gaze(yaw_rad=1e-9))
     assert np.abs(found.head_yaw[T < 1.0]).max() < 1e-6

@@ -1,4 +1,4 @@
-"""A mesh becomes exact boxes and wedges, with its deviation told; what cannot be replaced or trusted is refused."""
+"""A mesh becomes exact boxes and wedges, with its error reported; what cannot be replaced or trusted is refused."""
 
 import math
 import struct
@@ -59,13 +59,15 @@ def test_units_axes_and_places_are_the_users(tmp_path):
     mesh.apply_translation((5.0, 2.0, 0.3))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(-math.pi / 2, [1, 0, 0], [0, 0, 0]))  # y up
     mesh.apply_scale(1000.0)
-    told = way(tmp_path / "b.stl", mesh, scale=1e-3, up="y", start_m=(5.0, 2.5), heading_rad=math.pi / 2, length_m=3.4)
-    made = mesh_terrain(told, 2.4)
+    placed = way(
+        tmp_path / "b.stl", mesh, scale=1e-3, up="y", start_m=(5.0, 2.5), heading_rad=math.pi / 2, length_m=3.4
+    )
+    made = mesh_terrain(placed, 2.4)
     assert [type(p) for p in made.segments] == [Level, Stairs, Level]
     assert made.segments[0].length_m == pytest.approx(1.5, abs=0.01)
 
 
-def test_uneven_treads_are_laid_one_by_one(tmp_path):
+def test_uneven_treads_become_single_stairs(tmp_path):
     mesh = trimesh.util.concatenate([box(-1, 2, 0), box(2, 2.25, 0.1), box(2.25, 2.65, 0.25), box(2.65, 5, 0.4)])
     made = mesh_terrain(way(tmp_path / "c.stl", mesh), 2.4)
     assert [type(p) for p in made.segments] == [Level, Stairs, Level, Stairs, Level, Stairs, Level]
@@ -115,7 +117,7 @@ def test_hostile_meshes_are_refused(tmp_path, name, data, said):
         mesh_terrain(MeshWay(path=tmp_path / name), 2.4)
 
 
-def test_a_scenario_takes_a_mesh_and_tells_what_became_of_it(tmp_path):
+def test_a_scenario_takes_a_mesh_and_reports_its_replacement(tmp_path):
     from stridetwin.scenarios.scenario_file import read_scenario
 
     stair().export(tmp_path / "stair.stl")

@@ -15,7 +15,7 @@ OFF_CENTRE = (392.0, 388.0, 331.3, 228.7)
 
 
 def looking(position, pitch_deg, yaw_deg=0.0):
-    """Optical frame at `position` that looks along +x, pitched down and turned left."""
+    """Optical frame at `position` that looks along +x, pitched down and rotated left."""
     pitch, yaw = np.radians([pitch_deg, yaw_deg])
     forward = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)])
     right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
@@ -86,7 +86,7 @@ def test_discs_land_where_opencv_projects_them():
     mujoco.mju_mat2Quat(quat, T[:3, :3].ravel())
     spec = mujoco.MjSpec()
     spec.add_material(name="glow", emission=1.0, rgba=[1, 1, 1, 1])
-    for centre, z in zip(centres, depth):  # parallel to the picture, so that its centre is the disc's centre
+    for centre, z in zip(centres, depth):  # parallel to the image, so that its centre is the disc's centre
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             pos=centre,
@@ -205,13 +205,13 @@ def test_film_and_sensor_share_a_model_and_close_twice(world):
     _, model, data = world
     before = model.vis.quality.offsamples, model.vis.global_.offwidth
     film, view = FilmCamera(model, 320, 180), SensorView(model, 160, 120)
-    picture = film.frame(data, [2.0, 0.0, 0.8], 40.0, -15.0, 4.0)
+    image = film.frame(data, [2.0, 0.0, 0.8], 40.0, -15.0, 4.0)
     rgb, _ = view.frame(data, looking([1.0, 0.0, 1.6], 25.0), (100.0, 100.0, 79.5, 59.5))
     again = film.frame(data, [2.0, 0.0, 0.8], 40.0, -15.0, 4.0)
-    assert picture.shape == (180, 320, 3)
+    assert image.shape == (180, 320, 3)
     assert rgb.std() > 10
-    assert picture.std() > 10
-    np.testing.assert_array_equal(picture, again)
+    assert image.std() > 10
+    np.testing.assert_array_equal(image, again)
     assert (model.vis.quality.offsamples, model.vis.global_.offwidth) == before
     for renderer in (film, view):
         renderer.close()
@@ -221,13 +221,13 @@ def test_film_and_sensor_share_a_model_and_close_twice(world):
 @pytest.mark.parametrize(
     "box", [(slice(100, 228), slice(200, 361)), (slice(0, 31), slice(0, 640)), (slice(470, 480), slice(600, 640))]
 )
-def test_a_piece_is_those_pixels_of_the_whole_picture(world, box):
+def test_a_crop_has_the_pixels_of_the_whole_image(world, box):
     _, model, data = world
     with SensorView(model, 640, 480) as view:
         T = looking([1.0, 0.2, 1.6], 25.0, 10.0)
-        whole, piece = view.color(data, T, OFF_CENTRE), view.crop(data, T, OFF_CENTRE, *box)
-    assert np.mean(np.any(whole[box] != piece, axis=-1)) < 0.02  # a texel's edge may fall to either side
-    assert np.mean(np.abs(whole[box].astype(int) - piece)) < 0.3
+        whole, crop = view.color(data, T, OFF_CENTRE), view.crop(data, T, OFF_CENTRE, *box)
+    assert np.mean(np.any(whole[box] != crop, axis=-1)) < 0.02  # a texel's edge may fall to either side
+    assert np.mean(np.abs(whole[box].astype(int) - crop)) < 0.3
 
 
 def test_what_is_out_of_view_is_left_out_and_nothing_else(world, monkeypatch):
@@ -239,7 +239,7 @@ def test_what_is_out_of_view_is_left_out_and_nothing_else(world, monkeypatch):
             culled.append(view.color(data, T, (196.0, 194.0, 165.0, 114.0)))
             shown.append(view.scene.ngeom)
         monkeypatch.setattr(render, "_in_view", lambda model, *_: np.ones(model.ngeom, bool))
-        for T, picture, count in zip(poses, culled, shown):
-            np.testing.assert_array_equal(view.color(data, T, (196.0, 194.0, 165.0, 114.0)), picture)
+        for T, image, count in zip(poses, culled, shown):
+            np.testing.assert_array_equal(view.color(data, T, (196.0, 194.0, 165.0, 114.0)), image)
             assert count <= view.scene.ngeom
         assert min(shown) < view.scene.ngeom

@@ -12,25 +12,23 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.parts.sensor_config import Clock
-from stridetwin.sim.sensors.ahrs import AhrsModel
-from stridetwin.sim.sensors.force_cell import ForceCells
-from stridetwin.sim.sensors.insole import InsoleModel, cell_shares
-from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
+from stridetwin.sim.sensors.exo_sensors import ActuatorModel, AhrsModel, EncoderModel
+from stridetwin.sim.sensors.force_cells import ForceCells, InsoleModel, InteractionModel, cell_shares
+from stridetwin.sim.sensors.model import Stamps
 from stridetwin.sim.sensors.sonar import SonarModel
-from stridetwin.sim.sensors.stamps import Stamps
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain
 
 ROUTE = Route(segments=(Level(length_m=3.0), Stairs(risers=3)))
-OUTFIT = sensor_rig(TwinConfig(name="test", route=ROUTE))
-RIG = OUTFIT.rig
+SENSOR_RIG = sensor_rig(TwinConfig(name="test", route=ROUTE))
+RIG = SENSOR_RIG.rig
 IDEAL = Noise(None)
 
 
 def made(kind, topic, noise, *more):
     """Model of a sensor of the standard rig; an ideal one where there is no noise."""
-    sensor = OUTFIT.sensors[topic]
+    sensor = SENSOR_RIG.sensors[topic]
     return kind(sensor.calibration, ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
 
 
@@ -120,28 +118,28 @@ def ahrs_errors(rate_radps, seconds=3000.0):
         w_body=w,
         q_world_body=Rotation.from_euler("z", yaw[:, None]).as_quat(scalar_first=True),
     )
-    told = made(AhrsModel, "/exo/thigh_l/ahrs", Noise.of_topic(1, "x")).read(body)
-    assert told.columns["angular_rate"].std(axis=0)[0] == pytest.approx(np.radians(0.1), rel=0.05)
-    q = Rotation.from_quat(told.columns["q_world_sensor"], scalar_first=True)
+    measured = made(AhrsModel, "/exo/thigh_l/ahrs", Noise.of_topic(1, "x")).read(body)
+    assert measured.columns["angular_rate"].std(axis=0)[0] == pytest.approx(np.radians(0.1), rel=0.05)
+    q = Rotation.from_quat(measured.columns["q_world_sensor"], scalar_first=True)
     return (q * body.rotation.inv()).as_rotvec()
 
 
 def test_an_ideal_ahrs_tells_attitude_and_rate():
     body = still(np.zeros((400, 3)), yaw=0.5, pitch=0.2)
-    told = made(AhrsModel, "/exo/back/ahrs", IDEAL).read(body)
-    np.testing.assert_allclose(told.columns["q_world_sensor"], body.q_world_body, atol=1e-12)
-    np.testing.assert_allclose(told.columns["angular_rate"], body.w_body, atol=1e-12)
+    measured = made(AhrsModel, "/exo/back/ahrs", IDEAL).read(body)
+    np.testing.assert_allclose(measured.columns["q_world_sensor"], body.q_world_body, atol=1e-12)
+    np.testing.assert_allclose(measured.columns["angular_rate"], body.w_body, atol=1e-12)
 
 
 def test_the_rates_of_an_ahrs_keep_some_bias():
-    part, body = OUTFIT.sensors["/exo/thigh_l/ahrs"].part, still(np.zeros((1000, 3)))
+    part, body = SENSOR_RIG.sensors["/exo/thigh_l/ahrs"].part, still(np.zeros((1000, 3)))
     models = [made(AhrsModel, "/exo/thigh_l/ahrs", Noise.of_topic(seed, "x")) for seed in range(60)]
     means = np.array([(model.read(body).columns["angular_rate"] - body.w_body).mean(axis=0) for model in models])
     assert means.std() == pytest.approx(part.rate_bias, rel=0.2)
 
 
 def test_the_tilt_of_an_ahrs_errs_more_in_motion_and_its_heading_drifts():
-    part = OUTFIT.sensors["/exo/thigh_l/ahrs"].part
+    part = SENSOR_RIG.sensors["/exo/thigh_l/ahrs"].part
     at_rest, moving = ahrs_errors(0.0), ahrs_errors(3.0)
     np.testing.assert_allclose(at_rest[:, :2].std(axis=0), part.tilt_still, rtol=0.15)
     np.testing.assert_allclose(moving[:, :2].std(axis=0), part.tilt_moving, rtol=0.15)
@@ -153,10 +151,10 @@ def test_the_tilt_of_an_ahrs_errs_more_in_motion_and_its_heading_drifts():
 def test_encoder_counts():
     t = np.arange(1000, dtype=np.int64)
     angle = np.linspace(-0.1, 1.2, 1000)
-    told = made(EncoderModel, "/exo/knee_l/encoder", Noise.of_topic(1, "x")).read(t, angle).columns["angle"]
-    counts = told / (2 * np.pi / 4096)
+    measured = made(EncoderModel, "/exo/knee_l/encoder", Noise.of_topic(1, "x")).read(t, angle).columns["angle"]
+    counts = measured / (2 * np.pi / 4096)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert np.abs(told - angle).max() < np.radians(0.2) + 5 * np.radians(0.1) + np.pi / 4096
+    assert np.abs(measured - angle).max() < np.radians(0.2) + 5 * np.radians(0.1) + np.pi / 4096
     np.testing.assert_allclose(made(EncoderModel, "/exo/knee_l/encoder", IDEAL).read(t, angle).columns["angle"], angle)
 
 
@@ -177,15 +175,15 @@ def test_passive_actuator_reports_noise_about_zero():
 
 
 def test_a_force_cell_loops_between_loading_and_unloading_and_creeps():
-    part = replace(OUTFIT.sensors["/foot_l/insole"].part, gain=0.0, noise=0.0, filter_hz=np.inf)
+    part = replace(SENSOR_RIG.sensors["/foot_l/insole"].part, gain=0.0, noise=0.0, filter_hz=np.inf)
     quick = ForceCells(replace(part, drift=0.0), 1, 100.0, IDEAL)
     way = np.concatenate([np.linspace(0, 150, 301), np.linspace(150, 0, 301)[1:]])
-    told = quick.read(np.column_stack([way]))[:, 0]
-    up, down = told[way == 75.0]
+    measured = quick.read(np.column_stack([way]))[:, 0]
+    up, down = measured[way == 75.0]
     assert down - up == pytest.approx(part.hysteresis * 75.0, rel=0.1)
-    assert told[0] == told[-1] == 0
+    assert measured[0] == measured[-1] == 0
     count = G * 1e-3 * 6.97  # at no load, where the curve is steepest
-    assert np.abs(told - way).max() < part.hysteresis / 2 * 150 + count
+    assert np.abs(measured - way).max() < part.hysteresis / 2 * 150 + count
     crept = ForceCells(replace(part, hysteresis=0.0), 1, 100.0, IDEAL).read(np.full((20000, 1), 100.0))[:, 0]
     decade = crept[np.searchsorted(np.arange(20000), [400, 4000])]
     assert decade[1] - decade[0] == pytest.approx(part.drift * 100.0, rel=0.35)
@@ -193,20 +191,20 @@ def test_a_force_cell_loops_between_loading_and_unloading_and_creeps():
 
 
 def test_a_force_cell_counts_on_its_curve_and_saturates():
-    cell = OUTFIT.sensors["/foot_l/insole"].part
+    cell = SENSOR_RIG.sensors["/foot_l/insole"].part
     part = replace(cell, gain=0.0, noise=0.0, drift=0.0, hysteresis=0.0, filter_hz=np.inf)
     force = np.linspace(0, 300, 3001)
-    told = ForceCells(part, 1, 100.0, IDEAL).read(force[:, None])[:, 0]
-    x = told / G  # kgf back to counts by the paper's curve
+    measured = ForceCells(part, 1, 100.0, IDEAL).read(force[:, None])[:, 0]
+    x = measured / G  # kgf back to counts by the paper's curve
     counts = 1000 * (6.97 - np.sqrt(6.97**2 - 4 * 0.47 * x)) / (2 * 0.47)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
     inside = force < 20 * G
-    assert np.abs(told - force)[inside].max() < 0.5 * 6.97e-3 * G + 1e-9
-    assert told.max() == pytest.approx(20 * G, abs=6.97e-3 * G)
+    assert np.abs(measured - force)[inside].max() < 0.5 * 6.97e-3 * G + 1e-9
+    assert measured.max() == pytest.approx(20 * G, abs=6.97e-3 * G)
 
 
 def test_a_force_cell_follows_through_its_butterworth_filter_in_pieces():
-    part = OUTFIT.sensors["/foot_l/insole"].part
+    part = SENSOR_RIG.sensors["/foot_l/insole"].part
     load = np.abs(np.random.default_rng(0).normal(60, 40, (300, 4)))
     whole = ForceCells(part, 4, 100.0, Noise.of_topic(1, "x")).read(load)
     cells = ForceCells(part, 4, 100.0, Noise.of_topic(1, "x"))
@@ -215,12 +213,12 @@ def test_a_force_cell_follows_through_its_butterworth_filter_in_pieces():
 
 
 def test_sonar_tells_whole_steps_and_now_and_then_a_ghost():
-    sensor = OUTFIT.sensors["/foot_l/sonar"]
+    sensor = SENSOR_RIG.sensors["/foot_l/sonar"]
     left, right = still(np.tile([0.0, 0.1, 0.0], (4000, 1))), still(np.tile([0.0, -0.25, 0.0], (4000, 1)))
-    told = made(SonarModel, "/foot_l/sonar", Noise.of_topic(1, "x"), Terrain.from_route(ROUTE), Crowd()).read(
+    measured = made(SonarModel, "/foot_l/sonar", Noise.of_topic(1, "x"), Terrain.from_route(ROUTE), Crowd()).read(
         left, right
     )
-    distance = told.columns["distance"]
+    distance = measured.columns["distance"]
     np.testing.assert_allclose(distance / 0.043, np.round(distance / 0.043), atol=1e-9)
     true = made(SonarModel, "/foot_l/sonar", IDEAL, Terrain.from_route(ROUTE), Crowd()).read(left[:1], right[:1])
     ghosts = np.abs(distance - true.columns["distance"][0]) > 0.0215 + 5 * sensor.part.noise
@@ -233,12 +231,12 @@ def test_stamps_increase_whatever_the_clock(offset, drift, jitter, latency):
     clock = Clock(offset_s=offset, drift_ppm=drift, jitter_s=jitter, latency_s=latency)
     t = np.round(np.arange(500) * 1e9 / 120).astype(np.int64)
     stamps = Stamps(clock, 120.0, Noise.of_topic(1, "x"))
-    told = np.concatenate([stamps.of(t[:200]), stamps.of(t[200:])])
-    kept = told[told >= 0]
+    measured = np.concatenate([stamps.of(t[:200]), stamps.of(t[200:])])
+    kept = measured[measured >= 0]
     assert np.all(np.diff(kept) > 0)
-    late = (told - t)[told >= 0] * 1e-9 - offset - latency - drift * 1e-6 * t[told >= 0] * 1e-9
+    late = (measured - t)[measured >= 0] * 1e-9 - offset - latency - drift * 1e-6 * t[measured >= 0] * 1e-9
     assert np.abs(late).max() <= 0.45 / 120 + 2e-9
-    assert len(told) - len(kept) <= 7 + 1
+    assert len(measured) - len(kept) <= 7 + 1
 
 
 def test_a_perfect_clock_tells_true_times():

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor, Imager
 from stridetwin.sim.parts.library import ideal, part
-from stridetwin.sim.rendering.imager import SPARE, Sensor
-from stridetwin.sim.rendering.lens import Lens
+from stridetwin.sim.rendering.imager import SPARE, Lens, Sensor
 from stridetwin.sim.rendering.stereo_depth import DepthModel
 from stridetwin.sim.rendering.sweep import Sweep
 from stridetwin.streams.rig import CameraCalibration, Mount
@@ -72,7 +71,7 @@ def test_levels_are_those_of_the_formula(shape):
     clean = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
     imager, light = replace(SHOE, vignetting=0.3, read_noise=9.0, full_well=5000.0), 0.8
     noise = Noise.of_topic(4, "/camera")
-    told = Sensor(shape, imager, light, noise).exposed(7, clean)
+    measured = Sensor(shape, imager, light, noise).exposed(7, clean)
     normal = Noise.of_topic(4, "/camera").normal(1.0, (60 + SPARE, 80 + SPARE, *shape[2:]))
     row, column = noise.at(7).integers((SPARE, SPARE))
     level = np.moveaxis(clean, -1, 0).astype(float) if len(shape) == 3 else clean.astype(float)
@@ -84,8 +83,8 @@ def test_levels_are_those_of_the_formula(shape):
     bright = level / (1 + ((1 - 0.3) ** -0.5 - 1) * r2) ** 2 + sd * grain[..., row : row + 60, column : column + 80]
     expected = np.clip(np.rint(light * bright), 0, 255)
     expected = np.moveaxis(expected, 0, -1) if len(shape) == 3 else expected
-    assert np.abs(told - expected).max() <= 1
-    assert np.mean(told != expected) < 0.001  # rounding
+    assert np.abs(measured - expected).max() <= 1
+    assert np.mean(measured != expected) < 0.001  # rounding
 
 
 def test_noise_is_that_of_the_instant_and_does_not_wrap_round():
@@ -97,9 +96,9 @@ def test_noise_is_that_of_the_instant_and_does_not_wrap_round():
         assert np.abs(sensor(replace(SHOE, vignetting=0.0)).exposed(1, flat(level)).astype(int) - level).max() < 30
 
 
-def test_a_piece_has_the_noise_of_its_place_in_the_picture():
-    whole, piece = sensor().exposed(1, flat(90)), sensor().exposed(1, flat(90)[40:90, 100:180], 40, 100)
-    np.testing.assert_array_equal(whole[40:90, 100:180], piece)
+def test_a_part_has_the_noise_of_its_place_in_the_image():
+    whole, part = sensor().exposed(1, flat(90)), sensor().exposed(1, flat(90)[40:90, 100:180], 40, 100)
+    np.testing.assert_array_equal(whole[40:90, 100:180], part)
 
 
 def sweep(velocity=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), distance=0.4, focal=540.0):
@@ -112,7 +111,7 @@ def sweep(velocity=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), distance=0.4, focal=54
 def test_blur_is_as_long_as_speed_times_exposure_times_focal_length_over_distance(speed, away, exposure):
     moving = sweep(velocity=(speed, 0.0, 0.0), distance=away)
     expected = speed * exposure * 540.0 / away
-    assert moving.way_px(exposure, 149.5, 99.5) == pytest.approx(expected, rel=1e-9)
+    assert moving.path_px(exposure, 149.5, 99.5) == pytest.approx(expected, rel=1e-9)
     edge = np.zeros((200, 300), np.uint8)
     edge[:, 150:] = 255
     row = moving.blurred(edge, exposure)[100].astype(float) / 255
@@ -135,7 +134,7 @@ def test_a_rolling_shutter_leans_what_moves_sideways():
 
 
 @pytest.mark.parametrize("model", ["radtan", "equidistant"])
-def test_a_bent_picture_is_where_the_calibration_says(model):
+def test_a_distorted_image_is_where_the_calibration_says(model):
     calibration = CameraCalibration(
         topic="/c", part="", rate_hz=1.0, mount=Mount(body="b"), width=320, height=240,
         intrinsics=(200.0, 200.0, 159.5, 119.5), distortion_model=model,
@@ -152,10 +151,10 @@ def test_a_bent_picture_is_where_the_calibration_says(model):
     found = np.array([(columns * bent).sum(), (rows * bent).sum()]) / bent.sum()
     project = cv2.projectPoints if model == "radtan" else cv2.fisheye.projectPoints
     if model == "radtan":
-        told, _ = project(point, np.zeros(3), np.zeros(3), calibration.K, np.array(calibration.distortion))
+        measured, _ = project(point, np.zeros(3), np.zeros(3), calibration.K, np.array(calibration.distortion))
     else:
-        told, _ = project(point, np.zeros(3), np.zeros(3), calibration.K, np.array(calibration.distortion))
-    np.testing.assert_allclose(found, np.ravel(told), atol=0.3)
+        measured, _ = project(point, np.zeros(3), np.zeros(3), calibration.K, np.array(calibration.distortion))
+    np.testing.assert_allclose(found, np.ravel(measured), atol=0.3)
 
 
 def depth_model(sensor: DepthSensor = D455.depth, seed=1, shape=(240, 320)):
@@ -165,8 +164,8 @@ def depth_model(sensor: DepthSensor = D455.depth, seed=1, shape=(240, 320)):
 @pytest.mark.parametrize("z", [0.6, 1.0, 2.0, 4.0])
 def test_depth_residuals_grow_with_the_square_of_the_range(z):
     model = depth_model()
-    told = np.stack([model.image(k, np.full((240, 320), z, np.float32)) for k in range(8)])
-    kept = told[(told > 0) & (told < 6)]
+    measured = np.stack([model.image(k, np.full((240, 320), z, np.float32)) for k in range(8)])
+    kept = measured[(measured > 0) & (measured < 6)]
     sensor = D455.depth
     step = sensor.disparity_step * z * z
     expected = np.sqrt((sensor.noise * z * z) ** 2 + step**2 / 12 + sensor.resolution**2 / 12)
@@ -180,11 +179,11 @@ def test_there_is_no_depth_too_near_too_far_in_the_sky_on_black_or_at_a_glance()
     depth[:80, :100], depth[:80, 100:200], depth[:80, 200:] = D455.depth.range_min / 2, D455.depth.range_max + 2, 0
     grey = np.full((240, 320), 128, np.uint8)
     grey[160:, :] = 2
-    told = depth_model().image(1, depth, grey)
+    measured = depth_model().image(1, depth, grey)
     for columns in (slice(0, 95), slice(105, 195), slice(205, 320)):  # away from outlines
-        assert np.all(told[:75, columns] == 0)
-    assert np.all(told[162:] == 0)
-    assert np.mean(told[90:150, 10:-10] > 0) > 0.99
+        assert np.all(measured[:75, columns] == 0)
+    assert np.all(measured[162:] == 0)
+    assert np.mean(measured[90:150, 10:-10] > 0) > 0.99
     v = (np.mgrid[:240, :320][0] - 119.5) / 192.0
     for degrees, share in ((5.0, 0.0), (30.0, 1.0)):
         slope = np.radians(degrees)  # a floor that falls away from the line of sight in the middle by this angle
@@ -203,41 +202,41 @@ def test_what_is_nearer_than_the_finest_steps_can_tell_has_no_depth():
 def test_beside_an_outline_depth_is_missing_or_between_the_surfaces():
     depth = np.full((240, 320), 1.0, np.float32)
     depth[:, 160:] = 2.0
-    told = depth_model(replace(D455.depth, noise=1e-5)).image(1, depth)
-    beside = told[:, 156:164]
+    measured = depth_model(replace(D455.depth, noise=1e-5)).image(1, depth)
+    beside = measured[:, 156:164]
     assert 0.2 < np.mean(beside == 0) < 0.8
     between = (beside > 1.05) & (beside < 1.9)
     assert 0.01 < between.mean() < 0.6
-    assert np.all(told[:, :150] > 0)
+    assert np.all(measured[:, :150] > 0)
 
 
-def test_told_depth_is_that_of_the_formula():
+def test_measured_depth_is_that_of_the_formula():
     rng = np.random.default_rng(5)
     depth = np.where(rng.random((240, 320)) < 0.02, 0, rng.uniform(0.8, 1.2)).astype(np.float32)
     depth[60:180, 100:200] *= 1.6
     sensor, noise = D455.depth, Noise.of_topic(1, "/head/depth")
     model = depth_model()
-    told = model.image(3, depth)
+    measured = model.image(3, depth)
     row, column = noise.at(3).integers((SPARE, SPARE))
     cut = (slice(row, row + 240), slice(column, column + 320))
     counts = np.where(depth > 0, np.float32(1 / sensor.disparity_step) / np.where(depth > 0, depth, 1), 0)
     counts = counts.astype(np.float32)
     window = 2 * round(sensor.edge_px) + 1
-    outline = np.abs(counts - cv2.blur(counts, (window, window))) > np.float32(0.012) * counts
-    plain = (depth > 0) & ~outline & (told > 0)
+    discontinuity = np.abs(counts - cv2.blur(counts, (window, window))) > np.float32(0.012) * counts
+    plain = (depth > 0) & ~discontinuity & (measured > 0)
     steps = np.rint(counts + model._bank[cut])
     expected = sensor.resolution * np.round(1 / (sensor.disparity_step * np.maximum(steps, 1)) / sensor.resolution)
-    np.testing.assert_allclose(told[plain], expected[plain], rtol=1e-6)
+    np.testing.assert_allclose(measured[plain], expected[plain], rtol=1e-6)
     assert plain.mean() > 0.1
-    assert np.all(told[depth == 0] == 0)
+    assert np.all(measured[depth == 0] == 0)
     missing = model._mixed[cut] > 0
-    assert np.all(told[outline & missing] == 0)
+    assert np.all(measured[discontinuity & missing] == 0)
     far, near = (
         cv2.erode(counts[::2, ::2].copy(), np.ones((3, 3))),
         cv2.dilate(counts[::2, ::2].copy(), np.ones((3, 3))),
     )
-    flying = outline & ~missing & (told > 0)
-    count = 1 / (sensor.disparity_step * told[flying])
+    flying = discontinuity & ~missing & (measured > 0)
+    count = 1 / (sensor.disparity_step * measured[flying])
     spread = 5 * model._bank.std() + 1
     assert np.all(count > np.repeat(np.repeat(far, 2, 0), 2, 1)[flying] - spread)
     assert np.all(count < np.repeat(np.repeat(near, 2, 0), 2, 1)[flying] + spread)
@@ -245,7 +244,7 @@ def test_told_depth_is_that_of_the_formula():
 
 def test_ideal_depth_is_exact_within_its_range():
     depth = np.linspace(0.1, 8.0, 240 * 320, dtype=np.float32).reshape(240, 320)
-    told = depth_model(ideal(D455).depth).image(1, depth)
+    measured = depth_model(ideal(D455).depth).image(1, depth)
     within = (depth >= D455.depth.range_min) & (depth <= D455.depth.range_max)
-    np.testing.assert_array_equal(told[within], depth[within])
-    assert np.all(told[~within] == 0)
+    np.testing.assert_array_equal(measured[within], depth[within])
+    assert np.all(measured[~within] == 0)

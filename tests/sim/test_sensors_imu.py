@@ -12,7 +12,7 @@ from stridetwin.sim.noise import FLOOR, Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensors import imu as imu_model
-from stridetwin.sim.sensors.suite import step_ends
+from stridetwin.sim.sensors.model import step_ends
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration, Mount
 
@@ -213,14 +213,14 @@ def test_a_gyroscope_saturates_at_its_range():
     limit = np.radians(450)
     model = imu_model.ImuModel(imu(), limited(range=limit), STILL)
     ends, t_ns = at_steps(foot_like(instants(120.0, 3.0)), 120.0, model.steps)
-    told = model.read(foot_like(ends * 1e-9), t_ns).columns["angular_rate"]
+    measured = model.read(foot_like(ends * 1e-9), t_ns).columns["angular_rate"]
     true = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t_ns * 1e-9)).columns["angular_rate"]
     assert np.abs(true).max() > 1.5 * limit
-    assert np.abs(told).max() <= limit * 1.001
+    assert np.abs(measured).max() <= limit * 1.001
     beyond = np.abs(true[:, 1]) > 1.2 * limit
-    np.testing.assert_allclose(np.abs(told[beyond, 1]), limit, rtol=0.02)
+    np.testing.assert_allclose(np.abs(measured[beyond, 1]), limit, rtol=0.02)
     below = np.all(np.abs(true) < 0.8 * limit, axis=1)
-    np.testing.assert_allclose(told[below], true[below], atol=0.05)
+    np.testing.assert_allclose(measured[below], true[below], atol=0.05)
 
 
 def test_the_bandwidth_is_where_a_part_feels_0_7_of_a_vibration_and_its_delay_is_allowed_for():
@@ -238,9 +238,9 @@ def test_the_bandwidth_is_where_a_part_feels_0_7_of_a_vibration_and_its_delay_is
             w_body=np.column_stack([0.1 * np.sin(w * t), zero[:, :2]]),
         )  # fmt: skip
         fresh = imu_model.ImuModel(imu(rate_hz=rate_hz), replace(limited(bandwidth_hz=cut_hz), rate_hz=rate_hz), STILL)
-        told = fresh.read(track, t_ns).columns["angular_rate"][250:, 0]
+        measured = fresh.read(track, t_ns).columns["angular_rate"][250:, 0]
         middle = t_ns[250:] * 1e-9 - 0.5 / rate_hz  # of the interval that a sample is the mean of
-        response = 2 * np.mean(told * np.exp(-1j * w * middle)) / 0.1 * 1j
+        response = 2 * np.mean(measured * np.exp(-1j * w * middle)) / 0.1 * 1j
         return abs(response), -np.angle(response) / w
 
     gain, _ = gain_and_delay(cut_hz)
@@ -257,8 +257,8 @@ def test_errors_that_grow_with_the_motion_are_those_of_the_part():
     true = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t)).columns
     spread = []
     for seed in range(60):
-        told = ImuModel(imu(), Noise.of_topic(seed, "/foot_l/imu"), part).read(foot_like(t)).columns["angular_rate"]
-        error = told - true["angular_rate"]
+        measured = ImuModel(imu(), Noise.of_topic(seed, "/foot_l/imu"), part).read(foot_like(t)).columns["angular_rate"]
+        error = measured - true["angular_rate"]
         both = np.hstack([true["angular_rate"], true["specific_force"]])
         spread.append(np.linalg.lstsq(both, error, rcond=None)[0])
     sd = np.array(spread).std(axis=0)
@@ -273,8 +273,10 @@ def test_errors_that_grow_with_the_motion_are_those_of_the_part():
 
 def test_readings_are_whole_counts():
     part = replace(PART, gyroscope=replace(PART.gyroscope, resolution=np.radians(0.061)))
-    told = ImuModel(imu(), Noise.of_topic(1, "x"), part).read(foot_like(instants(120.0, 1.0))).columns["angular_rate"]
-    counts = told / np.radians(0.061)
+    measured = (
+        ImuModel(imu(), Noise.of_topic(1, "x"), part).read(foot_like(instants(120.0, 1.0))).columns["angular_rate"]
+    )
+    counts = measured / np.radians(0.061)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
-from stridetwin.sim.world.solids import Box, SolidSet, Wedge
+from stridetwin.sim.world.solids import Solid, SolidSet
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.sim.world.textures import PERIOD_M
 from stridetwin.streams.errors import ConfigError
@@ -72,10 +72,10 @@ def test_edge_distance():
 def test_coplanar_neighbours_make_no_edge_but_a_bend_does():
     flat = Terrain.from_route(Route(segments=(Level(length_m=1.0), Level(length_m=1.0)), width_m=10.0))
     assert flat.edge_distance([1.0, 0.0]) == pytest.approx(3.0)
-    a = Box(x=0, y=0, length=2, width=4, bottom=-1, top=0.0)
-    b = Box(x=2, y=0, length=2, width=4, bottom=-1, top=0.0)
+    a = Solid.box(x=0, y=0, length=2, width=4, bottom=-1, top=0.0)
+    b = Solid.box(x=2, y=0, length=2, width=4, bottom=-1, top=0.0)
     assert SolidSet([a, b], -0.5).edge_distance([1.0, 0.0]) == pytest.approx(2.0)
-    c = Wedge(x=2, y=0, length=2, width=4, bottom=-1, start=0.0, end=0.2)
+    c = Solid(x=2, y=0, length=2, width=4, bottom=-1, start=0.0, end=0.2)
     assert SolidSet([a, c], -0.5).edge_distance([1.0, 0.0]) == pytest.approx(0.0)
 
 
@@ -123,7 +123,7 @@ def test_rays_hit_risers_ramps_and_nothing():
 
 @settings(max_examples=25, deadline=None)
 @given(yaw=st.floats(-3.1, 3.1), seed=st.integers(0, 2**31))
-def test_turned_solids_answer_as_straight_ones(yaw, seed):
+def test_rotated_solids_give_the_same_answers(yaw, seed):
     rng = np.random.default_rng(seed)
     cos, sin = math.cos(yaw), math.sin(yaw)
     turn = np.array([[cos, -sin], [sin, cos]])
@@ -131,18 +131,18 @@ def test_turned_solids_answer_as_straight_ones(yaw, seed):
         {"x": 0.0, "y": 0.0, "length": 2.0, "width": 1.0, "bottom": -1.0, "start": 0.0, "end": 0.0},
         {"x": 1.75, "y": 0.0, "length": 1.5, "width": 1.0, "bottom": -1.0, "start": 0.0, "end": 0.3},
     ]
-    straight = SolidSet([Wedge(**b) for b in boxes], -0.2)
+    straight = SolidSet([Solid(**b) for b in boxes], -0.2)
     centres = [turn @ (b["x"], b["y"]) for b in boxes]
-    turned = SolidSet([Wedge(**{**b, "x": c[0], "y": c[1], "yaw": yaw}) for b, c in zip(boxes, centres)], -0.2)
+    rotated = SolidSet([Solid(**{**b, "x": c[0], "y": c[1], "yaw": yaw}) for b, c in zip(boxes, centres)], -0.2)
     xy = rng.uniform([-1.5, -0.8], [3.0, 0.8], (60, 2))
-    np.testing.assert_allclose(turned.top_facet(xy @ turn.T)[0], straight.top_facet(xy)[0], atol=1e-9)
-    np.testing.assert_allclose(turned.edge_distance(xy @ turn.T), straight.edge_distance(xy), atol=1e-7)
+    np.testing.assert_allclose(rotated.top_facet(xy @ turn.T)[0], straight.top_facet(xy)[0], atol=1e-9)
+    np.testing.assert_allclose(rotated.edge_distance(xy @ turn.T), straight.edge_distance(xy), atol=1e-7)
     rays = rng.standard_normal((60, 3))
     origins = np.column_stack([xy, np.full(60, 1.0)])
-    turned_rays = np.column_stack([rays[:, :2] @ turn.T, rays[:, 2]])
-    turned_origins = np.column_stack([xy @ turn.T, origins[:, 2]])
+    rotated_rays = np.column_stack([rays[:, :2] @ turn.T, rays[:, 2]])
+    rotated_origins = np.column_stack([xy @ turn.T, origins[:, 2]])
     np.testing.assert_allclose(
-        turned.ray_cast(turned_origins, turned_rays)[0],
+        rotated.ray_cast(rotated_origins, rotated_rays)[0],
         straight.ray_cast(origins, rays)[0],
         rtol=1e-7,
         atol=1e-7,
@@ -234,7 +234,7 @@ def test_things_lie_flat_or_stand_clear_of_the_walker():
     np.testing.assert_array_equal(plain.height(way), full.height(way))  # nothing of it is ground
     boards = [m.box for m in full.landmarks if m.material == "wood" and m.box.bottom > 0.6]
     assert sorted(b.x - b.length / 2 for b in boards) == pytest.approx([0.5, 3.45])
-    assert {round(b.top, 3) for b in boards} == {0.72}
+    assert {round(b.start, 3) for b in boards} == {0.72}
     down = full.ray_cast([[3.8, 0.0, 1.5], [1.15, 0.0, 1.5]], [[0.0, 0.0, -1.0]] * 2)
     assert down == pytest.approx([1.5 - 0.72, 1.5])
     spec = mujoco.MjSpec()

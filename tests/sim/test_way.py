@@ -31,7 +31,7 @@ ways = st.lists(st.tuples(level, turn), min_size=1, max_size=3).map(
 @settings(max_examples=40, deadline=None)
 @given(way=ways)
 def test_arc_length_is_that_of_the_curve_and_its_tangent_is_the_heading(way):
-    s = np.linspace(way.pieces[0].s0, way.pieces[-1].s1, 4001)
+    s = np.linspace(way.segments[0].s0, way.segments[-1].s1, 4001)
     step = np.diff(way.point(s), axis=0)
     np.testing.assert_allclose(np.linalg.norm(step, axis=1), np.diff(s), rtol=1e-3)
     middle = way.heading((s[1:] + s[:-1]) / 2)
@@ -42,20 +42,20 @@ def test_arc_length_is_that_of_the_curve_and_its_tangent_is_the_heading(way):
 @settings(max_examples=25, deadline=None)
 @given(way=ways, left=st.floats(-0.15, 0.15))
 def test_a_path_beside_the_way_is_projected_onto_it(way, left):
-    s = np.arange(0.0, way.pieces[-1].s1, 0.05)
+    s = np.arange(0.0, way.segments[-1].s1, 0.05)
     np.testing.assert_allclose(way.project(way.point(s, left)), s, atol=0.03)
 
 
 @settings(max_examples=25, deadline=None)
 @given(way=ways, share=st.floats(0.0, 1.0), left=st.floats(-0.15, 0.15))
 def test_a_single_point_is_projected_where_it_is_said_to_lie(way, share, left):
-    s = share * way.pieces[-1].s1
+    s = share * way.segments[-1].s1
     np.testing.assert_allclose(way.project(way.point([s], left), begin=s + 0.1), [s], atol=0.03)
 
 
 def test_beyond_its_ends_the_way_goes_straight_on():
     way = lay_out(Route(segments=(Level(length_m=1.0), Turn(angle_rad=math.pi / 2, radius_m=2.0)))).way
-    end = way.pieces[-1].s1
+    end = way.segments[-1].s1
     np.testing.assert_allclose(way.point(-5.0), [-5.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(way.point(end + 1.0, 0.5), way.point(end) + [-0.5, 1.0], atol=1e-9)
 
@@ -63,8 +63,8 @@ def test_beyond_its_ends_the_way_goes_straight_on():
 def test_headings_do_not_wrap():
     segments = tuple(s for _ in range(4) for s in (Level(length_m=6.0), Turn(angle_rad=-math.pi / 2, radius_m=3.0)))
     layout = lay_out(Route(segments=(*segments, Level(length_m=1.0))))
-    assert layout.way.heading(layout.way.pieces[-1].s1) == pytest.approx(-2 * math.pi)
-    np.testing.assert_allclose(layout.way.point(layout.way.pieces[-1].s1 - 3.0), [0.0, 0.0], atol=1e-9)
+    assert layout.way.heading(layout.way.segments[-1].s1) == pytest.approx(-2 * math.pi)
+    np.testing.assert_allclose(layout.way.point(layout.way.segments[-1].s1 - 3.0), [0.0, 0.0], atol=1e-9)
 
 
 @settings(max_examples=15, deadline=None)
@@ -85,15 +85,15 @@ def test_the_ground_of_a_turn_has_no_gap(angle, radius, left):
 
 
 def test_terrain_follows_the_way_after_a_turn():
-    turned = Route(
+    curved = Route(
         segments=(Level(length_m=2.0), Turn(angle_rad=math.pi / 2, radius_m=2.0), Level(length_m=1.0), STAIR)
     )
-    terrain = Terrain.from_route(turned)
+    terrain = Terrain.from_route(curved)
     straight = Terrain.from_route(Route(segments=(Level(length_m=3.0 + math.pi), STAIR)))
     s = np.linspace(0.0, 8.0, 300)
     way = terrain.layout.way
     np.testing.assert_allclose(terrain.height(way.point(s)), straight.height(np.stack([s, 0 * s], -1)), atol=1e-9)
-    ramp = Terrain.from_route(Route(segments=(*turned.segments[:3], RAMP, Level(length_m=1.0))))
+    ramp = Terrain.from_route(Route(segments=(*curved.segments[:3], RAMP, Level(length_m=1.0))))
     slope = ramp.normal(ramp.layout.way.point(2.0 + math.pi + 1.0 + 1.0))
     np.testing.assert_allclose(slope, [0.0, -math.sin(0.2), math.cos(0.2)], atol=1e-9)  # it now rises along +y
 
@@ -213,8 +213,8 @@ def test_what_is_left_of_a_polygon_and_its_holes_cover_it_once(seed, count):
 
     polygon = rectangle(0.0, np.zeros(2))
     fan = [rectangle(0.17 * k, rng.uniform(-0.3, 0.3, 2) * (seed % 2)) for k in range(1, count + 1)]
-    pieces = [q for p in scenery.without(polygon, fan) for q in scenery.split_into_quads(p)]
+    quads = [q for p in scenery.without(polygon, fan) for q in scenery.split_into_quads(p)]
     points = rng.uniform([-2, -1], [2, 1], (400, 2))
     expected = ~np.any([inside(hole, points) for hole in fan], axis=0)
-    found = np.sum([inside(p, points) for p in pieces], axis=0) if pieces else np.zeros(len(points))
+    found = np.sum([inside(p, points) for p in quads], axis=0) if quads else np.zeros(len(points))
     assert np.mean(found != expected) < 0.01  # but for points on a cut

@@ -90,7 +90,7 @@ def test_walls_of_a_corridor_stand_at_its_borders_and_nowhere_on_the_way() -> No
         beside = layout.way.point(s)
         distances = [_distance(wall, beside) for wall in walls]
         assert min(distances) > 0.7
-        if all(abs(s - p.s0) > 2.5 and abs(s - p.s1) > 2.5 for p in layout.way.pieces if p.curvature):
+        if all(abs(s - p.s0) > 2.5 and abs(s - p.s1) > 2.5 for p in layout.way.segments if p.curvature):
             left, right = (layout.way.point(s, side * 0.86) for side in (-1.0, 1.0))
             assert all(min(_distance(wall, p) for wall in walls) < 0.01 for p in (left, right))
 

@@ -1,19 +1,20 @@
-"""Attitude and heading reference without magnetometer."""
+"""Sensors of the exoskeleton: attitude references on its links; encoders and actuation modules at its joints."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise, Wander
-from stridetwin.sim.parts.kinds import AhrsPart
+from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart
+from stridetwin.sim.sensors.model import Instants, SensorModel
 from stridetwin.streams.rig import OtherSensor
-from stridetwin.streams.samples import Ahrs, Array, Block
+from stridetwin.streams.samples import Actuator, Ahrs, Array, Block, Encoder
 
 _TILT_S = 2.0
 """Time constant with which a filter's tilt error decays: that of its accelerometer correction."""
@@ -21,22 +22,17 @@ _FULL_MOTION_RADPS = 2.0
 """Angular rate from which the sensor counts as in full motion, like a limb in a walk."""
 
 
-class AhrsModel:
-    """Orientation with a slowly varying tilt error, larger in motion, and a drifting heading.
+class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
+    """Attitude and heading reference without magnetometer.
 
     Roll and pitch have a constant error and a first-order Gauss-Markov error, whose standard deviation is interpolated
     between those at rest and in motion with the share |ω| / 2 rad/s of full motion. The heading starts with an error,
     drifts at a constant rate within the part's limits, and performs a random walk in motion. The rates keep the bias
     residuals of the filter, which vary slowly.
-
-    Args:
-        calibration: Topic and mount.
-        part: True parameters of the sensor.
-        noise: Source of its errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: AhrsPart, noise: Noise) -> None:
-        self._calibration, self._part, self._noise = calibration, part, noise
+        super().__init__(calibration, part, noise)
         self._bias = noise.normal(part.tilt_bias, 2)
         self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))
         self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]
@@ -51,17 +47,10 @@ class AhrsModel:
         white = self._noise.normal(1.0, (len(body), 6))
         rate = sensor.w_body + self._rate_bias + self._wander.draw(len(body)) + self._part.rate_noise * white[:, 3:]
         error = self._error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
-        return Block(
-            topic=self._calibration.topic,
-            kind=Ahrs,
-            t_ns=body.t_ns,
-            columns={
-                "q_world_sensor": (Rotation.from_rotvec(error) * sensor.rotation).as_quat(scalar_first=True),
-                "angular_rate": rate,
-            },
-        )
+        q = (Rotation.from_rotvec(error) * sensor.rotation).as_quat(scalar_first=True)
+        return self._block(Ahrs, body.t_ns, q_world_sensor=q, angular_rate=rate)
 
-    def _error(self, rate: Array, t_ns: NDArray[np.int64], white: Array) -> Array:
+    def _error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
         """(N, 3) rotation vectors in the world."""
         part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)
         step = (part.tilt_still + (part.tilt_moving - part.tilt_still) * moving) * math.sqrt(1 - self._keep**2)
@@ -70,3 +59,38 @@ class AhrsModel:
         heading = self._heading + walked + self._drift * (t_ns * 1e-9)
         self._heading += float(walked[-1])
         return np.column_stack([self._bias + tilt, heading])
+
+
+class EncoderModel(SensorModel[OtherSensor, EncoderPart]):
+    """Joint angle in whole counts, with an error of the zero position and an error that repeats every turn."""
+
+    def __init__(self, calibration: OtherSensor, part: EncoderPart, noise: Noise) -> None:
+        super().__init__(calibration, part, noise)
+        self._offset = noise.normal(part.index_offset, 1)[0]
+        self._step = 2 * math.pi / 2**part.bits if part.bits else 0.0
+        self._phase = 2 * math.pi * noise.normal(1.0, 1)[0]
+
+    def read(self, t_ns: Instants, angle: Array) -> Block[Encoder]:
+        """Samples of the true angle (N,), rad, at (N,) instants."""
+        measured = angle + self._offset + self._part.nonlinearity * np.sin(angle + self._phase)
+        if self._step:
+            measured = self._step * np.round(measured / self._step)
+        return self._block(Encoder, t_ns, angle=measured)
+
+
+class ActuatorModel(SensorModel[OtherSensor, ActuatorPart]):
+    """Actuation module of one joint: its command, and its torque and speed with white noise."""
+
+    def read(self, t_ns: Instants, command: ArrayLike, torque: ArrayLike, speed: ArrayLike) -> Block[Actuator]:
+        """Samples of the command (N,) and the true torque (N,), N m, and the joint's true speed (N,), rad/s.
+
+        Without an actuation module, or with an idle one, command and torque of the motor are 0.
+        """
+        n = len(t_ns)
+        white = self._noise.normal(np.array([self._part.torque_noise, self._part.speed_noise]), (n, 2))
+        return self._block(
+            Actuator, t_ns,
+            torque_command=np.broadcast_to(np.asarray(command, dtype=float), n),
+            torque=np.asarray(torque, dtype=float) + white[:, 0],
+            speed=np.asarray(speed, dtype=float) + white[:, 1],
+        )  # fmt: skip

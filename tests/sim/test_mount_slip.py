@@ -18,11 +18,11 @@ from stridetwin.streams.samples import Block
 SLIP = Slip(
     from_ns=400_000_000,
     until_ns=1_600_000_000,
-    turn=np.array([0.3, -0.5, 0.4]),
-    shift=np.array([0.02, 0.01, -0.03]),
+    rotation=np.array([0.3, -0.5, 0.4]),
+    translation=np.array([0.02, 0.01, -0.03]),
     pivot=np.array([0.1, -0.2, 0.05]),
 )
-LATER = replace(SLIP, from_ns=1_000_000_000, until_ns=1_900_000_000, turn=np.array([-0.2, 0.1, 0.6]))
+LATER = replace(SLIP, from_ns=1_000_000_000, until_ns=1_900_000_000, rotation=np.array([-0.2, 0.1, 0.6]))
 
 
 def tumbling(t: np.ndarray) -> Track:
@@ -63,8 +63,8 @@ def test_before_it_slips_all_holds_and_after_it_stays() -> None:
     np.testing.assert_allclose(SLIP.T_body_frame(SLIP.from_ns), np.eye(4), atol=1e-15)
     end = SLIP.T_body_frame(SLIP.until_ns)
     np.testing.assert_array_equal(SLIP.T_body_frame(10 * SLIP.until_ns), end)
-    np.testing.assert_allclose(Rotation.from_matrix(end[:3, :3]).as_rotvec(), SLIP.turn)
-    np.testing.assert_allclose(end[:3, :3] @ SLIP.pivot + end[:3, 3], SLIP.pivot + SLIP.shift)
+    np.testing.assert_allclose(Rotation.from_matrix(end[:3, :3]).as_rotvec(), SLIP.rotation)
+    np.testing.assert_allclose(end[:3, :3] @ SLIP.pivot + end[:3, 3], SLIP.pivot + SLIP.translation)
 
 
 def test_a_slip_in_the_twin_moves_what_it_holds_and_nothing_else() -> None:

@@ -75,14 +75,14 @@ def test_nothing_is_left_of_it_in_mid_swing_and_it_stays_small(twin: Twin) -> No
     for side in ("l", "r"):
         foot, upper = motion.tracks[f"foot_{side}"], motion.uppers[f"foot_{side}"]
         apart = np.linalg.norm(upper.p_body_in_world - foot.p_body_in_world, axis=1)
-        turned = (foot.rotation.inv() * upper.rotation).magnitude()
+        rotated = (foot.rotation.inv() * upper.rotation).magnitude()
         assert 0.5e-3 < apart.max() < 15e-3
-        assert np.radians(0.3) < turned.max() < np.radians(6.0)
+        assert np.radians(0.3) < rotated.max() < np.radians(6.0)
         steps = twin.walk.steps[side]
         for before, after in pairwise(steps):
             swing = (t * 1e-9 > before.t_off) & (t * 1e-9 < after.t_touch)
             assert apart[swing].max() == 0.0
-            assert turned[swing].max() < 1e-12
+            assert rotated[swing].max() < 1e-12
 
 
 @pytest.mark.parametrize(("rate_hz", "path_m"), [(120.0, 5e-3), (1000.0, 2e-4)])
@@ -103,8 +103,8 @@ def velocity_path_attitude(rate: Array, force: Array, sensor: Track) -> tuple[Ar
     dt = np.diff(sensor.t_ns) * 1e-9
     for k in range(1, len(rate)):
         nodes, weights = np.polynomial.legendre.leggauss(5)
-        turned = (R * Rotation.from_rotvec(np.outer((nodes + 1) / 2, rate[k] * dt[k - 1]))).apply(force[k])
-        v_next = v + (weights @ turned / 2 + [0.0, 0.0, -9.81]) * dt[k - 1]
+        rotated = (R * Rotation.from_rotvec(np.outer((nodes + 1) / 2, rate[k] * dt[k - 1]))).apply(force[k])
+        v_next = v + (weights @ rotated / 2 + [0.0, 0.0, -9.81]) * dt[k - 1]
         p, v = p + (v + v_next) / 2 * dt[k - 1], v_next
         R = R * Rotation.from_rotvec(rate[k] * dt[k - 1])
     return v, p, R

@@ -1,0 +1,172 @@
+"""Sensors made of force-sensing resistors: pressure insoles, and force pairs in the cuffs."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from scipy.signal import butter, lfilter, sosfilt
+
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.figure import G
+from stridetwin.sim.parts.kinds import ForceCellPart
+from stridetwin.sim.sensors.model import Instants, SensorModel
+from stridetwin.streams.rig import OtherSensor
+from stridetwin.streams.samples import Array, Block, Insole, Interaction
+
+_CREEP_S = (1.0, 10.0, 100.0)  # time constants; a constant load creeps by the same amount per decade
+_PLAY = 0.1  # of the load: play of the hysteresis
+_FULL_COUNT = 4095
+
+
+class ForceCells:
+    """Several cells of one part: creep, hysteresis, noise, quantisation and filter, in this order.
+
+    The hysteresis is a play whose width grows with the force: (1 − 0.1) F under rising load and (1 + 0.1) F under
+    falling load, and a share of the difference to F is measured. The counts x of the converter follow from the
+    calibration curve F = b₁ x + b₂ x² (kgf, x in thousands), which also converts them back.
+
+    Args:
+        part: Parameters of the cells.
+        count: Number of cells.
+        rate_hz: Sample rate.
+        noise: Source of their errors.
+    """
+
+    def __init__(self, part: ForceCellPart, count: int, rate_hz: float, noise: Noise) -> None:
+        self._part, self._noise = part, noise
+        self._gain = 1 + noise.normal(part.gain, count)
+        self._keep = [math.exp(-1 / (rate_hz * tau)) for tau in _CREEP_S]
+        self._crept = np.zeros((len(_CREEP_S), 1, count))
+        self._play = np.zeros(count)
+        cut = part.filter_hz
+        self._sos = butter(2, cut, fs=rate_hz, output="sos") if cut < 0.5 * rate_hz else None
+        self._filter = np.zeros((1, 2, count))
+
+    def read(self, load: Array) -> Array:
+        """(N, count) measured force, N, for the next true loads (N, count), N."""
+        measured = self._loop(self._creep(self._gain * load))
+        measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
+        if any(self._part.curve):
+            measured = _counted(measured, *self._part.curve)
+        if self._sos is not None:
+            measured, self._filter = sosfilt(self._sos, measured, axis=0, zi=self._filter)
+            measured = np.maximum(measured, 0.0)
+        return measured
+
+    def _creep(self, load: Array) -> Array:
+        total = load.copy()
+        for i, keep in enumerate(self._keep):
+            late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], load, axis=0, zi=self._crept[i])
+            total += self._part.drift * late
+        return total
+
+    def _loop(self, load: Array) -> Array:
+        share = self._part.hysteresis / (2 * _PLAY)
+        if not share:
+            return load
+        return load + share * (_played(self._play, load) - load)
+
+
+@numba.njit(cache=True)
+def _played(last: Array, load: Array) -> Array:
+    """Output of the hysteresis for (N, count) loads, from the (count,) state `last`, which is updated."""
+    play = np.empty(load.shape)
+    for k in range(len(load)):
+        for i in range(len(last)):
+            last[i] = play[k, i] = min(max(last[i], (1 - _PLAY) * load[k, i]), (1 + _PLAY) * load[k, i])
+    return play
+
+
+def _counted(force: Array, b1: float, b2: float) -> Array:
+    """Force after quantisation by the converter, N."""
+    kgf = force / G
+    x = (-b1 + np.sqrt(np.maximum(b1**2 + 4 * b2 * kgf, 0.0))) / (2 * b2) if b2 else kgf / b1
+    counts = np.clip(np.round(1000 * x), 0, _FULL_COUNT) / 1000
+    return G * (b1 * counts + b2 * counts**2)
+
+
+_OUTLINE = (0, 1, 3, 2)  # heel, lateral ball, toe, medial ball: the cells' convex outline
+_UNLOADED_N = 1e-3
+
+
+class InsoleModel(SensorModel[OtherSensor, ForceCellPart]):
+    """Forces on the cells heel, lateral ball, medial ball and toe, whose weighted mean is the centre of pressure."""
+
+    def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
+        super().__init__(calibration, part, noise)
+        self._places = np.asarray(calibration.parameters["cells_m"], dtype=float)
+        self._cells = ForceCells(part, len(self._places), calibration.rate_hz, noise)
+
+    def read(self, foot: Track, force_in_world: Array, torque_in_world: Array) -> Block[Insole]:
+        """Samples at the track's instants.
+
+        Args:
+            foot: Track of the foot's frame, whose z = 0 is the sole.
+            force_in_world: (N, 3) load of the ground on the foot, N.
+            torque_in_world: (N, 3) its moment about the foot frame's origin, N m.
+        """
+        to_foot = foot.rotation.inv()
+        force, torque = to_foot.apply(force_in_world), to_foot.apply(torque_in_world)
+        load = np.maximum(force[:, 2], 0.0)
+        cop = np.stack([-torque[:, 1], torque[:, 0]], axis=-1) / np.maximum(load, _UNLOADED_N)[:, None]
+        return self._block(Insole, foot.t_ns, force=self._cells.read(load[:, None] * cell_shares(self._places, cop)))
+
+
+class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
+    """Two preloaded springs, each on a force cell: a force loads one and unloads the other, until that one is free.
+
+    The difference of the two is the force, and its sign the direction (Shim et al. 2019, figure 8).
+    """
+
+    def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
+        super().__init__(calibration, part, noise)
+        self._cells = ForceCells(part, 2, calibration.rate_hz, noise)
+
+    def read(self, t_ns: Instants, force: Array) -> Block[Interaction]:
+        """Samples of the cuff's force on the limb (N,), N, positive where it presses on the limb's front."""
+        by_cell = np.stack([force, -force], axis=-1)
+        load = np.maximum(self._part.preload + 0.5 * by_cell, np.maximum(by_cell, 0.0))
+        return self._block(Interaction, t_ns, force=self._cells.read(load))
+
+
+def cell_shares(cells: Array, cop: Array) -> Array:
+    """Share of the load on each cell: Wachspress coordinates of the centre of pressure (Wachspress 1975).
+
+    Args:
+        cells: (4, 2) positions of heel, lateral ball, medial ball and toe, a convex outline, m.
+        cop: (N, 2) centre of pressure, m; a point outside the outline is moved to its nearest point.
+
+    Returns:
+        (N, 4) shares, not negative, with sum 1, whose mean position is the centre of pressure.
+    """
+    corner = cells[list(_OUTLINE)]
+    after, before = np.roll(corner, -1, axis=0), np.roll(corner, 1, axis=0)
+    # A right foot's outline is clockwise.
+    sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
+    inside = _into(corner, after, sense, cop)
+    # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
+    # far sides.
+    area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
+    at_corner = sense * _cross(after - corner, before - corner)
+    weight = at_corner * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
+    shares = np.empty_like(weight)
+    shares[:, _OUTLINE] = weight / weight.sum(axis=-1, keepdims=True)
+    return shares
+
+
+def _into(corner: Array, after: Array, sense: float, point: Array) -> Array:
+    """Points (N, 2); those outside the outline are moved to its nearest point."""
+    side = after - corner
+    to = point[:, None] - corner
+    share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)
+    nearest = corner + share[..., None] * side
+    best = np.argmin(np.linalg.norm(point[:, None] - nearest, axis=-1), axis=-1)
+    outside = np.any(sense * _cross(side, to) < 0, axis=-1)
+    return np.where(outside[:, None], nearest[np.arange(len(point)), best], point)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
