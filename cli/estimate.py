@@ -157,8 +157,8 @@ def _terrain(arguments: EstimateOptions, found: Found, options: Options, progres
 
 
 def _modes(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.pipeline.mode_files import predicted_steps, write_modes
     from stridetwin.pipeline.run import predicted
+    from stridetwin.pipeline.step_files import predicted_steps, write_modes
 
     progress("estimate", 0.0)
     rows = predicted_steps(predicted(found, imported(arguments), options, _given(arguments)))

@@ -15,9 +15,8 @@ from typing import Any, Protocol, TextIO
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, PATH, STEPS, Options
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.pipeline.mode_files import MadeSteps, PredictedStep, mode_cells, write_modes
 from stridetwin.pipeline.run import Found, Led, pose_of
-from stridetwin.pipeline.step_files import step_cells, write_steps
+from stridetwin.pipeline.step_files import MadeSteps, PredictedStep, mode_cells, step_cells, write_modes, write_steps
 from stridetwin.pipeline.terrain_files import document, write_terrain
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.formats.tum import seconds

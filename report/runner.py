@@ -13,8 +13,7 @@ from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
-from stridetwin.pipeline.mode_files import predicted_steps, write_modes
-from stridetwin.pipeline.step_files import write_steps
+from stridetwin.pipeline.step_files import predicted_steps, write_modes, write_steps
 from stridetwin.pipeline.terrain_files import write_terrain
 from stridetwin.scenarios import injected
 from stridetwin.scenarios.files import json_text, staged

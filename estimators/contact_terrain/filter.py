@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import ClassVar, Protocol
 
 from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream, deprecated
-from stridetwin.estimators.contact_terrain.estimate import StepEstimate
+from stridetwin.estimators.contact_terrain.estimate import StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import (
     METADATA_KEY,
     Exoskeleton,
@@ -16,7 +16,6 @@ from stridetwin.estimators.contact_terrain.geometry import (
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.proposed import Proposed
 from stridetwin.estimators.contact_terrain.published import Published
-from stridetwin.estimators.contact_terrain.step_class import TerrainSvm
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
 from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError

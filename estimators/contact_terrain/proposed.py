@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.contact_terrain.attitude import Attitudes
-from stridetwin.estimators.contact_terrain.estimate import StepEstimate
-from stridetwin.estimators.contact_terrain.footfall import Footfall, holds
+from stridetwin.estimators.contact_terrain.estimate import StepEstimate, beyond_slopes, most_likely, sloping, step_modes
+from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, holds
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import (
     FOOT,
@@ -23,11 +22,9 @@ from stridetwin.estimators.contact_terrain.leg import (
     links,
     turning,
 )
-from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.offsets import Belief, Offsets, StepFigures
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.step_class import beyond_slopes, most_likely, sloping, step_modes
-from stridetwin.estimators.contact_terrain.ticks import Tick
+from stridetwin.estimators.contact_terrain.ticks import Attitudes, Tick
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

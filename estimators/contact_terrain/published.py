@@ -14,11 +14,10 @@ from enum import Enum
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.estimate import UNKNOWN, StepEstimate
+from stridetwin.estimators.contact_terrain.estimate import UNKNOWN, StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import forward, leg_angles, links
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, PublishedParameters
-from stridetwin.estimators.contact_terrain.step_class import TerrainSvm
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.attitude import Attitudes
+from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import foot_place, leg_angles, links
-from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
+from stridetwin.estimators.contact_terrain.ticks import Attitudes, Gather, Tick
 from stridetwin.streams.samples import Array, Sample
 
 

@@ -13,7 +13,7 @@ from collections import deque
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.terrain_map.pose_buffer import is_pose
+from stridetwin.estimators.terrain_map.depth_camera import is_pose
 from stridetwin.streams.samples import Array, Odometry
 
 

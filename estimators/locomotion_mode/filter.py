@@ -14,12 +14,10 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.foothold import Footing, Line
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE
+from stridetwin.estimators.locomotion_mode.foothold import Footing, Line, going_on
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.proprioception import going_on
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, coming_steps
-from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, TouchDowns
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.segments import (
     Flight,

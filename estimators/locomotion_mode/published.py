@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.rhythm import SOON_S, Rhythm
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, SOON_S, Rhythm
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainMap
 from stridetwin.streams.samples import Array
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.base import MAP, POSE_STREAM, Declaration, Options, Stream, deprecated
 from stridetwin.estimators.terrain_map.depth_camera import (
     DepthCamera,
+    Poses,
     camera_in_frame,
     depth_calibration,
     without_outlines,
@@ -20,7 +21,6 @@ from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, 
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import patches
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet
-from stridetwin.estimators.terrain_map.pose_buffer import Poses
 from stridetwin.estimators.terrain_map.profile import profile
 from stridetwin.estimators.terrain_map.ray_casting import from_above, from_camera, well_seen
 from stridetwin.estimators.terrain_map.terrains import Terrains

@@ -1,15 +1,214 @@
-"""The set of planes: new planes vote for existing ones, eq. (23), and label the columns of the ground."""
+"""The known planes, and the label and height of each column of the ground, in a ring buffer that follows the walker."""
 
 from __future__ import annotations
+
+import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Plane
-from stridetwin.estimators.terrain_map.height_map import NONE, Surface, forget, overlaps, put_view, sums_of
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_planes, off_height_plane, turned
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, height_planes, off_height_plane, turned
+from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+
+COLUMNS = SHAPE[0] * EDGE
+"""Columns along an edge of the window; a power of two."""
+NONE = -1
+
+
+class Surface:
+    """Columns of the window.
+
+    Attributes:
+        label: (X, Y) int32 ring, slot of the column's plane, -1 none. Column (i, j) is stored at (i mod X, j mod Y).
+        height: (X, Y) float32 ring, m; NaN where never observed.
+        noise: (X, Y) float32 ring, m, standard deviation of the height.
+        origin: (2,) lowest column of the window.
+    """
+
+    def __init__(self) -> None:
+        self.label = np.full((COLUMNS, COLUMNS), NONE, np.int32)
+        self.height = np.full((COLUMNS, COLUMNS), np.nan, np.float32)
+        self.noise = np.zeros((COLUMNS, COLUMNS), np.float32)
+        self.origin = np.zeros(2, np.int64)
+
+    def clear(self) -> None:
+        """Clears all columns."""
+        self.label[:], self.height[:] = NONE, np.nan
+
+    def move(self, origin: NDArray[np.int64]) -> None:
+        """Moves the window and clears the columns outside.
+
+        Args:
+            origin: (2,) lowest column.
+        """
+        for axis in (0, 1):
+            shift = int(origin[axis] - self.origin[axis])
+            if shift == 0:
+                continue
+            start = self.origin[axis] + COLUMNS if shift > 0 else origin[axis]
+            lines = (start + np.arange(min(abs(shift), COLUMNS))) % COLUMNS
+            at = (lines, slice(None)) if axis == 0 else (slice(None), lines)
+            self.label[at], self.height[at] = NONE, np.nan
+        self.origin = origin.copy()
+
+    def at(self, columns: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Label and height of (..., 2) columns; -1 and NaN outside the window."""
+        inside = ((columns >= self.origin) & (columns < self.origin + COLUMNS)).all(axis=-1)
+        i, j = columns[..., 0] % COLUMNS, columns[..., 1] % COLUMNS
+        return np.where(inside, self.label[i, j], NONE), np.where(inside, self.height[i, j], np.float32(np.nan))
+
+
+@cached(_HERE)
+def overlaps(
+    label: NDArray[np.int32], first: NDArray[np.int64], labels: NDArray[np.int32], height: NDArray[np.float32],
+    count: int, slots: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
+    """Number of columns that each pair of a new and an old plane shares in a view.
+
+    Args:
+        label: Ring, see `Surface`.
+        first: (2,) column of the view's corner.
+        labels: (n, n) number of each column's new plane, -1 none.
+        height: (n, n) m, NaN where unobserved.
+        count: Number of new planes.
+        slots: Capacity for old planes.
+
+    Returns:
+        (count, slots) columns shared by both, and (slots,) observed columns of each old plane.
+    """
+    both, seen = np.zeros((count, slots), np.int64), np.zeros(slots, np.int64)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            before = label[(first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)]
+            if before >= 0:
+                if labels[i, j] >= 0:
+                    both[labels[i, j], before] += 1
+                seen[before] += not math.isnan(height[i, j])
+    return both, seen
+
+
+@cached(_HERE)
+def put_view(
+    label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], first: NDArray[np.int64],
+    labels: NDArray[np.int32], slots: NDArray[np.int32], heights: NDArray[np.float32], noises: NDArray[np.float32],
+    same_m: float,
+) -> None:  # fmt: skip
+    """Writes a view into the rings.
+
+    Args:
+        label: Ring, see `Surface`; modified, as are the next two.
+        height: Ring.
+        noise: Ring.
+        first: (2,) column of the view's corner.
+        labels: (n, n) number of each column's new plane, -1 none.
+        slots: Slot of each new plane.
+        heights: (n, n) m, NaN where unobserved.
+        noises: (n, n) m.
+        same_m: A column without a new plane keeps its old plane if its height has changed by less.
+    """
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            p, q = (first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)
+            z = heights[i, j]
+            if math.isnan(z):
+                label[p, q] = NONE
+            elif labels[i, j] >= 0:
+                label[p, q] = slots[labels[i, j]]
+            elif not abs(z - height[p, q]) < same_m:
+                label[p, q] = NONE
+            height[p, q], noise[p, q] = z, noises[i, j]
+
+
+@cached(_HERE)
+def forget(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
+    """Removes the labels marked in `gone`, (slots,), from the ring."""
+    for i in range(label.shape[0]):
+        for j in range(label.shape[1]):
+            if label[i, j] >= 0 and gone[label[i, j]]:
+                label[i, j] = NONE
+
+
+@cached(_HERE)
+def sums_of(
+    label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], origin: NDArray[np.int64],
+    slots: int, voxel_m: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """(slots, 11) sums over the columns of each slot, m, grid axes."""
+    sums = np.zeros((slots, SUMS))
+    for i in range(origin[0], origin[0] + COLUMNS):
+        row = i & (COLUMNS - 1)
+        for j in range(origin[1], origin[1] + COLUMNS):
+            at = row, j & (COLUMNS - 1)
+            slot = label[at]
+            if slot >= 0:
+                add_point(sums[slot], (i + 0.5) * voxel_m, (j + 0.5) * voxel_m, height[at], noise[at])
+    return sums
+
+
+@cached(_HERE)
+def borders(
+    label: NDArray[np.int32], height: NDArray[np.float32], origin: NDArray[np.int64], slots: int, reach: int,
+    least_m: float, most_m: float,
+) -> NDArray[np.int32]:  # fmt: skip
+    """Columns where a plane ends and a lower one begins.
+
+    Args:
+        label: Ring, see `Surface`.
+        height: Ring.
+        origin: (2,) lowest column of the window.
+        slots: Number of labels.
+        reach: Columns that may lie between them.
+        least_m: Smallest height difference.
+        most_m: Largest height difference.
+
+    Returns:
+        (N, 5) slot of the lower and of the upper plane, the upper plane's last column (i, j), and the side of the
+        lower plane: 0..3 for +i, -i, +j, -j.
+    """
+    found = np.empty((COLUMNS * 64, 5), np.int32)
+    count = 0
+    for i in range(origin[0] + 1, origin[0] + COLUMNS - 1):
+        for j in range(origin[1] + 1, origin[1] + COLUMNS - 1):
+            upper = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            if upper < 0:
+                continue
+            if (
+                label[(i + 1) & (COLUMNS - 1), j & (COLUMNS - 1)] == upper
+                and label[(i - 1) & (COLUMNS - 1), j & (COLUMNS - 1)] == upper
+                and label[i & (COLUMNS - 1), (j + 1) & (COLUMNS - 1)] == upper
+                and label[i & (COLUMNS - 1), (j - 1) & (COLUMNS - 1)] == upper
+            ):  # most columns
+                continue
+            z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            for side in range(4):
+                di, dj = (side == 0) - (side == 1), (side == 2) - (side == 3)
+                if label[(i + di) & (COLUMNS - 1), (j + dj) & (COLUMNS - 1)] == upper:
+                    continue
+                for step in range(1, reach + 1):
+                    p, q = i + di * step, j + dj * step
+                    if p < origin[0] or p >= origin[0] + COLUMNS or q < origin[1] or q >= origin[1] + COLUMNS:
+                        break
+                    lower = label[p & (COLUMNS - 1), q & (COLUMNS - 1)]
+                    if lower == upper:
+                        break
+                    if lower >= 0:
+                        drop = z - height[p & (COLUMNS - 1), q & (COLUMNS - 1)]
+                        if drop > most_m:
+                            continue  # seen between open treads
+                        if least_m <= drop <= most_m and count < len(found):
+                            found[count, 0], found[count, 1], found[count, 4] = lower, upper, side
+                            found[count, 2], found[count, 3] = i, j
+                            count += 1
+                        break
+    return found[:count]
+
 
 SLOTS = 256
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
-from stridetwin.estimators.terrain_map.height_map import COLUMNS
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_set import PlaneSet
+from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet
 from stridetwin.estimators.terrain_map.terrains import is_flat
 from stridetwin.streams.samples import Array
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
-from stridetwin.estimators.terrain_map.height_map import borders
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet
+from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet, borders
 from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, refined, riser, stairs
 from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array

@@ -8,12 +8,12 @@ from exo_walk import dropped, level_walk, remounted, turned
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
+from stridetwin.estimators.contact_terrain.estimate import beyond_slopes, most_likely, sloping, step_modes
+from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
-from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.step_class import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.evaluation.step_scores import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole

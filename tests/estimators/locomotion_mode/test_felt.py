@@ -8,7 +8,7 @@ import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import LocomotionMode
-from stridetwin.estimators.locomotion_mode.proprioception import felt, going_on, suits
+from stridetwin.estimators.locomotion_mode.foothold import felt, going_on, suits
 from stridetwin.estimators.locomotion_mode.segments import Piece, mode_table
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.samples import Depth

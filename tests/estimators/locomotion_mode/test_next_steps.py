@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.foothold import Footing, Line
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
-from stridetwin.estimators.locomotion_mode.rhythm import Landing, TouchDowns
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, StepFilter, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
     Flight,
