@@ -40,12 +40,12 @@ def fed(found: Found, recording: Recording) -> list[Options]:
     Raises:
         ConfigError: The recording's metadata for the estimator is invalid.
     """
-    told, declaration = with_metadata(found, None, recording), found.declaration
-    variants = [told]
+    defaults, declaration = with_metadata(found, None, recording), found.declaration
+    variants = [defaults]
     if declaration.per_foot:
-        variants = [replace(told, foot=foot) for foot in FEET]
+        variants = [replace(defaults, foot=foot) for foot in FEET]
     elif declaration.mounts:
-        variants = [replace(told, mount=mount) for mount in declaration.mounts]
+        variants = [replace(defaults, mount=mount) for mount in declaration.mounts]
     rig = recording.rig if recording.has_rig else Rig()
     feeding = []
     for options in variants:

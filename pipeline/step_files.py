@@ -59,7 +59,7 @@ class PredictedStep:
     steady_s: float
 
 
-class MadeSteps:
+class CompletedSteps:
     """Collects, from consecutive estimates, the last prediction of each completed step."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class MadeSteps:
         if before is not None and estimate.step > before.step:
             step = before.steps[0]
             made = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
-            self._since = since = {number: told for number, told in since.items() if number > estimate.step}
+            self._since = since = {number: mode for number, mode in since.items() if number > estimate.step}
         for step in estimate.steps:
             if since.get(step.step, ("", 0))[0] != step.mode:
                 since[step.step] = step.mode, estimate.t_ns
@@ -88,7 +88,7 @@ class MadeSteps:
 
 def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
     """The last prediction of each completed step."""
-    steps = MadeSteps()
+    steps = CompletedSteps()
     return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
 
 

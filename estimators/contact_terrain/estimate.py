@@ -76,7 +76,9 @@ class TerrainSvm:
             ) from error
         labels = np.asarray(modes)
         if len(np.unique(labels)) < 2:
-            raise StrideTwinError(f"the steps to learn from are of {len(np.unique(labels))} modes; valid: 2 or more")
+            raise StrideTwinError(
+                f"invalid training steps: {len(np.unique(labels))} locomotion modes: expected 2 or more"
+            )
         features = np.column_stack([np.asarray(slope, dtype=float), np.asarray(elevation, dtype=float)])
         self._scale: Array = np.maximum(np.abs(features).max(axis=0), 1e-9)
         self._machine: Any = SVC(kernel="rbf", C=100.0, gamma=10.0).fit(features / self._scale, labels)
@@ -120,10 +122,10 @@ def step_modes(
     }  # fmt: skip
 
 
-def most_likely(probabilities: dict[str, float], sure: float) -> tuple[str, float]:
-    """The most likely mode and its probability; `unknown` where that is below `sure`."""
+def most_likely(probabilities: dict[str, float], probability_min: float) -> tuple[str, float]:
+    """The most likely mode and its probability; `unknown` where that is below `probability_min`."""
     mode = max(probabilities, key=lambda m: probabilities[m])
-    return (mode if probabilities[mode] >= sure else UNKNOWN), probabilities[mode]
+    return (mode if probabilities[mode] >= probability_min else UNKNOWN), probabilities[mode]
 
 
 def beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:

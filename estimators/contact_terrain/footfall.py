@@ -29,8 +29,8 @@ class CellLoads:
         self._parameters = parameters
         self._least = np.full((2, 4), np.inf)  # of this stride and the last
         self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
-        self._turned = 0.0
-        self._told = np.zeros(4)
+        self._rotating_s = 0.0
+        self._force = np.zeros(4)
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
         """(4,) N, load on each cell.
@@ -40,13 +40,13 @@ class CellLoads:
             rate: Angular rate of the foot, rad/s.
             dt: Since the last tick, s.
         """
-        self._told = force
+        self._force = force
         self._most[0] = np.maximum(self._most[0], force)
-        if rate > self._parameters.turning_radps:
+        if rate > self._parameters.rotating_radps:
             self._least[0] = np.minimum(self._least[0], force)
-            self._turned += dt
-        if self._turned > self._parameters.stride_s:
-            self._turned = 0.0
+            self._rotating_s += dt
+        if self._rotating_s > self._parameters.stride_s:
+            self._rotating_s = 0.0
             self._least[1], self._least[0] = self._least[0], force
             self._most[1:], self._most[0] = self._most[:-1].copy(), force
         if not np.isfinite(self._least[1]).all():  # before the first stride nothing is known of an unloaded cell
@@ -56,13 +56,13 @@ class CellLoads:
 
     def empty(self) -> None:
         """Marks the foot as in the air: the current readings are not load."""
-        self._least = np.stack([self._told, self._told])
+        self._least = np.stack([self._force, self._force])
 
     @property
     def alive(self) -> NDArray[np.bool_]:
         """(4,) whether each cell has measured a load in the last strides."""
-        felt: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > self._parameters.felt_n
-        return felt
+        moved: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > self._parameters.alive_n
+        return moved
 
 
 _HERE = Path(__file__).parent
@@ -89,7 +89,7 @@ class Footfall:
         self.weight, self.ticks = 0.0, 0
         self._highest, self._free = -math.inf, 0.0
 
-    def lie(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
+    def add(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
         """Takes the attitude of a foot on the ground; returns whether it is flat in this tick.
 
         Args:
@@ -103,7 +103,7 @@ class Footfall:
         if not loaded or rate > parameters.flat_radps or pitch < self._highest - parameters.heel_rises_rad:
             return False
         self._highest = max(self._highest, pitch)
-        weight = (1.0 if alone else parameters.shared_weight) / (1.0 + (rate / parameters.still_radps) ** 2)
+        weight = (1.0 if alone else parameters.shared_weight) / (1.0 + (rate / parameters.stationary_radps) ** 2)
         self._free += weight if free else 0.0
         weight *= 1.0 if free else parameters.strained_weight
         self.forward += weight * R_world_sole[:, 0]
@@ -138,6 +138,6 @@ def _axes(forward: Array, up: Array) -> Array:
     return R
 
 
-def holds(sole: Sole, on_heel: bool) -> Array:
+def fixed_contact(sole: Sole, on_heel: bool) -> Array:
     """(3,) m on the sole, the fixed contact point: the heel's edge, or the toe hinge."""
     return np.array([sole.heel_x, 0.0, 0.0]) if on_heel else np.array([sole.hinge_x, 0.0, sole.hinge_z])

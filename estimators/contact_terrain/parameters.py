@@ -15,7 +15,7 @@ from stridetwin.streams.errors import ConfigError, check_numbers
 class AttitudeNoise(NamedTuple):
     """Noise model of the five attitudes, in the form for compiled code."""
 
-    still_sd_rad: float = math.radians(0.15)
+    stationary_sd_rad: float = math.radians(0.15)
     """Standard deviation of an AHRS's tilt at rest: `tilt_still_deg` of sim/parts/MW-AHRSv1.yaml."""
     moving_sd_rad: float = math.radians(0.9)
     """The same in full motion: `tilt_moving_deg` of the same part."""
@@ -47,9 +47,9 @@ class TickParameters:
 class CellParameters:
     """Loads from the cells of an insole; hand-chosen on the tuning walks."""
 
-    turning_radps: float = 1.0
+    rotating_radps: float = 1.0
     """A foot that rotates faster may be in the air."""
-    felt_n: float = 40.0
+    alive_n: float = 40.0
     """A cell whose force changes less within strides is dead or stuck."""
     stride_s: float = 0.6
     """Rotating time of somewhat more than one stride."""
@@ -69,7 +69,7 @@ class FootfallParameters:
     """A foot that comes down with its toes lower by this lands on the forefoot."""
     flat_radps: float = 0.6
     """A foot that rotates faster is not flat."""
-    still_radps: float = 0.2
+    stationary_radps: float = 0.2
     """At this rate the attitude of a flat foot has half its weight."""
     shared_weight: float = 0.05
     """Weight of a flat foot's attitude while the other foot carries load too."""
@@ -85,7 +85,7 @@ class FootfallParameters:
     """Load from which on a foot counts as carrying weight."""
     both_n: float = 150.0
     """With this load on both feet their contacts have full weight."""
-    carried_n: float = 300.0
+    single_support_n: float = 300.0
     """Load of a foot that carries its wearer alone is above this."""
     swing_radps: float = 3.0
     """A foot on the ground seldom rotates faster."""
@@ -99,13 +99,13 @@ class FootfallParameters:
 class OffsetParameters:
     """Prior of the constant offsets, and of the ground under consecutive footprints."""
 
-    turn_sd_rad: float = math.radians(0.6)
+    rotation_sd_rad: float = math.radians(0.6)
     """Misalignment of an AHRS: tolerance of a calibration in standing; hand-chosen on the tuning walks."""
     knee_sd_rad: float = math.radians(0.3)
     """Zero of a knee encoder, likewise."""
     length_sd_m: float = 0.003
     """Length of a thigh or shank, likewise."""
-    turn_walk_rad: float = math.radians(0.05)
+    rotation_walk_rad: float = math.radians(0.05)
     """Change of an attitude's offset from step to step; hand-chosen on the tuning walks."""
     plane_sd_m: float = 0.002
     """Unevenness of floors in height; hand-chosen."""
@@ -133,7 +133,7 @@ class ClassParameters:
     """Beyond a riser ground is a ramp only where it slopes more: most of what lies there is a tread."""
     riser_m: float = 0.055
     """A footprint further from what slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
-    sure: float = 0.70
+    probability_min: float = 0.70
     """A class less likely than this is `unknown`; hand-chosen on the tuning walks."""
 
 
@@ -145,7 +145,7 @@ class SpeedParameters:
     """Ticks over which the velocity is taken."""
     loaded_n: float = 100.0
     """Least load of a foot that stands."""
-    quiet_radps: float = 0.1
+    stationary_radps: float = 0.1
     """A foot that rotates faster does not rest."""
 
 
@@ -155,7 +155,7 @@ class PublishedParameters:
 
     pressing_n: float = 60.0
     """A foot with less on all cells together is off the ground: cells that creep report up to 40 N in the air."""
-    turning_radps: float = 0.8
+    rotating_radps: float = 0.8
     """A foot that rotates faster is not flat, unless its centre of pressure is in the middle."""
     heel_share: float = 0.35
     """The heel side ends at this share of the way from the heel's cell to the toe's."""
@@ -200,7 +200,7 @@ class ContactTerrainParameters:
         values = {"attitudes": self.attitudes._asdict(), **{name: asdict(group) for name, group in groups.items()}}
         for name, group in values.items():
             check_numbers(f"ContactTerrainParameters.{name}", group)
-        for name, key in (("offsets", "one_plane_share"), ("offsets", "level_share"), ("classes", "sure")):
+        for name, key in (("offsets", "one_plane_share"), ("offsets", "level_share"), ("classes", "probability_min")):
             if values[name][key] >= 1.0:
                 raise ConfigError(f"ContactTerrainParameters.{name}", key, values[name][key], "a number below 1")
         if self.footfall.left_n > self.footfall.landed_n:

@@ -63,9 +63,9 @@ def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: Publish
     if cop is None:
         return Phase.FOOT_OFF
     share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
-    if rate > parameters.turning_radps and share < parameters.heel_share:
+    if rate > parameters.rotating_radps and share < parameters.heel_share:
         return Phase.HEEL_CONTACT
-    if rate > parameters.turning_radps and share > parameters.front_share:
+    if rate > parameters.rotating_radps and share > parameters.front_share:
         return Phase.HEEL_OFF
     return Phase.FOOT_FLAT
 
@@ -258,13 +258,13 @@ class Published:
         ]  # fmt: skip
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
         self._pivot.move(foot, contacts, tick.R_world_base, T_base_foot)
-        self._touch(phases)
+        self._start_footprints(phases)
         contact, own = contacts[foot], self._prints[foot]
         if phases[foot] is not Phase.FOOT_FLAT or contact is None or own.over:
             return None
-        return self._mark(tick, foot, contact, tick.R_world_base @ T_base_foot[foot, :3, :3])
+        return self._add_marker(tick, foot, contact, tick.R_world_base @ T_base_foot[foot, :3, :3])
 
-    def _touch(self, phases: list[Phase]) -> None:
+    def _start_footprints(self, phases: list[Phase]) -> None:
         """Begins a new footprint where a foot touches down."""
         for i, phase in enumerate(phases):
             down = phase is not Phase.FOOT_OFF
@@ -278,7 +278,7 @@ class Published:
             own = self._prints[i]
             own.over |= own.step > 0 and own.markers.enough and phase is Phase.HEEL_OFF
 
-    def _mark(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
+    def _add_marker(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
         """Adds the pivot to its foot's markers and returns their estimate."""
         sole, own, other = self._soles[foot], self._prints[foot], self._prints[1 - foot]
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
@@ -290,9 +290,9 @@ class Published:
         if plane is None or below is None:
             return None
         angle, elevation = slope(plane.normal, R_world_sole[:2, 0]), float(plane.centre[2] - below)
-        told = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
+        mode = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
         return StepEstimate(
             t_ns=tick.t_ns, step=own.step, foot=SIDES[foot], slope=angle, elevation=elevation, slope_sd=np.inf,
             elevation_sd=np.inf, normal=plane.normal, p_sole_in_world=own.soles / own.markers.count,
-            covariance=np.diag(np.full(3, np.inf)), mode=told[0], probability=told[1],
+            covariance=np.diag(np.full(3, np.inf)), mode=mode[0], probability=mode[1],
         )  # fmt: skip

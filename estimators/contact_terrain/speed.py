@@ -12,7 +12,7 @@ from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import foot_place, leg_angles, links
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.ticks import Attitudes, Gather, Tick
+from stridetwin.estimators.contact_terrain.ticks import Attitudes, Tick, TickBuilder
 from stridetwin.streams.samples import Array, Sample
 
 
@@ -65,16 +65,16 @@ class LegSpeeds:
         self._parameters = parameters.speed
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
-        self._gather, self._attitudes = Gather(exo, parameters.ticks), Attitudes(parameters.attitudes)
+        self._ticks, self._attitudes = TickBuilder(exo, parameters.ticks), Attitudes(parameters.attitudes)
         self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
         self._last: deque[_Feet] = deque(maxlen=parameters.speed.span_ticks + 1)
 
     def update(self, sample: Sample) -> LegSpeed | None:
         """Takes a sample in order of time; None if no foot is in stance, or too little is known yet."""
-        told = None
-        for tick in self._gather.add(sample):
-            told = self._step(tick)
-        return told
+        speed = None
+        for tick in self._ticks.add(sample):
+            speed = self._step(tick)
+        return speed
 
     def _step(self, tick: Tick) -> LegSpeed | None:
         self._attitudes.update(tick)
@@ -96,7 +96,7 @@ class LegSpeeds:
         if v is None:
             return None
         t_ns = (self._last[0].t_ns + tick.t_ns) // 2
-        resting = bool((load > self._parameters.loaded_n).all() and rates.max() < self._parameters.quiet_radps)
+        resting = bool((load > self._parameters.loaded_n).all() and rates.max() < self._parameters.stationary_radps)
         return LegSpeed(t_ns=t_ns, v_back_in_world=v, resting=resting)
 
 

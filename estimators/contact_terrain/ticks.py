@@ -54,7 +54,7 @@ class Tick:
     fresh: Array
 
 
-class Gather:
+class TickBuilder:
     """Collects samples of an exoskeleton into ticks.
 
     Args:
@@ -73,14 +73,14 @@ class Gather:
         self._R, self._rate = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
         self._knee, self._force = np.zeros(2), np.zeros((2, 4))
         self._open: set[str] = set()
-        self._now = self._told = -1
+        self._now = self._tick_ns = -1
 
     def add(self, sample: Sample) -> list[Tick]:
         """Takes one sample; returns the ticks that it completes or closes, at most two."""
         if (
             sample.topic not in self._last
             or sample.t_ns <= self._last[sample.topic]
-            or not _sane(sample, self._parameters)
+            or not _is_valid(sample, self._parameters)
         ):
             return []
         made = []
@@ -117,10 +117,10 @@ class Gather:
             late = (self._now - self._last[topic]) * 1e-9
             if late > self._parameters.together_s:
                 R[i], fresh[i] = R[i] @ exp_so3(late * self._rate[i]), False
-        dt = (self._now - self._told) * 1e-9
-        if self._told < 0 or dt > self._parameters.hold_s:
+        dt = (self._now - self._tick_ns) * 1e-9
+        if self._tick_ns < 0 or dt > self._parameters.hold_s:
             dt = 0.0
-        self._told = self._now
+        self._tick_ns = self._now
         return [
             Tick(
                 t_ns=self._now, dt=dt, R_world_base=R[0], R_world_thigh=R[1:3], R_world_foot=R[3:5],
@@ -129,7 +129,7 @@ class Gather:
         ]  # fmt: skip
 
 
-def _sane(sample: Sample, limits: TickParameters) -> bool:
+def _is_valid(sample: Sample, limits: TickParameters) -> bool:
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
@@ -206,12 +206,12 @@ def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fre
             variance[i] += noise.lost_sd_rad**2
             continue
         if variance[i] < 0.0 or dt <= 0.0:
-            R[i], variance[i] = measured[i], noise.still_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
+            R[i], variance[i] = measured[i], noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
         else:
             R[i] = last[i] @ exp_so3(0.5 * since[i] * (last_rate[i] + rate[i]))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
             share = min(math.sqrt(np.sum(rate[i] * rate[i])) / noise.full_motion_radps, 1.0)
-            sd = noise.still_sd_rad + (noise.moving_sd_rad - noise.still_sd_rad) * share
+            sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
             R[i] = exp_so3(gain * _log_so3(measured[i] @ np.ascontiguousarray(R[i].T))) @ R[i]

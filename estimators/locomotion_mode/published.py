@@ -151,7 +151,7 @@ def mode_between(
     return ("SA" if risen > 0 else "SD"), height
 
 
-def coming_steps(
+def published_steps(
     walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
     p: LocomotionModeParameters,
 ) -> tuple[StepPrediction, ...]:  # fmt: skip
@@ -167,12 +167,12 @@ def coming_steps(
         p: Thresholds.
     """
     size, before, steps = walking.next_size(), walking.stance(), []
-    for k, foot in enumerate(rhythm.coming()):
-        told = walking.footprint(k + 1)
+    for k, foot in enumerate(rhythm.next_feet()):
+        footprint = walking.footprint(k + 1)
         at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
         place, height, mode = body, math.nan, "LG"
-        if told is not None:
-            place, forward = told
+        if footprint is not None:
+            place, forward = footprint
             here = place - forward * size if before is None else before
             mode, height = mode_between(ground, here, place, forward, p)
             before = place

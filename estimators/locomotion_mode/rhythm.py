@@ -117,7 +117,7 @@ class TouchDowns:
         dt = (sample.t_ns - foot.t_ns) * 1e-9 if foot.t_ns >= 0 else 0.0
         foot.t_ns = sample.t_ns
         foot.least = min(load, foot.least + self._p.creep_nps * dt)
-        foot.most = max(load, foot.most * math.exp(-dt / self._p.forget_s))
+        foot.most = max(load, foot.most * math.exp(-dt / self._p.peak_load_s))
         over = load - foot.least
         if foot.down:
             if over < self._p.lift_n or load < self._p.lift_share * foot.most:
@@ -141,11 +141,11 @@ class Landing:
 
     Attributes:
         feet: Feet landed since the last reported one, the latest last; two if one was not detected.
-        after: Whether the last step can be measured: it and the previous one were both detected, none is missing.
+        measurable: Whether the last step can be measured: it and the previous one were both detected, none is missing.
     """
 
     feet: tuple[str, ...]
-    after: bool
+    measurable: bool
 
 
 class Rhythm:
@@ -160,8 +160,8 @@ class Rhythm:
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares))
         self.foot, self.down_ns, self.step = "", -1, 0
-        self._silent = ""  # foot whose insole did not detect its last step
-        self._guessed, self._heard_ns = False, -1  # whether the last touch-down was inferred; last detection
+        self._undetected = ""  # foot whose insole did not detect its last step
+        self._inferred, self._detected_ns = False, -1  # whether the last touch-down was inferred; last detection
 
     @property
     def step_s(self) -> float:
@@ -171,46 +171,46 @@ class Rhythm:
     def overdue(self, t_ns: int) -> str | None:
         """The undetected foot that must be down by now, because the other one is about to lift off."""
         waited = (t_ns - self.down_ns) * 1e-9
-        there = bool(self._silent) and self.foot == _OTHER[self._silent] and waited > self._time.mean
-        return self._silent if there else None
+        there = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean
+        return self._undetected if there else None
 
     def over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the stance foot by now."""
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > self._p.over_foot_share * self._time.mean
 
-    def land(self, foot: str, t_ns: int, heard: bool) -> Landing | None:
+    def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
         """Handles a touch-down.
 
         Args:
             foot: `l` or `r`.
             t_ns: Time of the touch-down.
-            heard: Whether its insole detected it.
+            detected: Whether its insole detected it.
 
         Returns:
             The landing; None if the foot only bounced.
         """
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
-        if heard and foot == self._silent:
-            self._silent = ""
+        if detected and foot == self._undetected:
+            self._undetected = ""
         if foot == self.foot:
             if elapsed < self._p.bounce_share * self._time.mean:
                 return None
             missed = elapsed > self._p.missed_steps * self._time.mean
         if missed:
-            self._silent = _OTHER[foot]
+            self._undetected = _OTHER[foot]
         first = self.down_ns < 0
-        after = heard and not (missed or first or self._guessed)
-        if heard:
-            since, steps = (self._heard_ns, 2) if self._guessed else (self.down_ns, 1 + missed)
+        measurable = detected and not (missed or first or self._inferred)
+        if detected:
+            since, steps = (self._detected_ns, 2) if self._inferred else (self.down_ns, 1 + missed)
             seconds = (t_ns - since) * 1e-9
             if not first and seconds < self._p.pause_steps * self._p.step_s:
-                self._time.update(SIDE["" if self._guessed else foot], seconds / steps)
-            self._heard_ns = t_ns
-        self._guessed = not heard
+                self._time.update(SIDE["" if self._inferred else foot], seconds / steps)
+            self._detected_ns = t_ns
+        self._inferred = not detected
         self.foot, self.down_ns, self.step = foot, t_ns, self.step + 1 + missed
-        return Landing(feet=(_OTHER[foot], foot) if missed else (foot,), after=after)
+        return Landing(feet=(_OTHER[foot], foot) if missed else (foot,), measurable=measurable)
 
-    def coming(self) -> tuple[str, ...]:
+    def next_feet(self) -> tuple[str, ...]:
         """Feet of the coming steps."""
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
 

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.segments import Piece, edges_before, mode_table, stretch, weights
+from stridetwin.estimators.locomotion_mode.segments import (
+    Segment,
+    edges_before,
+    foothold_weights,
+    mode_table,
+    path_scale,
+)
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -49,7 +55,7 @@ class Chain:
 
 
 def roll_out(
-    stance: Array, s: Array, ground: Sequence[Piece], lengths: Sequence[float], length_sd: float,
+    stance: Array, s: Array, ground: Sequence[Segment], lengths: Sequence[float], length_sd: float,
     ratios: Mapping[str, tuple[float, float]], p: LocomotionModeParameters,
     landing: tuple[Array, Array] | None = None,
 ) -> Chain:  # fmt: skip
@@ -68,14 +74,14 @@ def roll_out(
         landing: (S,) and (S,) likelihood of each position of the last step given the body's position, after a step on
             even ground and after one over an edge; None: unknown.
     """
-    room = weights(ground, s, p) + _FLOOR
+    weight = foothold_weights(ground, s, p) + _FLOOR
     edges = np.array(edges_before(ground))
     # Number of edges between (a, b); steps never go backward.
     between = edges[None, :] - edges[:, None]
     ahead = np.arange(len(ground))[None, :] >= np.arange(len(ground))[:, None]
     even = (ahead & (between == 0)).astype(float)
     over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
-    level, unsure = stretch(ground, s, ratios)
+    level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES
     band = round(p.longest_step_m / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
@@ -87,9 +93,9 @@ def roll_out(
         made.append((near * (landing[0][at] + _FLOOR), far * (landing[1][at] + _FLOOR)))
         kind[-1] = len(kinds)
     near, far = (np.array([of_kind[i] for of_kind in made]) for i in (0, 1))
-    first = stance * room
+    first = stance * weight
     first = _NODE_WEIGHTS[:, None, None] * first / (_NODE_WEIGHTS.sum() * first.sum())
-    density, on, flow = _chain(first, room, even, over, near, far, kind)
+    density, on, flow = _chain(first, weight, even, over, near, far, kind)
     return Chain(density=density, modes=np.einsum("kab,abm->km", flow, mode_table(ground, p)), on=on)
 
 
@@ -108,7 +114,7 @@ def _kernels(
 
 @cached(_HERE)
 def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
-    """(H, S, B) density of steps on even ground, from (S,) path length and (S,) standard deviation as in `stretch`."""
+    """(H, S, B) density of steps on even ground, from (S,) path length and its (S,) standard deviation."""
     found = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
         for j in range(band):
@@ -123,7 +129,7 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
 
 @cached(_HERE)
 def _chain(
-    first: Array, room: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64]
+    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64]
 ) -> tuple[Array, Array, Array]:
     """Forward and backward sums over a chain of footprints.
 
@@ -131,7 +137,7 @@ def _chain(
 
     Args:
         first: (H, P, S) density of the stance foot, by step length change, segment and cell.
-        room: (P, S) weight of each foothold.
+        weight: (P, S) weight of each foothold.
         even: (P, P) 1 where a step between segments crosses no edge.
         over: (P, P) probability of a step that crosses edges.
         near: (L, H, S, B) density of each kind of step from a cell to the B cells from it on, on even ground.
@@ -142,7 +148,7 @@ def _chain(
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition; each sums to 1.
     """
     _, H, S, B = near.shape
-    K, P = len(kind), len(room)
+    K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, P, S))
     alpha[0] = first
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
@@ -165,7 +171,7 @@ def _chain(
                         continue
                     for q in range(S):
                         v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
-                        alpha[k + 1, h, b, q] += v * room[b, q]
+                        alpha[k + 1, h, b, q] += v * weight[b, q]
             total += alpha[k + 1, h].sum()
         alpha[k + 1] /= max(total, 1e-300)
     density, on, flow = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P))
@@ -174,7 +180,7 @@ def _chain(
         back = np.zeros((H, P, S))
         largest = 0.0
         for h in range(H):
-            ends = room * beta[h]
+            ends = weight * beta[h]
             for b in range(P):
                 for q in range(S):
                     v = alpha[k + 1, h, b, q] * beta[h, b, q]

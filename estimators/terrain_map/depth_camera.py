@@ -33,7 +33,7 @@ def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) ->
 
 
 @cached(_HERE, error_model="numpy")
-def without_outlines(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
+def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
     """Removes the pixels beside a depth discontinuity: each lies on either surface or between them (flying pixels).
 
     The same width is removed on both sides, so the middle of the gap is at the discontinuity.
@@ -121,7 +121,9 @@ class DepthCamera:
             StrideTwinError: The image size differs from the rig's.
         """
         if depth.shape != self.shape:
-            raise StrideTwinError(f"{self.topic}: picture of {depth.shape}; valid: {self.shape}, as the rig tells")
+            raise StrideTwinError(
+                f"{self.topic}: invalid image size {depth.shape}: expected {self.shape}, as in the rig"
+            )
         clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.range_min_m), np.float32(p.range_max_m))
         if self._maps is None:
             return clean, count

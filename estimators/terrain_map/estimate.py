@@ -198,7 +198,7 @@ class Change:
     """A change of the ground along a line.
 
     Attributes:
-        kind: `edge`, a height step, or `knee`, a slope break.
+        kind: `edge`, a height step, or `slope_break`, a slope break.
         s: m along the line.
         sd: Standard deviation of `s`, m.
         drop: Height after minus height before, m; 0 at a slope break.

@@ -20,13 +20,13 @@ class TerrainMapParameters:
     Attributes:
         voxel_size_m: Edge of a voxel.
         truncation_m: t_δ of eq. (20), as a height over the surface.
-        grid_turn_rad: Angle between grid and world axes, so that edges across the walking direction are oblique to it.
+        grid_rotation_rad: Angle between grid and world axes: edges across the walking direction are oblique to it.
         weight_max: W_max of eq. (22), in frames taken at 1 m.
         range_min_m: Smaller depths are invalid.
         range_max_m: Larger depths are invalid.
         headroom_m: Nothing higher above the camera is mapped.
-        outline_share: Inverse depths that differ by this share within `outline_px` belong to two surfaces.
-        outline_px: Reach of the test, pixels of a 640-pixel image.
+        discontinuity_share: Inverse depths that differ by this share within `discontinuity_px` belong to two surfaces.
+        discontinuity_px: Reach of the test, pixels of a 640-pixel image.
         depth_noise_per_m: Standard deviation of the depth divided by its square, 1/m.
         ahead_m: Distance ahead of the camera at which the top view is centred.
         flat_rad: A plane with a smaller slope is flat.
@@ -66,20 +66,20 @@ class TerrainMapParameters:
         even_sd_m: Standard deviation of an edge inferred from the others of its flight.
         gap_m: Largest distance of an inferred edge from the unobserved gap.
         edge_m: Smallest height step of an edge.
-        knee_rad: Smallest slope change of a slope break.
+        slope_break_rad: Smallest slope change of a slope break.
 
     All are hand-chosen on twin walks of tuning seeds (below 1000), except building dimensions.
     """
 
     voxel_size_m: float = 0.02
     truncation_m: float = 0.04
-    grid_turn_rad: float = 0.35
+    grid_rotation_rad: float = 0.35
     weight_max: float = 12.0
     range_min_m: float = 0.35
     range_max_m: float = 4.5
     headroom_m: float = 0.1
-    outline_share: float = 0.04
-    outline_px: float = 1.0
+    discontinuity_share: float = 0.04
+    discontinuity_px: float = 1.0
     depth_noise_per_m: float = 0.004
     ahead_m: float = 1.6
     flat_rad: float = math.radians(5.0)
@@ -119,7 +119,7 @@ class TerrainMapParameters:
     even_sd_m: float = 0.015
     gap_m: float = 0.05
     edge_m: float = 0.04
-    knee_rad: float = math.radians(4.0)
+    slope_break_rad: float = math.radians(4.0)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""

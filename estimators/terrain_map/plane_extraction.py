@@ -23,7 +23,7 @@ _HERE = Path(__file__).parent
 
 _FULL = 0.7
 """Smallest share of valid points in a cell."""
-_DOUBT = 2.0
+_TILT_GATE = 2.0
 """Largest difference in tilt between two merged planes, in standard deviations."""
 _SIGMAS = 3.0
 """Largest distance of a cell's point from its plane, in standard deviations."""
@@ -94,12 +94,12 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     rows, columns = found.shape[:2]
     sums = found.reshape(rows * columns, SUMS)
     root = np.full(rows * columns, -1, np.int32)
-    normals, doubt = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
+    normals, tilt_variance = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
     for n in range(len(root)):
         if sums[n, 0] > 0:
             root[n] = n
             _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit(sums[n])
-            doubt[n] = _tilt_variance(sums[n])
+            tilt_variance[n] = _tilt_variance(sums[n])
     edges = np.empty((2 * len(root), 2), np.int32)
     count = 0
     for r in range(rows):
@@ -123,7 +123,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
             if costs[e] < 0.0:
                 costs[e] = np.inf
                 dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
-                if 1.0 - dot * dot <= angle**2 + _DOUBT**2 * (doubt[a] + doubt[b]):
+                if 1.0 - dot * dot <= angle**2 + _TILT_GATE**2 * (tilt_variance[a] + tilt_variance[b]):
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
                     error = off_plane(common)
@@ -143,7 +143,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
                     sums[b, s] = 0.0
                 root[b] = a
                 _, _, _, normals[a, 0], normals[a, 1], normals[a, 2], _ = fit(sums[a])
-                doubt[a] = _tilt_variance(sums[a])
+                tilt_variance[a] = _tilt_variance(sums[a])
                 best[a] = best[b] = -2 - a  # both are the new plane a
                 merged = True
         if not merged:

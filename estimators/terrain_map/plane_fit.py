@@ -208,7 +208,7 @@ def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: floa
     return centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]
 
 
-def turned(
+def rotated(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Rotates the result of `height_planes` by a (3, 3) rotation about the vertical."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, height_planes, off_height_plane, turned
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, height_planes, off_height_plane, rotated
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 from stridetwin.streams.samples import Array
 
@@ -98,7 +99,7 @@ def overlaps(
 def put_view(
     label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], first: NDArray[np.int64],
     labels: NDArray[np.int32], slots: NDArray[np.int32], heights: NDArray[np.float32], noises: NDArray[np.float32],
-    same_m: float,
+    same_m: float, keeps_unobserved: bool,
 ) -> None:  # fmt: skip
     """Writes a view into the rings.
 
@@ -112,12 +113,15 @@ def put_view(
         heights: (n, n) m, NaN where unobserved.
         noises: (n, n) m.
         same_m: A column without a new plane keeps its old plane if its height has changed by less.
+        keeps_unobserved: Whether an unobserved column keeps its old plane.
     """
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
             p, q = (first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)
             z = heights[i, j]
             if math.isnan(z):
+                if keeps_unobserved:
+                    continue
                 label[p, q] = NONE
             elif labels[i, j] >= 0:
                 label[p, q] = slots[labels[i, j]]
@@ -127,7 +131,7 @@ def put_view(
 
 
 @cached(_HERE)
-def forget(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
+def remove_labels(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
     """Removes the labels marked in `gone`, (slots,), from the ring."""
     for i in range(label.shape[0]):
         for j in range(label.shape[1]):
@@ -213,11 +217,30 @@ def borders(
 SLOTS = 256
 
 
+class TopView(NamedTuple):
+    """The planes seen in the volume, as columns of a square of the ground.
+
+    Attributes:
+        first: (2,) column of the square's corner.
+        labels: (n, n) number of each column's plane, -1 = none.
+        sums: (P, 11) sums over the columns of each plane, see `plane_fit.SUMS`.
+        height: (n, n) m, NaN where unobserved.
+        noise: (n, n) m, standard deviation of the height.
+    """
+
+    first: NDArray[np.int64]
+    labels: NDArray[np.int32]
+    sums: Array
+    height: NDArray[np.float32]
+    noise: NDArray[np.float32]
+
+
 class PlaneSet:
     """Planes with their votes and columns.
 
     Args:
         parameters: See `TerrainMapParameters`.
+        keeps_unobserved: Whether a column unobserved in a top view keeps its plane.
 
     Attributes:
         surface: The columns; labels are slots.
@@ -225,15 +248,15 @@ class PlaneSet:
         votes: (SLOTS,) score of each.
     """
 
-    def __init__(self, parameters: TerrainMapParameters) -> None:
-        self._p = parameters
+    def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
+        self._p, self._keeps_unobserved = parameters, keeps_unobserved
         self._fewest = round(parameters.strip_area_m2 / parameters.voxel_size_m**2)
         self.surface = Surface()
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
         self._sums = np.zeros((SLOTS, SUMS))
-        self._told_sums, self._told_votes = self._sums.copy(), self.votes.copy()
-        self._told: dict[int, Plane] = {}
+        self._last_sums, self._last_votes = self._sums.copy(), self.votes.copy()
+        self._last: dict[int, Plane] = {}
         self._next_id = 0
 
     def clear(self) -> None:
@@ -243,23 +266,15 @@ class PlaneSet:
         self.votes[:] = 0.0
         self._sums[:] = 0.0
 
-    def update(
-        self, first: NDArray[np.int64], labels: NDArray[np.int32], sums: Array, height: NDArray[np.float32],
-        noise: NDArray[np.float32],
-    ) -> None:  # fmt: skip
-        """Takes the planes of one top view.
-
-        Args:
-            first: (2,) column of the view's corner.
-            labels: (n, n) number of each column's new plane, -1 = none.
-            sums: (P, 11) over the columns of each new plane.
-            height: (n, n) m, NaN where unobserved.
-            noise: (n, n) m.
-        """
+    def update(self, view: TopView) -> None:
+        """Takes the planes of one top view."""
         s = self.surface
-        common, in_scope = overlaps(s.label, first, labels, height, len(sums), SLOTS)
-        slots = self._pair(common, in_scope, sums)
-        put_view(s.label, s.height, s.noise, first, labels, slots, height, noise, self._p.plane_noise_m)
+        common, in_scope = overlaps(s.label, view.first, view.labels, view.height, len(view.sums), SLOTS)
+        slots = self._pair(common, in_scope, view.sums)
+        put_view(
+            s.label, s.height, s.noise, view.first, view.labels, slots, view.height, view.noise, self._p.plane_noise_m,
+            self._keeps_unobserved,
+        )  # fmt: skip
         self._vote(slots, in_scope)
         self.refit()
 
@@ -275,23 +290,23 @@ class PlaneSet:
 
         A plane that has not changed since the last call is the same object.
         """
-        changed = (self._sums != self._told_sums).any(axis=1) | (self.votes != self._told_votes)
-        self._told_sums[:], self._told_votes[:] = self._sums, self.votes
+        changed = (self._sums != self._last_sums).any(axis=1) | (self.votes != self._last_votes)
+        self._last_sums[:], self._last_votes[:] = self._sums, self.votes
         found = {}
         fresh = []
         for slot in np.flatnonzero(self.ids >= 0).tolist():
             id_ = int(self.ids[slot])
-            if changed[slot] or id_ not in self._told:
+            if changed[slot] or id_ not in self._last:
                 fresh.append(slot)
-            found[id_] = self._told.get(id_)
-        self._told = {id_: plane for id_, plane in found.items() if plane is not None}
-        self._told |= self._fitted(np.array(fresh, np.int64), R_world_grid)
-        return {id_: self._told[id_] for id_ in found}
+            found[id_] = self._last.get(id_)
+        self._last = {id_: plane for id_, plane in found.items() if plane is not None}
+        self._last |= self._fitted(np.array(fresh, np.int64), R_world_grid)
+        return {id_: self._last[id_] for id_ in found}
 
     def _fitted(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
         """The planes of these slots by id."""
         sums = self._sums[slots]
-        centres, slopes, covariances, spreads = turned(
+        centres, slopes, covariances, spreads = rotated(
             *height_planes(
                 sums, self._p.plane_sd_m, self._p.slope_sd_rad, self._p.shared_columns, self._p.slope_prior_sd_rad
             ),
@@ -356,4 +371,4 @@ class PlaneSet:
             self.votes[slots] = 0.0
             gone = np.zeros(SLOTS, bool)
             gone[slots] = True
-            forget(self.surface.label, gone)
+            remove_labels(self.surface.label, gone)

@@ -122,7 +122,7 @@ def _changes(
     found = []
     for (_, last, one_id), (first, _, other_id) in pairwise(_runs(plane)):
         end, start, one, other = float(s[last]), float(s[first]), estimate.planes[one_id], estimate.planes[other_id]
-        change = _edge_or_knee(end, start, one, other, estimate, origin, forward, p)
+        change = _edge_or_slope_break(end, start, one, other, estimate, origin, forward, p)
         if change is not None:
             found.append(change)
     return tuple(found)
@@ -143,7 +143,7 @@ def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
     return runs
 
 
-def _edge_or_knee(
+def _edge_or_slope_break(
     end: float, start: float, one: Plane, other: Plane, estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
 ) -> Change | None:  # fmt: skip
@@ -155,11 +155,11 @@ def _edge_or_knee(
     if is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
         drop, bend = other.seen_height(x, y) - one.seen_height(x, y), 0.0
-    if abs(bend) > p.knee_rad and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
+    if abs(bend) > p.slope_break_rad and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward
         sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
-        return Change(kind="knee", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
+        return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < p.edge_m:
         return None
     for flight in estimate.stairs:

@@ -110,7 +110,7 @@ def from_camera(
     Returns:
         (H, W) m, 0 = none.
     """
-    picture = np.zeros(shape, np.float32)
+    image = np.zeros(shape, np.float32)
     R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3] / voxel_m
     for v in range(shape[0]):
         for u in range(shape[1]):
@@ -136,14 +136,14 @@ def from_camera(
                     before, before_at, free = value, at, True
                 elif free:
                     met = before_at + (at - before_at) * before / (before - value)
-                    picture[v, u] = met * voxel_m / length
+                    image[v, u] = met * voxel_m / length
                     break
                 at += 0.7
-    return picture
+    return image
 
 
 @cached(_HERE, error_model="numpy")
-def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
+def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
     """How far solid ground extends along lines just under a surface.
 
     Args:
@@ -192,7 +192,7 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
     return found
 
 
-def well_seen(
+def column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
     noise_per_m: float,
 ) -> NDArray[np.float32]:  # fmt: skip
@@ -212,11 +212,11 @@ def well_seen(
         (n, n) m, standard deviation of the heights.
     """
     beside = np.asarray(cv2.dilate(weight, _BESIDE), np.float32)
-    return _well_seen(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
+    return _column_noise(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
 
 
 @cached(_HERE, error_model="numpy")
-def _well_seen(
+def _column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
     most_m: float, noise_per_m: float,
 ) -> NDArray[np.float32]:  # fmt: skip

@@ -18,7 +18,7 @@ from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import seen_height, toward
-from stridetwin.estimators.terrain_map.ray_casting import brink
+from stridetwin.estimators.terrain_map.ray_casting import solid_reach
 from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array
 
@@ -161,7 +161,7 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
     Returns:
         The riser, unchanged if the voxels show no edge.
     """
-    across_edge, points = _looked_up(
+    across_edge, points = _edge_in_voxels(
         edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], voxel_m
     )
     if not len(points):
@@ -170,7 +170,7 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
 
 
 @cached(_HERE)
-def _looked_up(
+def _edge_in_voxels(
     points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
 ) -> tuple[Array, Array]:
     """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
@@ -183,7 +183,7 @@ def _looked_up(
         at[n, 2] = (centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]) / voxel_m - 1.0
     slope = gradient[0] * down[0] + gradient[1] * down[1]
     direction = np.array([turn[0, 0] * down[0] + turn[0, 1] * down[1], turn[1, 0] * down[0] + turn[1, 1] * down[1]])
-    reach = brink(blocks, at, direction, slope, (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m) * voxel_m
+    reach = solid_reach(blocks, at, direction, slope, (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m) * voxel_m
     found = _ends(starts, reach, down)
     return (across(found, down) if len(found) else down), found
 
@@ -300,12 +300,12 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
     counts = np.array([len(r.points) for r in row])
     sd = np.array([p.edge_sd_m if r.found else 2.0 * p.voxel_size_m for r in row])
     ground = [planes[row[0].lower], *(planes[r.upper] for r in row)]
-    told, covariance, edges, across = _flight(
+    values, covariance, edges, across = _flight(
         points, counts, sd, up, (0.25 * p.voxel_size_m) ** 2, np.array([q.centre for q in ground]),
         np.array([q.gradient for q in ground]), np.array([q.spread for q in ground]),
         np.array([q.covariance for q in ground]),
     )  # fmt: skip
-    riser, tread, heading, start, base = told
+    riser, tread, heading, start, base = values
     return Stairs(
         id=id_, planes=(row[0].lower, *(r.upper for r in row)), steps=len(row), riser=riser, tread=tread,
         heading=heading, start=start, base=base, covariance=covariance, edges=edges,

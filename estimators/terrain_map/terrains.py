@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet, borders
-from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, refined, riser, stairs
-from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
+from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, riser, stairs
+from stridetwin.estimators.terrain_map.volume import Volume
 from stridetwin.streams.samples import Array
 
 
@@ -49,19 +49,19 @@ class Terrains:
         self._risers: dict[tuple[int, int], _Known] = {}
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
-    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, blocks: Blocks) -> tuple[Terrain, ...]:
+    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, volume: Volume) -> tuple[Terrain, ...]:
         """Levels, ramps and stairs.
 
         Args:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Their columns.
-            blocks: Voxels.
+            volume: Measures the edges.
         """
         p = self._p
         found: list[Terrain] = []
         treads: set[int] = set()
         rows = [tuple(row) for row in flights(self._find_risers(planes, plane_set), p)]
-        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, blocks) for row in rows}
+        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, volume) for row in rows}
         for flight in self._stairs.values():
             found.append(flight)
             treads.update(flight.planes[1:-1])
@@ -76,11 +76,10 @@ class Terrains:
                 found.append(ramp)
         return tuple(found)
 
-    def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], blocks: Blocks) -> Stairs:
+    def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], volume: Volume) -> Stairs:
         down = heading_of(list(row))
-        R_grid_world, voxel_m = self._R_world_grid.T, self._p.voxel_size_m
-        looked_up = [refined(r, planes[r.upper], down, blocks, R_grid_world, voxel_m) for r in row]
-        return stairs(looked_up, planes, min(r.upper for r in row), self._p)
+        risers = [volume.refined(r, planes[r.upper], down) for r in row]
+        return stairs(risers, planes, min(r.upper for r in row), self._p)
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
         """Steps between flat planes, from their columns."""

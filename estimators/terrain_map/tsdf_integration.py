@@ -32,7 +32,7 @@ _SLAB = EDGE * EDGE
 
 
 @cached(_HERE)
-def touch(
+def allocate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
     top_m: float, t_ns: int,
 ) -> None:  # fmt: skip
@@ -112,12 +112,12 @@ def integrate(
     eye_z = -(R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2])
     radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
-    eye = _Eye(
+    camera = _Pinhole(
         _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
         _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max), _f32(3.0 * noise_per_m),
     )  # fmt: skip
-    lattice, sight = _lattice(R * voxel_m, voxel_m), _sight()
-    picture = depth.ravel()
+    lattice, projection = _lattice(R * voxel_m, voxel_m), _projection()
+    image = depth.ravel()
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
             continue
@@ -137,13 +137,13 @@ def integrate(
         ):
             continue
         corner = _f32(x0), _f32(y0), _f32(z0)
-        if _look(picture, eye, lattice, corner, _f32(eye_z - bz), sight):
-            _reach_above(picture, eye, lattice, corner, sight)
-            _blend(blocks.distance[row], blocks.weight[row], eye, sight)
+        if _project(image, camera, lattice, corner, _f32(eye_z - bz), projection):
+            _check_above(image, camera, lattice, corner, projection)
+            _average(blocks.distance[row], blocks.weight[row], camera, projection)
             blocks.solid[row] = False  # it may no longer be solid
 
 
-class _Eye(NamedTuple):
+class _Pinhole(NamedTuple):
     """A pinhole camera: pixels, the vertical in its axes, and the weight of its depth; all 32 bit."""
 
     fu: np.float32
@@ -170,27 +170,27 @@ class _Lattice(NamedTuple):
     up: NDArray[np.float32]
 
 
-class _Sight(NamedTuple):
+class _Projection(NamedTuple):
     """(512,) per voxel of a block, and (8,) per slab.
 
     Attributes:
         z: m along the optical axis.
-        falls: Descent of the line of sight per metre.
+        descent: Descent of the line of sight per metre.
         scale: λ per metre of depth.
         pixel: Pixel of the voxel; 0 if it is not in view.
         sdf: (19), m; `_NONE` where unobserved.
         second: Depth of the image at the second lookup, m.
-        told: Number of observed voxels per slab.
+        observed: Number of observed voxels per slab.
         behind: Number of those behind a surface seen from above.
     """
 
     z: NDArray[np.float32]
-    falls: NDArray[np.float32]
+    descent: NDArray[np.float32]
     scale: NDArray[np.float32]
     pixel: NDArray[np.int32]
     sdf: NDArray[np.float32]
     second: NDArray[np.float32]
-    told: NDArray[np.int32]
+    observed: NDArray[np.int32]
     behind: NDArray[np.int32]
 
 
@@ -209,8 +209,8 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 
 
 @njit(**INSIDE)
-def _sight() -> _Sight:
-    return _Sight(
+def _projection() -> _Projection:
+    return _Projection(
         np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
         np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
         np.empty(EDGE, np.int32), np.empty(EDGE, np.int32),
@@ -218,100 +218,107 @@ def _sight() -> _Sight:
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _look(
-    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, above: np.float32, sight: _Sight
+def _project(
+    image: NDArray[np.float32],
+    camera: _Pinhole,
+    lattice: _Lattice,
+    corner: _Corner,
+    above: np.float32,
+    projection: _Projection,
 ) -> bool:
     """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
 
     Args:
-        picture: (H * W) m, 0 = none.
-        eye: Its camera.
+        image: (H * W) m, 0 = none.
+        camera: Its camera.
         lattice: Offsets of the voxels.
         corner: (3) m, the block's first voxel in the camera's axes.
         above: Height of the camera over that voxel, m.
-        sight: Modified.
+        projection: Modified.
     """
     x0, y0, z0 = corner
     # Loops without branches or lookups among the sums are vectorised.
     for at in range(VOXELS):
         z = z0 + lattice.z[at]
         per_z = _ONE / z
-        u = np.int32(eye.fu * (x0 + lattice.x[at]) * per_z + eye.pu)
-        v = np.int32(eye.fv * (y0 + lattice.y[at]) * per_z + eye.pv)
-        falls = (above - lattice.up[at]) * per_z
-        steep = abs(falls)
-        inside = (z >= _NEAREST) & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
-        sight.z[at], sight.falls[at] = z, falls
-        sight.scale[at] = (steep if steep > _STEEPEST else _STEEPEST) * eye.per_band
-        sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+        u = np.int32(camera.fu * (x0 + lattice.x[at]) * per_z + camera.pu)
+        v = np.int32(camera.fv * (y0 + lattice.y[at]) * per_z + camera.pv)
+        descent = (above - lattice.up[at]) * per_z
+        steep = abs(descent)
+        inside = (z >= _NEAREST) & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
+        projection.z[at], projection.descent[at] = z, descent
+        projection.scale[at] = (steep if steep > _STEEPEST else _STEEPEST) * camera.per_band
+        projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
     for at in range(VOXELS):
-        sight.sdf[at] = picture[np.uint64(sight.pixel[at])]
-    told = False
+        projection.sdf[at] = image[np.uint64(projection.pixel[at])]
+    any_observed = False
     for slab in range(EDGE):
-        tellers, behind = _ORIGIN, _ORIGIN
+        observed_count, behind = _ORIGIN, _ORIGIN
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            d = sight.sdf[at]
-            sdf = sight.z[at] - d  # (19)
-            tells = (sight.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * sight.scale[at] <= _ONE)
-            sight.sdf[at] = sdf if tells else _NONE
-            tellers += np.int32(1) if tells else _ORIGIN
-            behind += np.int32(1) if tells & (sdf > _ZERO) & (sight.falls[at] > _ZERO) else _ORIGIN
-        sight.told[slab], sight.behind[slab] = tellers, behind
-        told = told or bool(tellers > _ORIGIN)
-    return told
+            d = projection.sdf[at]
+            sdf = projection.z[at] - d  # (19)
+            is_observed = (projection.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * projection.scale[at] <= _ONE)
+            projection.sdf[at] = sdf if is_observed else _NONE
+            observed_count += np.int32(1) if is_observed else _ORIGIN
+            behind += np.int32(1) if is_observed & (sdf > _ZERO) & (projection.descent[at] > _ZERO) else _ORIGIN
+        projection.observed[slab], projection.behind[slab] = observed_count, behind
+        any_observed = any_observed or bool(observed_count > _ORIGIN)
+    return any_observed
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _reach_above(
-    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight
+def _check_above(
+    image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, projection: _Projection
 ) -> None:  # fmt: skip
     """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
     Args:
-        picture: As in `_look`.
-        eye: As in `_look`.
-        lattice: As in `_look`.
-        corner: As in `_look`.
-        sight: Modified; its pixels become those of the second lookup.
+        image: As in `_project`.
+        camera: As in `_project`.
+        lattice: As in `_project`.
+        corner: As in `_project`.
+        projection: Modified; its pixels become those of the second lookup.
     """
     x0, y0 = corner[0], corner[1]
     for slab in range(EDGE):
-        if sight.behind[slab] == _ORIGIN:
+        if projection.behind[slab] == _ORIGIN:
             continue
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            sdf, falls = sight.sdf[at], sight.falls[at]
-            behind = (sdf > _ZERO) & (sdf < _NONE) & (falls > _ZERO)
-            up = sdf * falls if behind else _ZERO  # to where the line of sight meets the surface
-            zf = sight.z[at] + eye.up_z * up
+            sdf, descent = projection.sdf[at], projection.descent[at]
+            behind = (sdf > _ZERO) & (sdf < _NONE) & (descent > _ZERO)
+            up = sdf * descent if behind else _ZERO  # to where the line of sight meets the surface
+            zf = projection.z[at] + camera.up_z * up
             per_z = _ONE / zf
-            u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)
-            v = np.int32(eye.fv * (y0 + lattice.y[at] + eye.up_y * up) * per_z + eye.pv)
-            inside = behind & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
-            sight.falls[at] = zf
-            sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+            u = np.int32(camera.fu * (x0 + lattice.x[at] + camera.up_x * up) * per_z + camera.pu)
+            v = np.int32(camera.fv * (y0 + lattice.y[at] + camera.up_y * up) * per_z + camera.pv)
+            inside = behind & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
+            projection.descent[at] = zf
+            projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            sight.second[at] = picture[np.uint64(sight.pixel[at])]
+            projection.second[at] = image[np.uint64(projection.pixel[at])]
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            d, z, sdf, zf = sight.second[at], sight.z[at], sight.sdf[at], sight.falls[at]
-            ends = (zf - d + eye.noise * z * z) * sight.scale[at] < _AIR
+            d, z, sdf, zf = projection.second[at], projection.z[at], projection.sdf[at], projection.descent[at]
+            ends = (zf - d + camera.noise * z * z) * projection.scale[at] < _AIR
             other = _NONE if d == _ZERO else zf - d if ends else sdf
-            sight.sdf[at] = other if sight.pixel[at] != _ORIGIN else sdf
+            projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _blend(distance: NDArray[np.float32], weight: NDArray[np.float32], eye: _Eye, sight: _Sight) -> None:
+def _average(
+    distance: NDArray[np.float32], weight: NDArray[np.float32], camera: _Pinhole, projection: _Projection
+) -> None:
     """Eqs. (20)-(22) for a block's (512,) voxels."""
     for slab in range(EDGE):
-        if sight.told[slab] == _ORIGIN:
+        if projection.observed[slab] == _ORIGIN:
             continue
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            sdf, z = sight.sdf[at], sight.z[at]
-            value = sdf * sight.scale[at]
+            sdf, z = projection.sdf[at], projection.z[at]
+            value = sdf * projection.scale[at]
             value = value if value > -_ONE else -_ONE  # (20)
-            new = sight.scale[at] * eye.band / (z if z > _ONE else _ONE)
+            new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]
             total = old + new
             mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
             distance[at] = mixed if sdf < _NONE else distance[at]
-            weight[at] = total if total < eye.weight_max else eye.weight_max  # (22)
+            weight[at] = total if total < camera.weight_max else camera.weight_max  # (22)

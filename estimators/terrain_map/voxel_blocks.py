@@ -87,7 +87,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
         stale_ns: A block without a surface, and with none observed since then, is freed.
     """
     blocks.origin[:] = np.floor(centre / block_m).astype(np.int64) - np.array(SHAPE) // 2
-    _leave(blocks, stale_ns)
+    _free_unused(blocks, stale_ns)
     if blocks.counts[0] < CAPACITY // 8:
         rows = np.flatnonzero(blocks.used)
         away = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)
@@ -95,7 +95,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
 
 
 @cached(_HERE)
-def _leave(blocks: Blocks, stale_ns: int) -> None:
+def _free_unused(blocks: Blocks, stale_ns: int) -> None:
     """Frees the blocks outside the window, and those without a surface in them or just below."""
     for row in range(CAPACITY):
         if not blocks.used[row]:

@@ -238,7 +238,7 @@ def test_a_more_compliant_exoskeleton_leads_to_larger_standard_deviations(walk, 
 @pytest.mark.parametrize(
     ("group", "changed", "said"),
     [
-        ("classes", {"sure": 1.0}, "sure: 1.0 .* below 1"),
+        ("classes", {"probability_min": 1.0}, "probability_min: 1.0 .* below 1"),
         ("footfall", {"left_n": 90.0}, "left_n: 90.0 .* landed_n"),
         ("ticks", {"hold_s": -0.1}, "hold_s: -0.1"),
     ],
@@ -265,9 +265,9 @@ def test_modes_follow_from_geometry(slope, height, mode):
     beyond = beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
     probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, CLASSES)
     assert sum(probabilities.values()) == pytest.approx(1.0)
-    assert most_likely(probabilities, CLASSES.sure)[0] == mode
+    assert most_likely(probabilities, CLASSES.probability_min)[0] == mode
     between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, CLASSES)
-    assert most_likely(between, CLASSES.sure)[0] == "unknown"
+    assert most_likely(between, CLASSES.probability_min)[0] == "unknown"
 
 
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
@@ -285,8 +285,8 @@ def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
             vector=np.array([0.6, 0.0, 0.0]) + noise[:3], J_vector=J_vector[k % 2], slopes=noise[3:],
             J_slopes=J_slopes[k % 2], sd=sd,
         )  # fmt: skip
-        belief = offsets.judge(step)
-        offsets.learn(belief)
-    assert np.abs(belief.P - belief.P.T).max() <= 1e-12 * np.abs(belief.P).max()
-    assert np.linalg.eigvalsh(belief.P).min() > 0.0
-    assert np.isfinite(belief.values).all()
+        posterior = offsets.posterior(step)
+        offsets.store(posterior)
+    assert np.abs(posterior.P - posterior.P.T).max() <= 1e-12 * np.abs(posterior.P).max()
+    assert np.linalg.eigvalsh(posterior.P).min() > 0.0
+    assert np.isfinite(posterior.values).all()

@@ -8,8 +8,8 @@ import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import LocomotionMode
-from stridetwin.estimators.locomotion_mode.foothold import felt, going_on, suits
-from stridetwin.estimators.locomotion_mode.segments import Piece, mode_table
+from stridetwin.estimators.locomotion_mode.foothold import extrapolated, measured_step, step_likelihood
+from stridetwin.estimators.locomotion_mode.segments import Segment, mode_table
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.samples import Depth
 from tests.estimators.locomotion_mode import walker
@@ -31,7 +31,7 @@ def step(k, place, height=0.0, mode="LG", *, before=0.0, turn=0.4):
 
 
 def test_a_step_is_as_long_as_it_goes_ahead_and_not_aside():
-    made = felt([step(1, 0.0), step(2, 0.6), step(3, 1.2)])
+    made = measured_step([step(1, 0.0), step(2, 0.6), step(3, 1.2)])
     assert made is not None
     assert made.length == pytest.approx(0.6)
     assert made.length_sd == pytest.approx(0.01)
@@ -46,32 +46,32 @@ def test_a_step_is_as_long_as_it_goes_ahead_and_not_aside():
     ],
 )
 def test_a_step_of_which_not_all_is_known_is_none(told):
-    assert felt(told) is None
+    assert measured_step(told) is None
 
 
 def test_a_riser_under_the_feet_tells_on_which_side_of_an_edge_they_stand():
     """The foot was felt to rise by 15 cm: it stands beyond the edge, where the camera could not say."""
-    made = felt([step(1, 0.0), step(2, 0.5), step(3, 0.9, 0.15, "SA")])
+    made = measured_step([step(1, 0.0), step(2, 0.5), step(3, 0.9, 0.15, "SA")])
     assert made is not None
     stair = ground((2.0, 0.15))
     before, unsure = foot_at(1.62), np.exp(-0.5 * ((S - 2.0) / 0.05) ** 2)
-    after = unsure * suits(made, S, stair, before, P)
+    after = unsure * step_likelihood(made, S, stair, before, P)
     assert after[S > 2.0].sum() > 0.95 * after.sum()
     level = replace(made, elevation=0.0)
-    after = unsure * suits(level, S, stair, before, P)
+    after = unsure * step_likelihood(level, S, stair, before, P)
     assert after[S < 2.0].sum() > 0.95 * after.sum()
 
 
 def test_ground_goes_on_as_it_was_felt():
-    up = felt([step(1, 0.0), step(2, 0.28, 0.15, "SA"), step(3, 0.56, 0.30, "SA", before=0.15)])
+    up = measured_step([step(1, 0.0), step(2, 0.28, 0.15, "SA"), step(3, 0.56, 0.30, "SA", before=0.15)])
     assert up is not None
-    stairs = going_on(up, 1.0, P)
+    stairs = extrapolated(up, 1.0, P)
     assert [p.drop for p in stairs[1:]] == pytest.approx([0.15] * (len(stairs) - 1))
     assert np.diff([p.start for p in stairs[1:]]) == pytest.approx(0.28)
     assert mode_table(stairs, P)[0, 1].argmax() == 1
-    ramp = going_on(replace(up, mode="RD", slope=-0.2, elevation=-0.1), 1.0, P)
+    ramp = extrapolated(replace(up, mode="RD", slope=-0.2, elevation=-0.1), 1.0, P)
     assert len(ramp) == 1
-    assert isinstance(ramp[0], Piece)
+    assert isinstance(ramp[0], Segment)
     assert (ramp[0].mode, ramp[0].slope) == ("RD", -0.2)
 
 

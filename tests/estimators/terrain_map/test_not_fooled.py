@@ -30,7 +30,7 @@ def test_a_table_is_no_step():
     terrain_map, estimate = approach([FLOOR, *table], start=2.2, end=1.0)
     assert not estimate.stairs
     assert not estimate.ramps
-    assert all(c.kind != "knee" for c in terrain_map.profile(np.array([-1.0, 0.0]), 0.0).changes)
+    assert all(c.kind != "slope_break" for c in terrain_map.profile(np.array([-1.0, 0.0]), 0.0).changes)
 
 
 def test_a_wall_is_no_ground():
@@ -108,7 +108,7 @@ def test_a_ramp_is_a_ramp(angle_deg):
     assert abs(terrain.slope - angle) < math.radians(0.5)
     assert abs(terrain.heading) < math.radians(2.0)
     assert terrain.slope_sd < math.radians(1.0)
-    knee = next(c for c in terrain_map.profile(np.array([-1.2, 0.0]), 0.0).changes if c.kind == "knee")
+    knee = next(c for c in terrain_map.profile(np.array([-1.2, 0.0]), 0.0).changes if c.kind == "slope_break")
     assert abs(knee.s - 1.2) < 0.04
     assert abs(knee.bend - angle) < math.radians(1.0)
     assert kind(terrain_map, [-0.5, 0.0]) is Level

@@ -1,0 +1,274 @@
+"""The volume of Zhao et al. 2023 as published, with Open3D: eqs. (19)-(22), ray casting, and planes of I_D^s.
+
+The truncation t_δ is a distance along the line of sight, every image has the weight 1, and planes are extracted by
+agglomerative clustering from the smoothed depth image in the camera's view (sections II-E and F). The paper does not
+give sizes of voxels and cells, t_δ or W_max; they are those of `TerrainMapParameters`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.depth_camera import DepthCamera
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_extraction import CELL, cluster
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit
+from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
+from stridetwin.estimators.terrain_map.stairs import Riser
+from stridetwin.estimators.terrain_map.volume import VIEW, scaled, view_corner
+from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+_SMOOTHED = 2
+"""Pixels of the camera's image per pixel of the smoothed image."""
+_GAP = np.ones((7, 7), np.uint8)
+"""Columns of a plane that may lie between two pixels' columns: pixels are 10 cm apart at the end of the range."""
+
+
+class Open3dVolume:
+    """Open3D's `VoxelBlockGrid`."""
+
+    keeps_unobserved = True
+
+    def __init__(self, camera: DepthCamera, parameters: TerrainMapParameters) -> None:
+        try:
+            import open3d
+        except ModuleNotFoundError as error:
+            raise StrideTwinError(
+                "open3d is not installed; the backend open3d needs it: pip install 'stridetwin[open3d]'"
+            ) from error
+        self._o3d: Any = open3d
+        self._camera, self._p = camera, parameters
+        self._K = self._tensor(_matrix(camera.intrinsics))
+        self._shape = camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED
+        self._intrinsics = scaled(camera.intrinsics, _SMOOTHED)
+        v, u = np.mgrid[: self._shape[0], : self._shape[1]]
+        fu, fv, pu, pv = self._intrinsics
+        self._rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones(self._shape)], axis=-1)
+        self._band = parameters.truncation_m / parameters.voxel_size_m
+        self.clear()
+
+    def clear(self) -> None:
+        """As `Volume`."""
+        float32 = self._o3d.core.float32
+        self._grid = self._o3d.t.geometry.VoxelBlockGrid(
+            ("tsdf", "weight"), (float32, float32), ((1,), (1,)), self._p.voxel_size_m, EDGE, CAPACITY
+        )
+        self._T_grid_camera = np.eye(4)
+        self._in_view: Any = None
+
+    @property
+    def origin(self) -> NDArray[np.int64]:
+        """As `Volume`."""
+        return np.floor(self._T_grid_camera[:2, 3] / self._p.voxel_size_m).astype(np.int64) - COLUMNS // 2
+
+    @property
+    def blocks_used(self) -> int:
+        """As `Volume`."""
+        return int(self._grid.hashmap().size())
+
+    def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
+        """As `Volume`; free space in view is updated too, so that moving objects vanish."""
+        p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
+        image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
+        extrinsic = self._tensor(np.linalg.inv(T_grid_camera))
+        limits = 1.0, p.range_max_m, self._band
+        with self._quiet():
+            grid.hashmap().activate(grid.compute_unique_block_coordinates(image, self._K, extrinsic, *limits))
+            self._in_view = self._visible_blocks()
+            grid.integrate(self._in_view, image, self._K, extrinsic, *limits)
+        weight = grid.attribute("weight").numpy()  # a view
+        np.minimum(weight, p.weight_max, out=weight)  # (22)
+
+    def _visible_blocks(self) -> Any:
+        """The blocks that may be in view; those beyond the window are freed."""
+        p, hashmap = self._p, self._grid.hashmap()
+        keys = hashmap.key_tensor()[hashmap.active_buf_indices().to(self._o3d.core.int64)]
+        block_m = EDGE * p.voxel_size_m
+        offset = (keys.numpy() + 0.5) * block_m - self._T_grid_camera[:3, 3]
+        near = np.abs(offset).max(axis=1) < 0.5 * COLUMNS * p.voxel_size_m
+        if not near.all():
+            hashmap.erase(self._o3d.core.Tensor(keys.numpy()[~near]))
+        x, y, z = (offset @ self._T_grid_camera[:3, :3]).T
+        radius, (fu, fv, pu, pv), (height, width) = block_m, self._camera.intrinsics, self._camera.shape
+        slope_u, slope_v = max(pu, width - pu) / fu, max(pv, height - pv) / fv
+        seen = (z > 0.0) & (z < p.range_max_m + radius)
+        seen &= (np.abs(x) < slope_u * z + 2.0 * radius) & (np.abs(y) < slope_v * z + 2.0 * radius)
+        return self._o3d.core.Tensor(keys.numpy()[near & seen])
+
+    def smoothed(self) -> NDArray[np.float32]:
+        """As `Volume`; (H / 2, W / 2)."""
+        if self._in_view is None:
+            return np.zeros(self._shape, np.float32)
+        p, extrinsic = self._p, self._tensor(np.linalg.inv(self._T_grid_camera))
+        with self._quiet():
+            cast = self._grid.ray_cast(
+                self._in_view, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],
+                ["depth"], 1.0, p.range_min_m, p.range_max_m, 1.0, self._band,
+            )  # fmt: skip
+        return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
+
+    def top_view(self) -> TopView:
+        """As `Volume`: planes of the smoothed depth image, projected down to the columns of the ground."""
+        p, T = self._p, self._T_grid_camera
+        depth = self.smoothed()
+        points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        points[(depth == 0.0) | (points[..., 2] > T[2, 3] + p.headroom_m)] = np.nan
+        noise = np.hypot(p.plane_noise_m / 3, p.depth_noise_per_m * depth**2).astype(np.float32)
+        found = image_cell_sums(points, noise, CELL)
+        fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
+        labels, planes = label_image(
+            points, noise, cluster(found, p.cell_angle_rad), found.reshape(-1, SUMS), math.cos(p.ramp_rad), fewest
+        )
+        return self._from_above(points, noise, labels, planes)
+
+    def _from_above(
+        self, points: NDArray[np.float32], noise: NDArray[np.float32], labels: NDArray[np.int32], planes: Array
+    ) -> TopView:
+        """Projects labelled points down; in each column the highest one counts."""
+        voxel_m, first = self._p.voxel_size_m, view_corner(self._T_grid_camera, self._p)
+        on_plane = labels >= 0
+        points, noise, labels = points[on_plane], noise[on_plane], labels[on_plane]
+        columns = np.floor(points[:, :2] / voxel_m).astype(np.int64) - first
+        order = np.argsort(points[:, 2], kind="stable")
+        order = order[((columns >= 0) & (columns < VIEW)).all(axis=1)[order]]
+        i, j = columns[order].T
+        height, spread = np.full((VIEW, VIEW), np.nan, np.float32), np.zeros((VIEW, VIEW), np.float32)
+        label = np.full((VIEW, VIEW), NONE, np.int32)
+        height[i, j], spread[i, j], label[i, j] = points[order, 2], noise[order], labels[order]
+        along = ((np.arange(VIEW) + 0.5) * voxel_m + first[:, None] * voxel_m).astype(np.float32)
+        for number, (a, b, c, d) in enumerate(planes):
+            own = cv2.morphologyEx((label == number).astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0
+            gap = own & (label == NONE)
+            x, y = np.meshgrid(along[0], along[1], indexing="ij")
+            height[gap] = ((d - a * x - b * y) / c)[gap]
+            label[gap], spread[gap] = number, self._p.plane_noise_m
+        return TopView(first, label, column_sums(label, height, spread, along, len(planes)), height, spread)
+
+    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
+        """As `Volume`: unchanged, because the paper takes stairs from the planes alone."""
+        return edge
+
+    def mesh(self) -> tuple[Array, NDArray[np.int64]]:
+        """As `Volume`, by marching cubes."""
+        made = self._grid.extract_triangle_mesh(weight_threshold=1.0)
+        return made.vertex.positions.numpy().astype(float), made.triangle.indices.numpy().astype(np.int64)
+
+    def _tensor(self, values: Array) -> Any:
+        return self._o3d.core.Tensor(np.ascontiguousarray(values), self._o3d.core.float64)
+
+    @contextmanager
+    def _quiet(self) -> Iterator[None]:
+        """Open3D warns at each growth of its buffers."""
+        with self._o3d.utility.VerbosityContextManager(self._o3d.utility.VerbosityLevel.Error):
+            yield
+
+
+def _matrix(intrinsics: Array) -> Array:
+    fu, fv, pu, pv = intrinsics
+    return np.array([[fu, 0.0, pu], [0.0, fv, pv], [0.0, 0.0, 1.0]])
+
+
+@cached(_HERE, error_model="numpy")
+def image_cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
+    """Sums over each cell of an image whose points fit a plane, as `plane_extraction.cell_sums`.
+
+    Args:
+        points: (H, W, 3) m, NaN = none.
+        noise: (H, W) m, standard deviation of a point.
+        cell: Edge of a cell, pixels.
+
+    Returns:
+        (H // cell, W // cell, 11) sums; 0 where the cell has invalid points or a discontinuity.
+    """
+    rows, columns = points.shape[0] // cell, points.shape[1] // cell
+    found = np.zeros((rows, columns, SUMS))
+    for r in range(rows):
+        for c in range(columns):
+            sums = found[r, c]
+            for i in range(r * cell, (r + 1) * cell):
+                for j in range(c * cell, (c + 1) * cell):
+                    add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+            if math.isnan(sums[3]) or fit(sums)[6] > sums[10] / sums[0]:
+                sums[:] = 0.0
+    return found
+
+
+@cached(_HERE, error_model="numpy")
+def label_image(
+    points: NDArray[np.float32], noise: NDArray[np.float32], roots: NDArray[np.int32], found: Array, least_up: float,
+    fewest: int,
+) -> tuple[NDArray[np.int32], Array]:  # fmt: skip
+    """Assigns each pixel to the nearest walkable plane of the cells around it.
+
+    Args:
+        points: (H, W, 3) m, NaN = none.
+        noise: (H, W) m, standard deviation of a point.
+        roots: (R, C) from `cluster`.
+        found: (R * C, 11) sums from `cluster`.
+        least_up: Smallest vertical component of the normal of walkable ground.
+        fewest: Smallest number of pixels of a plane.
+
+    Returns:
+        (H, W) number of each pixel's plane, -1 = none; (P, 4) planes a x + b y + c z = d.
+    """
+    rows, columns = roots.shape
+    number, planes, count = np.full(len(found), -1, np.int32), np.empty((len(found), 4)), 0
+    for n in range(len(found)):
+        if found[n, 0] >= fewest:
+            x, y, z, a, b, c, _ = fit(found[n])
+            if c >= least_up:
+                number[n] = count
+                planes[count, 0], planes[count, 1], planes[count, 2], planes[count, 3] = a, b, c, a * x + b * y + c * z
+                count += 1
+    labels = np.full(noise.shape, -1, np.int32)
+    for r in range(rows):
+        for c in range(columns):
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    labels[i, j] = _nearest_plane(points[i, j], 3.0 * noise[i, j], r, c, roots, number, planes)
+    return labels, planes[:count]
+
+
+@njit(**INSIDE)
+def _nearest_plane(
+    point: Array, limit: float, r: int, c: int, roots: NDArray[np.int32], number: NDArray[np.int32], planes: Array
+) -> int:
+    """The plane nearest to a point, within a limit (m), among those of the cells around (r, c); -1 = none."""
+    best = -1
+    for p in range(max(r - 1, 0), min(r + 2, roots.shape[0])):
+        for q in range(max(c - 1, 0), min(c + 2, roots.shape[1])):
+            k = number[roots[p, q]] if roots[p, q] >= 0 else -1
+            if k < 0:
+                continue
+            off = abs(planes[k, 0] * point[0] + planes[k, 1] * point[1] + planes[k, 2] * point[2] - planes[k, 3])
+            if off < limit:
+                best, limit = k, off
+    return best
+
+
+@cached(_HERE)
+def column_sums(
+    labels: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], along: NDArray[np.float32],
+    count: int,
+) -> Array:  # fmt: skip
+    """(count, 11) sums over the columns of each plane; `along` (2, n) holds the columns' x and y, m."""
+    sums = np.zeros((count, SUMS))
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            if labels[i, j] >= 0:
+                add_point(sums[labels[i, j]], along[0, i], along[1, j], height[i, j], noise[i, j])
+    return sums
