@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.estimators.contact_terrain.parameters import ClassParameters
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ClassParameters, PublishedParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
 MODES = ("LG", "SA", "SD", "RA", "RD")
+"""Level ground, stair ascent and descent, ramp ascent and descent."""
 UNKNOWN = "unknown"
 
 
@@ -62,12 +63,19 @@ class TerrainSvm:
         slope: (N,) rad of the training steps.
         elevation: (N,) m.
         modes: (N,) their modes.
+        parameters: Of the support vector machine.
 
     Raises:
         StrideTwinError: scikit-learn is not installed, or there are fewer than two modes.
     """
 
-    def __init__(self, slope: ArrayLike, elevation: ArrayLike, modes: ArrayLike) -> None:
+    def __init__(
+        self,
+        slope: ArrayLike,
+        elevation: ArrayLike,
+        modes: ArrayLike,
+        parameters: PublishedParameters = DEFAULTS.published,
+    ) -> None:
         try:
             from sklearn.svm import SVC
         except ModuleNotFoundError as error:
@@ -81,7 +89,9 @@ class TerrainSvm:
             )
         features = np.column_stack([np.asarray(slope, dtype=float), np.asarray(elevation, dtype=float)])
         self._scale: Array = np.maximum(np.abs(features).max(axis=0), 1e-9)
-        self._machine: Any = SVC(kernel="rbf", C=100.0, gamma=10.0).fit(features / self._scale, labels)
+        self._machine: Any = SVC(kernel="rbf", C=parameters.svm_c, gamma=parameters.svm_gamma).fit(
+            features / self._scale, labels
+        )
 
     def classify(self, slope: float, elevation: float) -> str:
         """Mode of one step.
@@ -111,10 +121,10 @@ def step_modes(
         parameters: Dimensions in the world.
     """
     riser, ramp, tread_ramp = parameters.riser_m, parameters.ramp_rad, parameters.tread_ramp_rad
-    high, low = _above(beyond, riser, beyond_sd), _above(-beyond, riser, beyond_sd)
+    high, low = above(beyond, riser, beyond_sd), above(-beyond, riser, beyond_sd)
     plane = 1.0 - high - low
-    up, down = _above(slope, ramp, slope_sd), _above(-slope, ramp, slope_sd)
-    steep_up, steep_down = _above(slope, tread_ramp, slope_sd), _above(-slope, tread_ramp, slope_sd)
+    up, down = above(slope, ramp, slope_sd), above(-slope, ramp, slope_sd)
+    steep_up, steep_down = above(slope, tread_ramp, slope_sd), above(-slope, tread_ramp, slope_sd)
     tread = 1.0 - steep_up - steep_down
     return {
         "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,
@@ -139,8 +149,9 @@ def beyond_slopes(height: float, distance: float, slope: float, slope_before: fl
 
 def sloping(slope: float, sd: float, ramp_rad: float) -> float:
     """Probability that the ground slopes like a ramp, up or down: slope, its standard deviation, least ramp, rad."""
-    return _above(slope, ramp_rad, sd) + _above(-slope, ramp_rad, sd)
+    return above(slope, ramp_rad, sd) + above(-slope, ramp_rad, sd)
 
 
-def _above(value: float, limit: float, sd: float) -> float:
+def above(value: float, limit: float, sd: float) -> float:
+    """Probability that a normally distributed value exceeds a limit."""
     return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))

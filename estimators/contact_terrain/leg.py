@@ -136,17 +136,17 @@ def joint_angles(parts: Array, R: Array) -> Array:
 
 
 @cached(_HERE)
-def leg_angles(leg: Links, R_world_base: Array, R_world_thigh: Array, R_world_foot: Array, knee: float) -> Array:
+def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
     """Angles of all joints of a leg, rad: equations (4)-(10).
 
     Args:
         leg: Its links.
-        R_world_base: (3, 3) of the back panel, frame 0.
-        R_world_thigh: (3, 3) of the thigh's frame.
-        R_world_foot: (3, 3) of the last frame.
+        R: (5, 3, 3) attitudes of back, thighs and feet.
+        side: 0 or 1.
         knee: Angle of the joint that rotates the knee's frame, rad.
     """
-    hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R_world_base.T) @ np.ascontiguousarray(R_world_thigh))
+    R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
+    hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R[0].T) @ np.ascontiguousarray(R_world_thigh))
     R_thigh_knee = np.eye(3)
     for i in range(leg.thigh, leg.knee):
         theta = leg.table[i, 3] + (knee if leg.turns[i] else 0.0)

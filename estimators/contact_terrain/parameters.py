@@ -39,6 +39,8 @@ class TickParameters:
     """Stamps of one instant differ by no more; a third of the period at 100 Hz."""
     rate_max_radps: float = 50.0
     """A faster AHRS sample counts as lost: beyond the range of any gyro on a limb."""
+    norm_error_max: float = 0.02
+    """A quaternion whose squared norm differs from 1 by more counts as lost: 32-bit rounding is far below."""
     force_max_n: float = 5000.0
     """A larger force on a cell counts as lost: several times a running person's weight."""
 
@@ -163,6 +165,10 @@ class PublishedParameters:
     """The front begins at this share of the same way."""
     markers_min: int = 10
     """Smallest number of markers for a plane fit."""
+    svm_c: float = 100.0
+    """Penalty C of the support vector machine."""
+    svm_gamma: float = 10.0
+    """Width γ of its radial basis function, per squared share of the largest slope and elevation."""
     virtual_m: float = 0.05
     """Distance from a marker to its virtual one, to the inner side of the foot."""
 

@@ -94,7 +94,7 @@ class Proposed:
         loads = np.array([c.sum() for c in cells])
         R_sole = [self._attitudes.R[3 + i] @ sole.T_foot_sole[:3, :3] for i, sole in enumerate(self._soles)]
         R = self._attitudes.R
-        angles = [leg_angles(leg, R[0], R[1 + i], R[3 + i], tick.knee[i]) for i, leg in enumerate(self._links)]
+        angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
         free = [not at_stop(leg, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)]
         for side in range(2):
             self._detect_landing(side, tick.t_ns, loads, rates, cells[side], R_sole[side])

@@ -245,7 +245,7 @@ class Published:
         """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
         T_base_foot = np.empty((2, 4, 4))
         for i, leg in enumerate(self._links):
-            q = leg_angles(leg, tick.R_world_base, tick.R_world_thigh[i], tick.R_world_foot[i], tick.knee[i])
+            q = leg_angles(leg, tick.R, i, tick.knee[i])
             T_base_foot[i] = forward(leg.table, leg.turns, q)[-1]
         pressing_n = self._parameters.pressing_n
         cops = [centre_of_pressure(sole.cells, force, pressing_n) for sole, force in zip(self._soles, tick.force)]
@@ -257,12 +257,12 @@ class Published:
             None if cop is None else on_sole(sole.T_foot_sole, cop) for sole, cop in zip(self._soles, cops)
         ]  # fmt: skip
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
-        self._pivot.move(foot, contacts, tick.R_world_base, T_base_foot)
+        self._pivot.move(foot, contacts, tick.R[0], T_base_foot)
         self._start_footprints(phases)
         contact, own = contacts[foot], self._prints[foot]
         if phases[foot] is not Phase.FOOT_FLAT or contact is None or own.over:
             return None
-        return self._add_marker(tick, foot, contact, tick.R_world_base @ T_base_foot[foot, :3, :3])
+        return self._add_marker(tick, foot, contact, tick.R[0] @ T_base_foot[foot, :3, :3])
 
     def _start_footprints(self, phases: list[Phase]) -> None:
         """Begins a new footprint where a foot touches down."""

@@ -83,7 +83,7 @@ class LegSpeeds:
         R, rates = self._attitudes.R, np.linalg.norm(tick.rate[3:], axis=1)
         p, R_sole, centre, load = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros(2)
         for i, (sole, leg) in enumerate(zip(self._soles, self._links)):
-            q = leg_angles(leg, R[0], R[1 + i], R[3 + i], tick.knee[i])
+            q = leg_angles(leg, R, i, tick.knee[i])
             foot, _ = foot_place(leg, R, i, q)
             cells = np.maximum(self._cells[i].update(tick.force[i], float(rates[i]), tick.dt), 0.0)
             load[i] = cells.sum()

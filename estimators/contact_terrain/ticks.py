@@ -34,9 +34,7 @@ class Tick:
     Attributes:
         t_ns: Time.
         dt: Since the last tick, s; 0 for the first one and after a gap that was not bridged.
-        R_world_base: (3, 3) of the back panel, frame 0.
-        R_world_thigh: (2, 3, 3) of the thigh's frames.
-        R_world_foot: (2, 3, 3) of the last frames.
+        R: (5, 3, 3) frame to world, of the back panel (frame 0), the frames on both thighs, and the last frames.
         rate: (5, 3) rad/s of back, thighs and feet in the axes of their frames.
         knee: (2,) rad, angles of the joints that turn the knees' frames.
         force: (2, 4) N on heel, lateral ball, medial ball and toe.
@@ -45,9 +43,7 @@ class Tick:
 
     t_ns: int
     dt: float
-    R_world_base: Array
-    R_world_thigh: Array
-    R_world_foot: Array
+    R: Array
     rate: Array
     knee: Array
     force: Array
@@ -123,8 +119,8 @@ class TickBuilder:
         self._tick_ns = self._now
         return [
             Tick(
-                t_ns=self._now, dt=dt, R_world_base=R[0], R_world_thigh=R[1:3], R_world_foot=R[3:5],
-                rate=self._rate.copy(), knee=self._knee.copy(), force=self._force.copy(), fresh=fresh,
+                t_ns=self._now, dt=dt, R=R, rate=self._rate.copy(), knee=self._knee.copy(), force=self._force.copy(),
+                fresh=fresh,
             )
         ]  # fmt: skip
 
@@ -133,7 +129,7 @@ def _is_valid(sample: Sample, limits: TickParameters) -> bool:
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
-            return bool(abs(q @ q - 1.0) < 0.02 and rate @ rate < limits.rate_max_radps**2)
+            return bool(abs(q @ q - 1.0) < limits.norm_error_max and rate @ rate < limits.rate_max_radps**2)
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
         case Insole():
@@ -192,8 +188,7 @@ class Attitudes:
 
         See docs/contact_terrain.md (6).
         """
-        measured = np.concatenate((tick.R_world_base[None], tick.R_world_thigh, tick.R_world_foot))
-        _fuse(self._state, self._noise, measured, tick.rate, tick.fresh, tick.dt)
+        _fuse(self._state, self._noise, tick.R, tick.rate, tick.fresh, tick.dt)
 
 
 @cached(_HERE)

@@ -47,7 +47,9 @@ class Body:
         place, forward = p + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        far = math.dist(place.tolist(), self.p.tolist()) > self._parameters.jump_m + 5.0 * min(dt, 1.0)
+        far = math.dist(
+            place.tolist(), self.p.tolist()
+        ) > self._parameters.jump_m + self._parameters.max_speed_mps * min(dt, 1.0)
         jumped = self.t_ns >= 0 and (far or dt > self._parameters.max_gap_s)
         if jumped:
             self._history.clear()

@@ -22,11 +22,6 @@ from stridetwin.estimators.locomotion_mode.rollout import Chain, moments, roll_o
 from stridetwin.estimators.locomotion_mode.segments import Segment, segment_under, surface_along
 from stridetwin.streams.samples import Array
 
-_FLOOR = 1e-3
-"""Lower limit of a position's likelihood: the map may be wrong under the foot."""
-_LEAST_M = 0.01
-_LEAST_RAD = 0.0175
-_MOST_TREADS = 6
 _STRIDE = 3
 """Footprints per stride."""
 
@@ -98,10 +93,10 @@ def step_likelihood(
     high_sd, far_sd = (math.sqrt(max(float(before @ (v - m) ** 2), 0.0)) for v, m in ((height, high), (s, far)))
     off = (
         (s - far - step.length) / math.hypot(far_sd, step.length_sd, p.body_sd_m),
-        (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, _LEAST_M),
-        (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + _LEAST_RAD**2),
+        (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, p.elevation_sd_m),
+        (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + p.slope_match_sd_rad**2),
     )
-    return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + _FLOOR)
+    return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + p.likelihood_floor)
 
 
 def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -> list[Segment]:
@@ -117,7 +112,7 @@ def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -
     slope_sd = math.hypot(p.slope_sd_rad, step.slope_sd)
     tread = min(max(step.length, p.tread_min_m), p.tread_max_m)
     first = foot + p.toe_m + p.clearance_sd_m
-    edges = [first + k * tread for k in range(_MOST_TREADS)] if stairs else []
+    edges = [first + k * tread for k in range(p.treads_max)] if stairs else []
     bounds = [-math.inf, *edges, math.inf]
     return [
         Segment(
@@ -128,10 +123,6 @@ def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -
         )
         for k, (a, b) in enumerate(pairwise(bounds))
     ]  # fmt: skip
-
-
-_TOP_FLOOR = 1e-3
-"""Lower limit of a position's likelihood: people duck."""
 
 
 class Line(NamedTuple):
@@ -205,7 +196,8 @@ class Foothold:
         p = self._p
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares))
-        self._tall = StepFilter(p.usual_height_m, p.usual_height_m, 1e-3, 0.005, 0.01)  # top of the body over a foot, m
+        shares = p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m
+        self._tall = StepFilter(p.usual_height_m, p.usual_height_m, *shares)  # top of the body over a foot, m
         self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
         self._stance: _Stance | None = None
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
@@ -246,7 +238,7 @@ class Foothold:
         sd = math.hypot(self._p.top_sd_m, self._tall.sd)
         if height is None or sd > self._p.height_sd_m:
             return stance
-        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + _TOP_FLOOR)
+        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + self._p.likelihood_floor)
         return np.asarray(density / density.sum())
 
     def rolled(

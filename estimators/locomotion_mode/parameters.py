@@ -13,7 +13,8 @@ _ORDERED = (("lift_n", "touch_n"), ("grid_m", "behind_m"), ("kerb_m", "riser_max
 class LocomotionModeParameters:
     """One set serves every walker, mount, pattern and terrain.
 
-    All values from `history_s` on are hand-chosen on tuning seeds (below 1000).
+    Lengths and times of steps, insole loads and dimensions of buildings are usual values; the others, and all from
+    `history_s` on, are hand-chosen on simulated walks of tuning seeds (below 1000).
 
     Attributes:
         lift_n: A foot whose load falls below this has left the ground, N over the unloaded insole.
@@ -105,7 +106,20 @@ class LocomotionModeParameters:
         under_m: Ground first observed farther ahead of the body than this begins there.
         begin_sd_m: Standard deviation of that beginning.
         hidden_per_sd: Length occluded behind an edge, divided by the edge's standard deviation in the map.
-
+        max_speed_mps: Poses of the body that move faster have jumped.
+        soon_s: Shortest predicted time to a landing.
+        segments_max: Largest number of terrain segments; farther ones are omitted.
+        treads_max: Largest number of extrapolated treads.
+        edge_sd_min_m: Smallest standard deviation of an edge in the probability that a sole is beyond it.
+        elevation_sd_m: Standard deviation of the map's height differences where an exoskeleton measured them.
+        slope_match_sd_rad: The same for slopes.
+        likelihood_floor: Lower limit of a position's likelihood: the map may be wrong under the foot, and people duck.
+        top_asymmetry_sd_m: Standard deviation of half the difference of the body's top over the left and right foot.
+        top_drift_m: Random walk of that top per step.
+        top_noise_m: Standard deviation of a single step's top.
+        weight_floor: Lower limit of a foothold's weight: an unexpected step must not leave the density empty.
+        density_min: Smaller densities are not propagated.
+        tail_sd: Standard deviations beyond which a density is taken as zero: it is far below `density_min`.
     """
 
     lift_n: float = 12.0
@@ -197,6 +211,20 @@ class LocomotionModeParameters:
     under_m: float = 0.5
     begin_sd_m: float = 0.1
     hidden_per_sd: float = 4.0
+    max_speed_mps: float = 5.0
+    soon_s: float = 0.05
+    segments_max: int = 10
+    treads_max: int = 6
+    edge_sd_min_m: float = 0.01
+    elevation_sd_m: float = 0.01
+    slope_match_sd_rad: float = 0.0175
+    likelihood_floor: float = 1e-3
+    top_asymmetry_sd_m: float = 1e-3
+    top_drift_m: float = 0.005
+    top_noise_m: float = 0.01
+    weight_floor: float = 1e-9
+    density_min: float = 1e-10
+    tail_sd: float = 8.0
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.rhythm import SIDE, SOON_S, Rhythm
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainMap
 from stridetwin.streams.samples import Array
 
@@ -169,7 +169,7 @@ def published_steps(
     size, before, steps = walking.next_size(), walking.stance(), []
     for k, foot in enumerate(rhythm.next_feet()):
         footprint = walking.footprint(k + 1)
-        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
+        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * p.soon_s * (k + 1)))
         place, height, mode = body, math.nan, "LG"
         if footprint is not None:
             place, forward = footprint

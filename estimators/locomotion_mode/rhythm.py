@@ -131,8 +131,6 @@ class TouchDowns:
 
 
 _OTHER = {"l": "r", "r": "l", "": ""}
-SOON_S = 0.05
-"""Shortest predicted time to a landing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,7 +218,7 @@ class Rhythm:
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0
         for foot in feet:
-            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * SOON_S)
+            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * self._p.soon_s)
             variance += (self._p.step_noise * self._time.mean) ** 2
             found.append((int(at), math.sqrt(variance + self._time.sd**2)))
         return found

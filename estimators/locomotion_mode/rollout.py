@@ -31,12 +31,6 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-_FLOOR = 1e-9
-"""Lower limit of a density: an unexpected step must not leave it empty."""
-_LEAST = 1e-10
-"""Densities below this are not propagated."""
-_TAIL = 8.0
-"""Standard deviations beyond which a density is taken as zero: it is far below `_LEAST`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +68,7 @@ def roll_out(
         landing: (S,) and (S,) likelihood of each position of the last step given the body's position, after a step on
             even ground and after one over an edge; None: unknown.
     """
-    weight = foothold_weights(ground, s, p) + _FLOOR
+    weight = foothold_weights(ground, s, p) + p.weight_floor
     edges = np.array(edges_before(ground))
     # Number of edges between (a, b); steps never go backward.
     between = edges[None, :] - edges[:, None]
@@ -90,12 +84,12 @@ def roll_out(
     if landing is not None:  # the last step has its own kind
         at = np.minimum(np.arange(len(s))[:, None] + np.arange(band), len(s) - 1)
         near, far = made[kind[-1]]
-        made.append((near * (landing[0][at] + _FLOOR), far * (landing[1][at] + _FLOOR)))
+        made.append((near * (landing[0][at] + p.weight_floor), far * (landing[1][at] + p.weight_floor)))
         kind[-1] = len(kinds)
     near, far = (np.array([of_kind[i] for of_kind in made]) for i in (0, 1))
     first = stance * weight
     first = _NODE_WEIGHTS[:, None, None] * first / (_NODE_WEIGHTS.sum() * first.sum())
-    density, on, flow = _chain(first, weight, even, over, near, far, kind)
+    density, on, flow = _chain(first, weight, even, over, near, far, kind, p.density_min)
     return Chain(density=density, modes=np.einsum("kab,abm->km", flow, mode_table(ground, p)), on=on)
 
 
@@ -108,12 +102,12 @@ def _kernels(
     """
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
-    near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band)
+    near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band, p.tail_sd)
     return near, np.broadcast_to(far, (len(s), band))
 
 
 @cached(_HERE)
-def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
+def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int, tail_sd: float) -> Array:
     """(H, S, B) density of steps on even ground, from (S,) path length and its (S,) standard deviation."""
     found = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
@@ -122,14 +116,21 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
             off = level[q] - level[p] - length
             for h in range(len(shifts)):
                 away = (off - shifts[h]) / sd[q]
-                if abs(away) < _TAIL:
+                if abs(away) < tail_sd:
                     found[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
     return found
 
 
 @cached(_HERE)
 def _chain(
-    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64]
+    first: Array,
+    weight: Array,
+    even: Array,
+    over: Array,
+    near: Array,
+    far: Array,
+    kind: NDArray[np.int64],
+    density_min: float,
 ) -> tuple[Array, Array, Array]:
     """Forward and backward sums over a chain of footprints.
 
@@ -143,6 +144,7 @@ def _chain(
         near: (L, H, S, B) density of each kind of step from a cell to the B cells from it on, on even ground.
         far: (L, S, B) the same over an edge.
         kind: (K,) kind of each step.
+        density_min: Smaller densities are not propagated.
 
     Returns:
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition; each sums to 1.
@@ -158,7 +160,7 @@ def _chain(
             for a in range(P):
                 for p in range(S):
                     v = alpha[k, h, a, p]
-                    if v < _LEAST:
+                    if v < density_min:
                         continue
                     n = min(B, S - p)
                     _spread(
@@ -196,7 +198,7 @@ def _chain(
             onto_even, onto_over = even @ ends, over @ ends
             for a in range(P):
                 for p in range(S):
-                    if alpha[k, h, a, p] < _LEAST:
+                    if alpha[k, h, a, p] < density_min:
                         continue
                     n = min(B, S - p)
                     v = _gather(

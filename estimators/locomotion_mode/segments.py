@@ -10,13 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stridetwin.estimators.contact_terrain.estimate import above
 from stridetwin.estimators.locomotion_mode.estimate import MODES
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.terrain_map import Change, Profile, Ramp, TerrainEstimate
 from stridetwin.streams.samples import Array
-
-_MOST = 10
-"""Largest number of segments; farther ones are omitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +93,7 @@ def segments_along(
     for change in changes:
         bounds += _bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
-    bounds = [*bounds[first : first + _MOST], _Bound(math.inf, 0.0, 0.0)]
+    bounds = [*bounds[first : first + p.segments_max], _Bound(math.inf, 0.0, 0.0)]
     made = []
     for one, other in pairwise(bounds):
         if _is_tread(one, other, p):
@@ -270,12 +268,12 @@ def mode_table(ground: Sequence[Segment], p: LocomotionModeParameters) -> Array:
     """(P, P, 5) probability of each mode of a step from one segment to another. See docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
     for b, segment in enumerate(ground):
-        up, down = (_above(sign * segment.slope, p.ramp_rad, segment.slope_sd) for sign in (1.0, -1.0))
+        up, down = (above(sign * segment.slope, p.ramp_rad, segment.slope_sd) for sign in (1.0, -1.0))
         risen = 0.0
         for a in range(b, -1, -1):
             high = low = 0.0
             if risen != 0.0:
-                high, low = (_above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
+                high, low = (above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
             flat = 1.0 - up - down
             table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
             risen += ground[a].drop
@@ -297,10 +295,10 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: LocomotionModeParam
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.heel_m - start[1:, None]
-    found[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _here(middle, start[1:], start_sd[1:])
+    found[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _beyond(middle, start[1:], start_sd[1:], p)
     # ahead: a riser before a step up, a free edge before a step down
     inside = end[:-1, None] - s - p.toe_m
-    found[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _here(-middle, -end[:-1], end_sd[:-1])
+    found[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _beyond(-middle, -end[:-1], end_sd[:-1], p)
     return found
 
 
@@ -312,13 +310,9 @@ def _foothold_weight(inside: Array, sd: Array, fall: Array, p: LocomotionModePar
     return np.asarray(np.exp(-0.5 * (beyond / np.hypot(spread, sd)[:, None]) ** 2))
 
 
-def _here(s: Array, start: Array, sd: Array) -> Array:
+def _beyond(s: Array, start: Array, sd: Array, p: LocomotionModeParameters) -> Array:
     """(N, S) probability that positions lie beyond edges (N,) of known standard deviation."""
-    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, 0.01))[:, None])))
-
-
-def _above(value: float, limit: float, sd: float) -> float:
-    return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))
+    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, p.edge_sd_min_m))[:, None])))
 
 
 def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters) -> Array:

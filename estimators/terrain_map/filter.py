@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
@@ -127,12 +126,6 @@ class TerrainMap:
         """Whether planes will be extracted after an image of this time."""
         return t_ns - self._extracted_ns >= self.parameters.period_s * 1e9
 
-    def run(self, samples: Iterable[Sample]) -> TerrainEstimate | None:
-        """Takes samples as `update` would; returns the last estimate."""
-        for sample in samples:
-            self.update(sample)
-        return self._estimate
-
     @property
     def estimate(self) -> TerrainEstimate | None:
         """The last estimate; None before the first image and after a jump."""
@@ -171,10 +164,6 @@ class TerrainMap:
             return None
         plane = self._estimate.planes[int(self._planes.ids[np.bincount(slots[slots >= 0]).argmax()])]
         return plane, self._estimate.terrain_of(plane.id)
-
-    def smoothed(self) -> NDArray[np.float32]:
-        """(h, w) m, 0 = none: the smoothed depth image I_D^s, the map rendered from the current camera pose."""
-        return self._volume.smoothed()
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
         """(V, 3) m, world, and (F, 3): vertices and triangles of all surfaces; None unless the backend makes them."""

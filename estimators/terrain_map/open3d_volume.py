@@ -26,7 +26,7 @@ from stridetwin.estimators.terrain_map.plane_extraction import CELL, cluster
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
 from stridetwin.estimators.terrain_map.stairs import Riser
-from stridetwin.estimators.terrain_map.volume import VIEW, scaled, view_corner
+from stridetwin.estimators.terrain_map.volume import VIEW, view_corner
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -54,7 +54,7 @@ class Open3dVolume:
         self._camera, self._p = camera, parameters
         self._K = self._tensor(_matrix(camera.intrinsics))
         self._shape = camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED
-        self._intrinsics = scaled(camera.intrinsics, _SMOOTHED)
+        self._intrinsics = (camera.intrinsics - np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2) / _SMOOTHED
         v, u = np.mgrid[: self._shape[0], : self._shape[1]]
         fu, fv, pu, pv = self._intrinsics
         self._rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones(self._shape)], axis=-1)
@@ -110,7 +110,7 @@ class Open3dVolume:
         return self._o3d.core.Tensor(keys.numpy()[near & seen])
 
     def smoothed(self) -> NDArray[np.float32]:
-        """As `Volume`; (H / 2, W / 2)."""
+        """(H / 2, W / 2) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
         if self._in_view is None:
             return np.zeros(self._shape, np.float32)
         p, extrinsic = self._p, self._tensor(np.linalg.inv(self._T_grid_camera))
@@ -130,9 +130,8 @@ class Open3dVolume:
         noise = np.hypot(p.plane_noise_m / 3, p.depth_noise_per_m * depth**2).astype(np.float32)
         found = image_cell_sums(points, noise, CELL)
         fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
-        labels, planes = label_image(
-            points, noise, cluster(found, p.cell_angle_rad), found.reshape(-1, SUMS), math.cos(p.ramp_rad), fewest
-        )
+        roots = cluster(found, p.cell_angle_rad, p.clusters.tilt_gate_sd)
+        labels, planes = label_image(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.ramp_rad), fewest)
         return self._from_above(points, noise, labels, planes)
 
     def _from_above(

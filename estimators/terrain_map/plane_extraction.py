@@ -16,21 +16,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.parameters import ClusterParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-_FULL = 0.7
-"""Smallest share of valid points in a cell."""
-_TILT_GATE = 2.0
-"""Largest difference in tilt between two merged planes, in standard deviations."""
-_SIGMAS = 3.0
-"""Largest distance of a cell's point from its plane, in standard deviations."""
-
 
 @cached(_HERE, error_model="numpy")
-def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
+def cell_sums(
+    places: NDArray[np.float32],
+    height: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    cell: int,
+    p: ClusterParameters,
+) -> Array:
     """Sums over the points of each node cell.
 
     Args:
@@ -38,6 +38,7 @@ def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: N
         height: (n, n) m, NaN = no point.
         noise: (n, n) m, standard deviation of a point.
         cell: Edge of a cell, points.
+        p: Smallest share of valid points, and largest distance from the plane.
 
     Returns:
         (n // cell, n // cell, 11) sums; 0 where the cell is not a node.
@@ -51,12 +52,12 @@ def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: N
                 for j in range(c * cell, (c + 1) * cell):
                     if not math.isnan(height[i, j]):
                         add_point(sums, places[i, 0], places[j, 1], height[i, j], noise[i, j])
-            if sums[0] < _FULL * cell * cell:
+            if sums[0] < p.valid_share * cell * cell:
                 sums[:] = 0.0
                 continue
             x, y, z, a, b, d, error = fit(sums)
             variance = sums[10] / sums[0]
-            fits, limit = error <= variance, _SIGMAS * math.sqrt(variance)
+            fits, limit = error <= variance, p.distance_gate_sd * math.sqrt(variance)
             for i in range(r * cell, (r + 1) * cell):
                 for j in range(c * cell, (c + 1) * cell):
                     off = a * (places[i, 0] - x) + b * (places[j, 1] - y) + d * (height[i, j] - z)
@@ -79,7 +80,7 @@ def _tilt_variance(s: Array) -> float:
 
 
 @cached(_HERE, error_model="numpy")
-def cluster(found: Array, angle: float) -> NDArray[np.int32]:
+def cluster(found: Array, angle: float, tilt_gate_sd: float) -> NDArray[np.int32]:
     """Merges cells into planes.
 
     See docs/terrain_map.md (6).
@@ -87,6 +88,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     Args:
         found: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
         angle: Largest angle between two merged planes, rad, in addition to what their noise explains.
+        tilt_gate_sd: What it explains, in standard deviations of the tilts' difference.
 
     Returns:
         (R, C) root cell of each cell's plane, as index r * C + c; -1 = none.
@@ -123,7 +125,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
             if costs[e] < 0.0:
                 costs[e] = np.inf
                 dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
-                if 1.0 - dot * dot <= angle**2 + _TILT_GATE**2 * (tilt_variance[a] + tilt_variance[b]):
+                if 1.0 - dot * dot <= angle**2 + tilt_gate_sd**2 * (tilt_variance[a] + tilt_variance[b]):
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
                     error = off_plane(common)
@@ -171,16 +173,20 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
 
 CELL = 4
 """Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
-_CELLS = 4
-"""Smallest number of cells of a large plane."""
-"""Largest distance of a column from its plane, or from its neighbour in a strip."""
 
 Labels = NDArray[np.int32]
 Heights = NDArray[np.float32]
 
 
 def patches(
-    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float
+    height: Heights,
+    noise: Heights,
+    corner: Array,
+    voxel_m: float,
+    steepest: float,
+    fewest: int,
+    angle: float,
+    p: ClusterParameters,
 ) -> tuple[Labels, Array]:
     """Extracts the planes of the ground from a top view.
 
@@ -192,20 +198,28 @@ def patches(
         steepest: Largest slope of the ground, rad.
         fewest: Smallest number of columns of a strip.
         angle: Largest angle between neighbouring cells of one plane, rad.
+        p: Limits of cells and strips.
 
     Returns:
         (n, n) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
     """
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
     places = (along[:, None] + corner).astype(np.float32)
-    found = cell_sums(places, height, noise, CELL)
-    roots = cluster(found, angle)
-    return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
+    found = cell_sums(places, height, noise, CELL, p)
+    roots = cluster(found, angle, p.tilt_gate_sd)
+    return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest, p)
 
 
 @cached(_HERE)
 def _label(
-    places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
+    places: Heights,
+    height: Heights,
+    noise: Heights,
+    roots: Labels,
+    found: Array,
+    least_up: float,
+    fewest: int,
+    limits: ClusterParameters,
 ) -> tuple[Labels, Array]:
     """Assigns each column to the nearest surrounding plane, and the remaining columns to strips."""
     rows, columns = roots.shape
@@ -213,7 +227,7 @@ def _label(
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
-        if found[n, 0] >= 0.7 * _CELLS * CELL * CELL:
+        if found[n, 0] >= limits.valid_share * limits.cells_min * CELL * CELL:
             x, y, z, a, b, d, _ = fit(found[n])
             if d >= least_up:
                 number[n] = count
@@ -243,13 +257,13 @@ def _label(
                     x, y, z = places[i, 0], places[j, 1], height[i, j]
                     if math.isnan(z):
                         continue
-                    nearest = _SIGMAS * noise[i, j]
+                    nearest = limits.distance_gate_sd * noise[i, j]
                     for k in around[:there]:
                         off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
                         if off < nearest:
                             nearest = off
                             labels[i, j] = k
-    sums = np.zeros((_strips(places, height, noise, labels, planes, count, least_up, fewest), SUMS))
+    sums = np.zeros((_strips(places, height, noise, labels, planes, count, least_up, fewest, limits), SUMS))
     for i in range(height.shape[0]):
         for j in range(height.shape[1]):
             if labels[i, j] >= 0:
@@ -260,7 +274,7 @@ def _label(
 @njit(**INSIDE)
 def _strips(
     places: Heights, height: Heights, noise: Heights, labels: Labels, planes: Array, count: int, least_up: float,
-    fewest: int,
+    fewest: int, limits: ClusterParameters,
 ) -> int:  # fmt: skip
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
@@ -285,7 +299,10 @@ def _strips(
                     for q in range(max(b - 2, 0), min(b + 3, m)):
                         if labels[p, q] >= 0:
                             beside = labels[p, q]
-                        elif not visited[p, q] and abs(height[p, q] - height[a, b]) < _SIGMAS * noise[p, q]:
+                        elif (
+                            not visited[p, q]
+                            and abs(height[p, q] - height[a, b]) < limits.distance_gate_sd * noise[p, q]
+                        ):
                             visited[p, q] = True
                             stack[size, 0], stack[size, 1] = p, q
                             size += 1
@@ -296,7 +313,7 @@ def _strips(
                 p, q = stack[s]
                 add_point(sums, places[p, 0], places[q, 1], height[p, q], noise[p, q])
             plane = fit(sums)
-            limit = 4.0 * sums[10] / size
+            limit = limits.strip_variance * sums[10] / size
             if 0 <= beside < long:
                 q = planes[beside]
                 off = 0.0

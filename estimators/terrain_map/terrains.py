@@ -107,7 +107,7 @@ class Terrains:
     def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
         """The step given by columns of `borders`."""
         p = self._p
-        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
+        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m, p.edges)
         if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:
             return edge
         return None

@@ -13,7 +13,7 @@ from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import patches
 from stridetwin.estimators.terrain_map.plane_set import TopView
-from stridetwin.estimators.terrain_map.ray_casting import column_noise, from_above, from_camera
+from stridetwin.estimators.terrain_map.ray_casting import column_noise, from_above
 from stridetwin.estimators.terrain_map.stairs import Riser, refined
 from stridetwin.estimators.terrain_map.tsdf_integration import allocate, integrate
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, clear, empty_blocks, roll
@@ -21,8 +21,6 @@ from stridetwin.streams.samples import Array
 
 VIEW = 208
 """Columns along the edge of the top view."""
-_SMOOTHED = 4
-"""Pixels of the camera's image per pixel of the smoothed image."""
 
 
 class Volume(Protocol):
@@ -53,9 +51,6 @@ class Volume(Protocol):
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
         """A riser with its edge measured in the volume; `down` (2,) points across all edges of its flight."""
-
-    def smoothed(self) -> NDArray[np.float32]:
-        """(h, w) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
         """(V, 3) m, grid axes, and (F, 3): vertices and triangles of all surfaces; None if there is no such mesh."""
@@ -93,10 +88,10 @@ class VoxelVolume:
         roll(blocks, below, EDGE * p.voxel_size_m, t_ns - round(p.stale_s * 1e9))
         clean = without_discontinuities(depth, p.discontinuity_share, camera.pixels(p.discontinuity_px))
         top_m = float(eye[2]) + p.headroom_m
-        allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns)
+        allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns, p.tsdf)
         integrate(
             blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_size_m,
-            p.truncation_m, p.weight_max, p.depth_noise_per_m,
+            p.truncation_m, p.weight_max, p.depth_noise_per_m, p.tsdf,
         )  # fmt: skip
 
     def top_view(self) -> TopView:
@@ -105,25 +100,16 @@ class VoxelVolume:
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
         top = math.floor(eye_z / p.voxel_size_m)
-        height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m)
-        noise = column_noise(height, weight, eye_z, p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m)
+        height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m, p.rays)
+        noise = column_noise(height, weight, eye_z, p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m, p.rays)
         fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
         corner = first.astype(float) * p.voxel_size_m
-        labels, sums = patches(height, noise, corner, p.voxel_size_m, p.ramp_rad, fewest, p.cell_angle_rad)
+        labels, sums = patches(height, noise, corner, p.voxel_size_m, p.ramp_rad, fewest, p.cell_angle_rad, p.clusters)
         return TopView(first, labels, sums, height, noise)
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
         """As `Volume`."""
-        return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p.voxel_size_m)
-
-    def smoothed(self) -> NDArray[np.float32]:
-        """As `Volume`; (H / 4, W / 4)."""
-        p, camera = self._p, self._camera
-        shape = (camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED)
-        if self._T_grid_camera is None:
-            return np.zeros(shape, np.float32)
-        intrinsics = scaled(camera.intrinsics, _SMOOTHED)
-        return from_camera(self._blocks, intrinsics, shape, self._T_grid_camera, p.voxel_size_m, p.range_max_m)
+        return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p)
 
     def mesh(self) -> None:
         """As `Volume`: none."""
@@ -135,8 +121,3 @@ def view_corner(T_grid_camera: Array, p: TerrainMapParameters) -> NDArray[np.int
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
     middle = (T_grid_camera[:2, 3] + p.ahead_m * ahead) / p.voxel_size_m
     return (np.floor(middle / EDGE).astype(np.int64) - VIEW // EDGE // 2) * EDGE
-
-
-def scaled(intrinsics: Array, factor: int) -> Array:
-    """(4,) intrinsics of an image whose pixels are squares of `factor` pixels."""
-    return (intrinsics - np.array([0.0, 0.0, 1.0, 1.0]) * (factor - 1) / 2) / factor

@@ -177,17 +177,6 @@ def test_a_long_way_keeps_to_its_memory():
     assert points[:, 0].min() > 37.5 - 9.0
 
 
-def test_the_smoothed_picture_is_what_the_camera_saw(seen):
-    terrain_map = TerrainMap(RIG)
-    for i in range(4):
-        known(terrain_map, picture(STAIRS, EYE, attitude(0.0), np.random.default_rng(i)), i * PERIOD_NS)
-    exact = picture(STAIRS, EYE, attitude(0.0), None)[1::4, 1::4]
-    smoothed = terrain_map.smoothed()
-    both = (smoothed > 0) & (exact > 0) & (exact < 3.0)
-    assert both.mean() > 0.4
-    assert np.median(np.abs(smoothed - exact)[both]) < 0.01
-
-
 def test_the_profile_of_nothing_is_nothing():
     profile = TerrainMap(RIG).profile(np.zeros(2), 0.0)
     assert np.isnan(profile.height).all()
