@@ -123,15 +123,9 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
 
 @cached(_HERE)
 def _chain(
-    first: Array,
-    weight: Array,
-    even: Array,
-    over: Array,
-    near: Array,
-    far: Array,
-    kind: NDArray[np.int64],
+    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64],
     density_min: float,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Forward and backward sums over a chain of footprints.
 
     See docs/locomotion_mode.md (8).

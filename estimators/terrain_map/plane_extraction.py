@@ -25,12 +25,9 @@ _HERE = Path(__file__).parent
 
 @cached(_HERE, error_model="numpy")
 def cell_sums(
-    places: NDArray[np.float32],
-    height: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    cell: int,
+    places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int,
     p: ClusterParameters,
-) -> Array:
+) -> Array:  # fmt: skip
     """Sums over the points of each node cell.
 
     Args:
@@ -179,15 +176,9 @@ Heights = NDArray[np.float32]
 
 
 def patches(
-    height: Heights,
-    noise: Heights,
-    corner: Array,
-    voxel_m: float,
-    steepest: float,
-    fewest: int,
-    angle: float,
+    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float,
     p: ClusterParameters,
-) -> tuple[Labels, Array]:
+) -> tuple[Labels, Array]:  # fmt: skip
     """Extracts the planes of the ground from a top view.
 
     Args:
@@ -212,15 +203,9 @@ def patches(
 
 @cached(_HERE)
 def _label(
-    places: Heights,
-    height: Heights,
-    noise: Heights,
-    roots: Labels,
-    found: Array,
-    least_up: float,
-    fewest: int,
+    places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int,
     limits: ClusterParameters,
-) -> tuple[Labels, Array]:
+) -> tuple[Labels, Array]:  # fmt: skip
     """Assigns each column to the nearest surrounding plane, and the remaining columns to strips."""
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)

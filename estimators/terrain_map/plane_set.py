@@ -23,32 +23,33 @@ COLUMNS = SHAPE[0] * EDGE
 NONE = -1
 
 
-class Surface:
-    """Columns of the window.
+class Surface(NamedTuple):
+    """Columns of the window, in the form for compiled code.
 
     Attributes:
-        label: (X, Y) int32 ring, slot of the column's plane, -1 none. Column (i, j) is stored at (i mod X, j mod Y).
-        height: (X, Y) float32 ring, m; NaN where never observed.
-        noise: (X, Y) float32 ring, m, standard deviation of the height.
+        label: (X, Y) ring, slot of the column's plane, -1 none. Column (i, j) is stored at (i mod X, j mod Y).
+        height: (X, Y) ring, m; NaN where never observed.
+        noise: (X, Y) ring, m, standard deviation of the height.
         origin: (2,) lowest column of the window.
     """
 
-    def __init__(self) -> None:
-        self.label = np.full((COLUMNS, COLUMNS), NONE, np.int32)
-        self.height = np.full((COLUMNS, COLUMNS), np.nan, np.float32)
-        self.noise = np.zeros((COLUMNS, COLUMNS), np.float32)
-        self.origin = np.zeros(2, np.int64)
+    label: NDArray[np.int32]
+    height: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    origin: NDArray[np.int64]
+
+    @classmethod
+    def empty(cls) -> Surface:
+        """A window without columns."""
+        label, height = np.full((COLUMNS, COLUMNS), NONE, np.int32), np.full((COLUMNS, COLUMNS), np.nan, np.float32)
+        return cls(label, height, np.zeros((COLUMNS, COLUMNS), np.float32), np.zeros(2, np.int64))
 
     def clear(self) -> None:
         """Clears all columns."""
         self.label[:], self.height[:] = NONE, np.nan
 
     def move(self, origin: NDArray[np.int64]) -> None:
-        """Moves the window and clears the columns outside.
-
-        Args:
-            origin: (2,) lowest column.
-        """
+        """Moves the window's lowest column to (2,) `origin`, and clears the columns outside."""
         for axis in (0, 1):
             shift = int(origin[axis] - self.origin[axis])
             if shift == 0:
@@ -57,7 +58,7 @@ class Surface:
             lines = (start + np.arange(min(abs(shift), COLUMNS))) % COLUMNS
             at = (lines, slice(None)) if axis == 0 else (slice(None), lines)
             self.label[at], self.height[at] = NONE, np.nan
-        self.origin = origin.copy()
+        self.origin[:] = origin
 
     def at(self, columns: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Label and height of (..., 2) columns; -1 and NaN outside the window."""
@@ -66,68 +67,66 @@ class Surface:
         return np.where(inside, self.label[i, j], NONE), np.where(inside, self.height[i, j], np.float32(np.nan))
 
 
-@cached(_HERE)
-def overlaps(
-    label: NDArray[np.int32], first: NDArray[np.int64], labels: NDArray[np.int32], height: NDArray[np.float32],
-    count: int, slots: int,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """Number of columns that each pair of a new and an old plane shares in a view.
+class TopView(NamedTuple):
+    """The planes seen in the volume, as columns of a square of the ground.
 
-    Args:
-        label: Ring, see `Surface`.
-        first: (2,) column of the view's corner.
-        labels: (n, n) number of each column's new plane, -1 none.
+    Attributes:
+        first: (2,) column of the square's corner.
+        labels: (n, n) number of each column's plane, -1 = none.
+        sums: (P, 11) sums over the columns of each plane, see `plane_fit.SUMS`.
         height: (n, n) m, NaN where unobserved.
-        count: Number of new planes.
-        slots: Capacity for old planes.
-
-    Returns:
-        (count, slots) columns shared by both, and (slots,) observed columns of each old plane.
+        noise: (n, n) m, standard deviation of the height.
     """
-    both, seen = np.zeros((count, slots), np.int64), np.zeros(slots, np.int64)
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
+
+    first: NDArray[np.int64]
+    labels: NDArray[np.int32]
+    sums: Array
+    height: NDArray[np.float32]
+    noise: NDArray[np.float32]
+
+
+@cached(_HERE)
+def overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(P, slots) columns that each pair of a new and an old plane shares, and (slots,) observed columns of each old."""
+    label, first = surface.label, view.first
+    both, seen = np.zeros((len(view.sums), slots), np.int64), np.zeros(slots, np.int64)
+    for i in range(view.labels.shape[0]):
+        for j in range(view.labels.shape[1]):
             before = label[(first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)]
             if before >= 0:
-                if labels[i, j] >= 0:
-                    both[labels[i, j], before] += 1
-                seen[before] += not math.isnan(height[i, j])
+                if view.labels[i, j] >= 0:
+                    both[view.labels[i, j], before] += 1
+                seen[before] += not math.isnan(view.height[i, j])
     return both, seen
 
 
 @cached(_HERE)
 def put_view(
-    label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], first: NDArray[np.int64],
-    labels: NDArray[np.int32], slots: NDArray[np.int32], heights: NDArray[np.float32], noises: NDArray[np.float32],
-    same_m: float, keeps_unobserved: bool,
+    surface: Surface, view: TopView, slots: NDArray[np.int32], same_m: float, keeps_unobserved: bool
 ) -> None:  # fmt: skip
-    """Writes a view into the rings.
+    """Writes a view into the columns.
 
     Args:
-        label: Ring, see `Surface`; modified, as are the next two.
-        height: Ring.
-        noise: Ring.
-        first: (2,) column of the view's corner.
-        labels: (n, n) number of each column's new plane, -1 none.
+        surface: Modified in place.
+        view: The view.
         slots: Slot of each new plane.
-        heights: (n, n) m, NaN where unobserved.
-        noises: (n, n) m.
         same_m: A column without a new plane keeps its old plane if its height has changed by less.
         keeps_unobserved: Whether an unobserved column keeps its old plane.
     """
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            p, q = (first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)
-            z = heights[i, j]
+    label, height = surface.label, surface.height
+    for i in range(view.labels.shape[0]):
+        for j in range(view.labels.shape[1]):
+            p, q = (view.first[0] + i) & (COLUMNS - 1), (view.first[1] + j) & (COLUMNS - 1)
+            z = view.height[i, j]
             if math.isnan(z):
                 if keeps_unobserved:
                     continue
                 label[p, q] = NONE
-            elif labels[i, j] >= 0:
-                label[p, q] = slots[labels[i, j]]
+            elif view.labels[i, j] >= 0:
+                label[p, q] = slots[view.labels[i, j]]
             elif not abs(z - height[p, q]) < same_m:
                 label[p, q] = NONE
-            height[p, q], noise[p, q] = z, noises[i, j]
+            height[p, q], surface.noise[p, q] = z, view.noise[i, j]
 
 
 @cached(_HERE)
@@ -140,34 +139,25 @@ def remove_labels(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
 
 
 @cached(_HERE)
-def sums_of(
-    label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], origin: NDArray[np.int64],
-    slots: int, voxel_m: float,
-) -> NDArray[np.float64]:  # fmt: skip
+def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]:
     """(slots, 11) sums over the columns of each slot, m, grid axes."""
-    sums = np.zeros((slots, SUMS))
+    sums, origin = np.zeros((slots, SUMS)), surface.origin
     for i in range(origin[0], origin[0] + COLUMNS):
         row = i & (COLUMNS - 1)
         for j in range(origin[1], origin[1] + COLUMNS):
             at = row, j & (COLUMNS - 1)
-            slot = label[at]
+            slot = surface.label[at]
             if slot >= 0:
-                add_point(sums[slot], (i + 0.5) * voxel_m, (j + 0.5) * voxel_m, height[at], noise[at])
+                add_point(sums[slot], (i + 0.5) * voxel_m, (j + 0.5) * voxel_m, surface.height[at], surface.noise[at])
     return sums
 
 
 @cached(_HERE)
-def borders(
-    label: NDArray[np.int32], height: NDArray[np.float32], origin: NDArray[np.int64], slots: int, reach: int,
-    least_m: float, most_m: float,
-) -> NDArray[np.int32]:  # fmt: skip
+def borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDArray[np.int32]:
     """Columns where a plane ends and a lower one begins.
 
     Args:
-        label: Ring, see `Surface`.
-        height: Ring.
-        origin: (2,) lowest column of the window.
-        slots: Number of labels.
+        surface: The columns.
         reach: Columns that may lie between them.
         least_m: Smallest height difference.
         most_m: Largest height difference.
@@ -176,6 +166,7 @@ def borders(
         (N, 5) slot of the lower and of the upper plane, the upper plane's last column (i, j), and the side of the
         lower plane: 0..3 for +i, -i, +j, -j.
     """
+    label, height, origin = surface.label, surface.height, surface.origin
     found = np.empty((COLUMNS * 64, 5), np.int32)
     count = 0
     for i in range(origin[0] + 1, origin[0] + COLUMNS - 1):
@@ -217,24 +208,6 @@ def borders(
 SLOTS = 256
 
 
-class TopView(NamedTuple):
-    """The planes seen in the volume, as columns of a square of the ground.
-
-    Attributes:
-        first: (2,) column of the square's corner.
-        labels: (n, n) number of each column's plane, -1 = none.
-        sums: (P, 11) sums over the columns of each plane, see `plane_fit.SUMS`.
-        height: (n, n) m, NaN where unobserved.
-        noise: (n, n) m, standard deviation of the height.
-    """
-
-    first: NDArray[np.int64]
-    labels: NDArray[np.int32]
-    sums: Array
-    height: NDArray[np.float32]
-    noise: NDArray[np.float32]
-
-
 class PlaneSet:
     """Planes with their votes and columns.
 
@@ -251,7 +224,7 @@ class PlaneSet:
     def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
         self._p, self._keeps_unobserved = parameters, keeps_unobserved
         self._fewest = round(parameters.strip_area_m2 / parameters.voxel_size_m**2)
-        self.surface = Surface()
+        self.surface = Surface.empty()
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
         self._sums = np.zeros((SLOTS, SUMS))
@@ -269,19 +242,15 @@ class PlaneSet:
     def update(self, view: TopView) -> None:
         """Takes the planes of one top view."""
         s = self.surface
-        common, in_scope = overlaps(s.label, view.first, view.labels, view.height, len(view.sums), SLOTS)
+        common, in_scope = overlaps(s, view, SLOTS)
         slots = self._pair(common, in_scope, view.sums)
-        put_view(
-            s.label, s.height, s.noise, view.first, view.labels, slots, view.height, view.noise, self._p.plane_noise_m,
-            self._keeps_unobserved,
-        )  # fmt: skip
+        put_view(s, view, slots, self._p.plane_noise_m, self._keeps_unobserved)
         self._vote(slots, in_scope)
         self.refit()
 
     def refit(self) -> None:
         """Recomputes the sums over each plane's columns; removes planes with too few."""
-        s = self.surface
-        self._sums = sums_of(s.label, s.height, s.noise, s.origin, SLOTS, self._p.voxel_size_m)
+        self._sums = sums_of(self.surface, SLOTS, self._p.voxel_size_m)
         few = (self.ids >= 0) & (self._sums[:, 0] < self._fewest)
         self._remove(np.flatnonzero(few))
 

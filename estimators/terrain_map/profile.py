@@ -13,7 +13,7 @@ from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import seen_height
-from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet
+from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
 from stridetwin.estimators.terrain_map.terrains import is_flat
 from stridetwin.streams.samples import Array
 
@@ -42,11 +42,9 @@ def profile(
         nothing = np.full(len(s), np.nan)
         return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
     forward = np.array([math.cos(heading), math.sin(heading)])
-    surface, turn = planes.surface, R_world_grid[:2, :2]
-    slot, middle = _lanes(
-        surface.label, surface.height, surface.origin, origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m,
-        s, lanes, limits.lanes_min,
-    )  # fmt: skip
+    turn = R_world_grid[:2, :2]
+    at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
+    slot, middle = _lanes(planes.surface, at, along, s, lanes, limits.lanes_min)
     plane = np.where(slot >= 0, planes.ids[slot], -1)
     for id_ in _there(plane):
         at = plane == id_
@@ -62,15 +60,12 @@ def _there(plane: NDArray[np.int64]) -> list[int]:
 
 @cached(_HERE)
 def _lanes(
-    label: NDArray[np.int32], height: NDArray[np.float32], first: NDArray[np.int64], origin: Array, forward: Array,
-    s: Array, lanes: Array, lanes_min: int,
-) -> tuple[NDArray[np.int64], Array]:  # fmt: skip
+    surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array, lanes_min: int
+) -> tuple[NDArray[np.int64], Array]:
     """The ground along a line, by majority over parallel lanes.
 
     Args:
-        label: Ring of slots, see `Surface`.
-        height: Ring of heights, m.
-        first: (2,) lowest column of the window.
+        surface: The columns.
         origin: (2,) start of the line, columns.
         forward: (2,) columns per metre along the line.
         s: (N,) m along it.
@@ -81,6 +76,7 @@ def _lanes(
         (N,) slot of the majority plane, -1 where too few lanes have one; (N,) m, median of the lanes' heights, NaN
         where too few are known.
     """
+    label, height, first = surface.label, surface.height, surface.origin
     slot, middle = np.full(len(s), -1), np.full(len(s), math.nan)
     slots, heights = np.empty(len(lanes), np.int32), np.empty(len(lanes), np.float32)
     for n in range(len(s)):

@@ -86,17 +86,9 @@ def riser(
     if len(columns) < p.points_min:
         return None
     down, points, height = _edge(
-        columns,
-        turn,
-        voxel_m,
-        lower.centre,
-        lower.gradient,
-        lower.spread,
-        upper.centre,
-        upper.gradient,
-        upper.spread,
+        columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread,
         p,
-    )
+    )  # fmt: skip
     if not len(points):
         return None
     return Riser(lower=lower.id, upper=upper.id, down=down, points=points, found=False, height=height)
@@ -176,16 +168,9 @@ def refined(
 
 @cached(_HERE)
 def _edge_in_voxels(
-    points: Array,
-    down: Array,
-    centre: Array,
-    gradient: Array,
-    blocks: Blocks,
-    turn: Array,
-    voxel_m: float,
-    p: EdgeParameters,
-    rays: RayParameters,
-) -> tuple[Array, Array]:
+    points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float,
+    p: EdgeParameters, rays: RayParameters,
+) -> tuple[Array, Array]:  # fmt: skip
     """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
     starts = _starts(points, down, p)
     at = np.empty((len(starts), 3))

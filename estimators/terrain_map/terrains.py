@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet, borders
+from stridetwin.estimators.terrain_map.plane_set import PlaneSet, borders
 from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, riser, stairs
 from stridetwin.estimators.terrain_map.volume import Volume
 from stridetwin.streams.samples import Array
@@ -83,11 +83,8 @@ class Terrains:
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
         """Steps between flat planes, from their columns."""
-        p, surface = self._p, plane_set.surface
-        found = borders(
-            surface.label, surface.height, surface.origin, SLOTS, round(p.hidden_m / p.voxel_size_m), p.riser_min_m,
-            p.riser_max_m,
-        )  # fmt: skip
+        p = self._p
+        found = borders(plane_set.surface, round(p.hidden_m / p.voxel_size_m), p.riser_min_m, p.riser_max_m)
         known: dict[tuple[int, int], _Known] = {}
         for pair, rows in pairs_of(found, plane_set.ids).items():
             lower, upper = planes[pair[0]], planes[pair[1]]

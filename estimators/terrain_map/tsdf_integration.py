@@ -221,22 +221,12 @@ def _projection() -> _Projection:
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
 def _project(
-    image: NDArray[np.float32],
-    camera: _Pinhole,
-    lattice: _Lattice,
-    corner: _Corner,
-    above: np.float32,
+    image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, above: np.float32,
     projection: _Projection,
-) -> bool:
-    """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
+) -> bool:  # fmt: skip
+    """Evaluates a (H * W) depth image, m, 0 = none, at each voxel of a block; returns whether any voxel is observed.
 
-    Args:
-        image: (H * W) m, 0 = none.
-        camera: Its camera.
-        lattice: Offsets of the voxels.
-        corner: (3) m, the block's first voxel in the camera's axes.
-        above: Height of the camera over that voxel, m.
-        projection: Modified.
+    The block's first voxel is at `corner` in the camera's axes, m; the camera is `above` m over it.
     """
     x0, y0, z0 = corner
     # Loops without branches or lookups among the sums are vectorised.
@@ -274,12 +264,7 @@ def _check_above(
 ) -> None:  # fmt: skip
     """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
-    Args:
-        image: As in `_project`.
-        camera: As in `_project`.
-        lattice: As in `_project`.
-        corner: As in `_project`.
-        projection: Modified; its pixels become those of the second lookup.
+    Arguments as in `_project`; the projection's pixels become those of the second lookup.
     """
     x0, y0 = corner[0], corner[1]
     for slab in range(EDGE):

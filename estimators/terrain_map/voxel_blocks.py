@@ -56,17 +56,12 @@ class Blocks(NamedTuple):
 def empty_blocks() -> Blocks:
     """An empty window."""
     return Blocks(
-        slots=np.full(SHAPE, _NONE, np.int32),
-        places=np.zeros((CAPACITY, 3), np.int32),
-        used=np.zeros(CAPACITY, np.bool_),
-        distance=np.zeros((CAPACITY, VOXELS), np.float32),
-        weight=np.zeros((CAPACITY, VOXELS), np.float32),
-        solid=np.zeros(CAPACITY, np.bool_),
-        seen_ns=np.zeros(CAPACITY, np.int64),
-        free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
-        counts=np.array([CAPACITY], np.int64),
-        origin=np.zeros(3, np.int64),
-    )
+        slots=np.full(SHAPE, _NONE, np.int32), places=np.zeros((CAPACITY, 3), np.int32),
+        used=np.zeros(CAPACITY, np.bool_), distance=np.zeros((CAPACITY, VOXELS), np.float32),
+        weight=np.zeros((CAPACITY, VOXELS), np.float32), solid=np.zeros(CAPACITY, np.bool_),
+        seen_ns=np.zeros(CAPACITY, np.int64), free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
+        counts=np.array([CAPACITY], np.int64), origin=np.zeros(3, np.int64),
+    )  # fmt: skip
 
 
 def clear(blocks: Blocks) -> None:

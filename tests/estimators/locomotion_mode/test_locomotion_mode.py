@@ -40,7 +40,7 @@ def test_every_step_is_told_before_the_foot_lands(told):
         assert (step.foot, step.mode) == (foot, mode), t
         assert step.probabilities[mode] > 0.5
         if mode == "SA":
-            assert x > (STEPS - 1) * TREAD or abs(step.p_foot_in_world[0] - x) < 0.05  # the landing leaves weight
+            assert x > (STEPS - 1) * TREAD or abs(step.p_foot_in_world[0] - x) < 0.05  # the landing leaves room
             assert abs(step.p_foot_in_world[2] - RISER * (1 + math.floor(x / TREAD))) < 0.02
 
 

@@ -48,8 +48,8 @@ def foot_at(s):
     return density / density.sum()
 
 
-def chain(segments_along, at, steps=4, length=0.6):
-    return roll_out(foot_at(at), S, segments_along, [length] * steps, 0.03, RATIOS, P)
+def chain(segments, at, steps=4, length=0.6):
+    return roll_out(foot_at(at), S, segments, [length] * steps, 0.03, RATIOS, P)
 
 
 @settings(max_examples=30, deadline=None)
@@ -138,7 +138,7 @@ def way(*edges, seen=lambda s: s == s):
         ([(2.0, 0.72, 0.30), (2.7, -0.72, 0.02)], []),  # a table
         ([(1.5, 0.16, 0.01), (2.5, 2.0, 0.10)], [1.5]),  # a wall on a landing
         ([(0.9, 2.4, 0.02), (1.6, 0.16, 0.01)], [1.6]),  # what lies behind the walker
-        ([(2.9, -2.4, 0.02)], []),  # a edge_s without weight for treads
+        ([(2.9, -2.4, 0.02)], []),  # a drop-off without room for treads
     ],
 )
 def test_what_one_steps_over_and_what_nobody_climbs_is_no_edge(edges, left):
@@ -216,7 +216,7 @@ def test_the_top_of_the_body_tells_on_which_tread_the_foot_stands():
     height = -0.15 * np.clip(np.ceil((foothold.s - 2.0) / 0.28), 0.0, 4.0)
     wide = np.exp(-0.5 * ((foothold.s - 2.3) / 0.2) ** 2)
     wide /= wide.sum()
-    assert foothold.after_passing(wide, height, 1.5) is wide  # how tall he is is not known yet
+    assert foothold.after_passing(wide, height, 1.5) is wide  # the height of the walker is not known yet
     level = np.zeros(len(foothold.s))
     for k in range(8):
         landing = Landing(feet=("lr"[k % 2],), after=True)

@@ -129,7 +129,7 @@ def approach(
     terrain_map: TerrainMap | None = None, first_ns: int = 0,
     more: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> tuple[TerrainMap, TerrainEstimate]:  # fmt: skip
-    """Walks from `start` to `end` metres before a place along a heading; the map and what it is_observed at the end."""
+    """Walks from `start` to `end` metres before a place along a heading; the map and its last estimate."""
     terrain_map = terrain_map or TerrainMap(RIG)
     rng = np.random.default_rng(seed)
     forward = np.array([math.cos(heading), math.sin(heading)])
