@@ -7,23 +7,18 @@ give sizes of voxels and cells, t_δ or W_max; they are those of `TerrainMapPara
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_extraction import CELL, cluster
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit
+from stridetwin.estimators.terrain_map.plane_extraction import column_points, large_planes, plane_sums
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
 from stridetwin.estimators.terrain_map.stairs import Riser
 from stridetwin.estimators.terrain_map.volume import VIEW, view_corner
@@ -31,7 +26,6 @@ from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
-_HERE = Path(__file__).parent
 _SMOOTHED = 2
 """Pixels of the camera's image per pixel of the smoothed image."""
 _GAP = np.ones((7, 7), np.uint8)
@@ -128,10 +122,7 @@ class Open3dVolume:
         points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
         points[(depth == 0.0) | (points[..., 2] > T[2, 3] + p.headroom_m)] = np.nan
         noise = np.hypot(p.plane_noise_m / 3, p.depth_noise_per_m * depth**2).astype(np.float32)
-        found = image_cell_sums(points, noise, CELL)
-        fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
-        roots = cluster(found, p.cell_angle_rad, p.clusters.tilt_gate_sd)
-        labels, planes = label_image(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.ramp_rad), fewest)
+        labels, planes = large_planes(points, noise, p)
         return self._from_above(points, noise, labels, planes)
 
     def _from_above(
@@ -148,14 +139,13 @@ class Open3dVolume:
         height, spread = np.full((VIEW, VIEW), np.nan, np.float32), np.zeros((VIEW, VIEW), np.float32)
         label = np.full((VIEW, VIEW), NONE, np.int32)
         height[i, j], spread[i, j], label[i, j] = points[order, 2], noise[order], labels[order]
-        along = ((np.arange(VIEW) + 0.5) * voxel_m + first[:, None] * voxel_m).astype(np.float32)
+        view = column_points(height, first, voxel_m)
         for number, (a, b, c, d) in enumerate(planes):
             own = cv2.morphologyEx((label == number).astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0
             gap = own & (label == NONE)
-            x, y = np.meshgrid(along[0], along[1], indexing="ij")
-            height[gap] = ((d - a * x - b * y) / c)[gap]
+            view[gap, 2] = ((d - a * view[..., 0] - b * view[..., 1]) / c)[gap]
             label[gap], spread[gap] = number, self._p.plane_noise_m
-        return TopView(first, label, column_sums(label, height, spread, along, len(planes)), height, spread)
+        return TopView(first, label, plane_sums(view, spread, label, len(planes)), view[..., 2].copy(), spread)
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
         """As `Volume`: unchanged, because the paper takes stairs from the planes alone."""
@@ -179,95 +169,3 @@ class Open3dVolume:
 def _matrix(intrinsics: Array) -> Array:
     fu, fv, pu, pv = intrinsics
     return np.array([[fu, 0.0, pu], [0.0, fv, pv], [0.0, 0.0, 1.0]])
-
-
-@cached(_HERE, error_model="numpy")
-def image_cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
-    """Sums over each cell of an image whose points fit a plane, as `plane_extraction.cell_sums`.
-
-    Args:
-        points: (H, W, 3) m, NaN = none.
-        noise: (H, W) m, standard deviation of a point.
-        cell: Edge of a cell, pixels.
-
-    Returns:
-        (H // cell, W // cell, 11) sums; 0 where the cell has invalid points or a discontinuity.
-    """
-    rows, columns = points.shape[0] // cell, points.shape[1] // cell
-    found = np.zeros((rows, columns, SUMS))
-    for r in range(rows):
-        for c in range(columns):
-            sums = found[r, c]
-            for i in range(r * cell, (r + 1) * cell):
-                for j in range(c * cell, (c + 1) * cell):
-                    add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
-            if math.isnan(sums[3]) or fit(sums)[6] > sums[10] / sums[0]:
-                sums[:] = 0.0
-    return found
-
-
-@cached(_HERE, error_model="numpy")
-def label_image(
-    points: NDArray[np.float32], noise: NDArray[np.float32], roots: NDArray[np.int32], found: Array, least_up: float,
-    fewest: int,
-) -> tuple[NDArray[np.int32], Array]:  # fmt: skip
-    """Assigns each pixel to the nearest walkable plane of the cells around it.
-
-    Args:
-        points: (H, W, 3) m, NaN = none.
-        noise: (H, W) m, standard deviation of a point.
-        roots: (R, C) from `cluster`.
-        found: (R * C, 11) sums from `cluster`.
-        least_up: Smallest vertical component of the normal of walkable ground.
-        fewest: Smallest number of pixels of a plane.
-
-    Returns:
-        (H, W) number of each pixel's plane, -1 = none; (P, 4) planes a x + b y + c z = d.
-    """
-    rows, columns = roots.shape
-    number, planes, count = np.full(len(found), -1, np.int32), np.empty((len(found), 4)), 0
-    for n in range(len(found)):
-        if found[n, 0] >= fewest:
-            x, y, z, a, b, c, _ = fit(found[n])
-            if c >= least_up:
-                number[n] = count
-                planes[count, 0], planes[count, 1], planes[count, 2], planes[count, 3] = a, b, c, a * x + b * y + c * z
-                count += 1
-    labels = np.full(noise.shape, -1, np.int32)
-    for r in range(rows):
-        for c in range(columns):
-            for i in range(r * CELL, (r + 1) * CELL):
-                for j in range(c * CELL, (c + 1) * CELL):
-                    labels[i, j] = _nearest_plane(points[i, j], 3.0 * noise[i, j], r, c, roots, number, planes)
-    return labels, planes[:count]
-
-
-@njit(**INSIDE)
-def _nearest_plane(
-    point: Array, limit: float, r: int, c: int, roots: NDArray[np.int32], number: NDArray[np.int32], planes: Array
-) -> int:
-    """The plane nearest to a point, within a limit (m), among those of the cells around (r, c); -1 = none."""
-    best = -1
-    for p in range(max(r - 1, 0), min(r + 2, roots.shape[0])):
-        for q in range(max(c - 1, 0), min(c + 2, roots.shape[1])):
-            k = number[roots[p, q]] if roots[p, q] >= 0 else -1
-            if k < 0:
-                continue
-            off = abs(planes[k, 0] * point[0] + planes[k, 1] * point[1] + planes[k, 2] * point[2] - planes[k, 3])
-            if off < limit:
-                best, limit = k, off
-    return best
-
-
-@cached(_HERE)
-def column_sums(
-    labels: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], along: NDArray[np.float32],
-    count: int,
-) -> Array:  # fmt: skip
-    """(count, 11) sums over the columns of each plane; `along` (2, n) holds the columns' x and y, m."""
-    sums = np.zeros((count, SUMS))
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            if labels[i, j] >= 0:
-                add_point(sums[labels[i, j]], along[0, i], along[1, j], height[i, j], noise[i, j])
-    return sums

@@ -16,48 +16,49 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.terrain_map.parameters import ClusterParameters
+from stridetwin.estimators.terrain_map.parameters import ClusterParameters, TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
 
+Labels = NDArray[np.int32]
+Points = NDArray[np.float32]
+CELL = 4
+"""Points along the edge of a cell; from above 8 cm, a third of the shortest tread."""
+
+
 @cached(_HERE, error_model="numpy")
-def cell_sums(
-    places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int,
-    p: ClusterParameters,
-) -> Array:  # fmt: skip
+def cell_sums(points: Points, noise: Points, p: ClusterParameters) -> Array:
     """Sums over the points of each node cell.
 
     Args:
-        places: (n, 2) m, x of each row of points and y of each column.
-        height: (n, n) m, NaN = no point.
-        noise: (n, n) m, standard deviation of a point.
-        cell: Edge of a cell, points.
+        points: (n, m, 3) m, NaN = no point.
+        noise: (n, m) m, standard deviation of a point.
         p: Smallest share of valid points, and largest distance from the plane.
 
     Returns:
-        (n // cell, n // cell, 11) sums; 0 where the cell is not a node.
+        (n // CELL, m // CELL, 11) sums; 0 where the cell is not a node.
     """
-    rows, columns = height.shape[0] // cell, height.shape[1] // cell
+    rows, columns = noise.shape[0] // CELL, noise.shape[1] // CELL
     found = np.zeros((rows, columns, SUMS))
     for r in range(rows):
         for c in range(columns):
             sums = found[r, c]
-            for i in range(r * cell, (r + 1) * cell):
-                for j in range(c * cell, (c + 1) * cell):
-                    if not math.isnan(height[i, j]):
-                        add_point(sums, places[i, 0], places[j, 1], height[i, j], noise[i, j])
-            if sums[0] < p.valid_share * cell * cell:
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    if not math.isnan(points[i, j, 2]):
+                        add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+            if sums[0] < p.valid_share * CELL * CELL:
                 sums[:] = 0.0
                 continue
             x, y, z, a, b, d, error = fit(sums)
             variance = sums[10] / sums[0]
             fits, limit = error <= variance, p.distance_gate_sd * math.sqrt(variance)
-            for i in range(r * cell, (r + 1) * cell):
-                for j in range(c * cell, (c + 1) * cell):
-                    off = a * (places[i, 0] - x) + b * (places[j, 1] - y) + d * (height[i, j] - z)
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    off = a * (points[i, j, 0] - x) + b * (points[i, j, 1] - y) + d * (points[i, j, 2] - z)
                     fits = fits and not abs(off) > limit
             if not fits:
                 sums[:] = 0.0
@@ -168,45 +169,59 @@ def cluster(found: Array, angle: float, tilt_gate_sd: float) -> NDArray[np.int32
     return root.reshape(rows, columns)
 
 
-CELL = 4
-"""Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
-
-Labels = NDArray[np.int32]
-Heights = NDArray[np.float32]
-
-
-def patches(
-    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float,
-    p: ClusterParameters,
-) -> tuple[Labels, Array]:  # fmt: skip
-    """Extracts the planes of the ground from a top view.
+def large_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
+    """Extracts walkable planes of several cells from an organised grid of points.
 
     Args:
-        height: (n, n) m, NaN where unobserved; n is a multiple of `CELL`.
-        noise: (n, n) m, standard deviation of the heights.
-        corner: (2,) m, grid axes, corner of column (0, 0).
-        voxel_m: Edge of a column.
-        steepest: Largest slope of the ground, rad.
-        fewest: Smallest number of columns of a strip.
-        angle: Largest angle between neighbouring cells of one plane, rad.
-        p: Limits of cells and strips.
+        points: (n, m, 3) m, grid axes, NaN = no point; n and m are multiples of `CELL`.
+        noise: (n, m) m, standard deviation of a point.
+        p: Limits of cells and slopes.
 
     Returns:
-        (n, n) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
+        (n, m) number of each point's plane, -1 = none; and (P, 4) planes a x + b y + c z = d.
     """
+    found = cell_sums(points, noise, p.clusters)
+    roots = cluster(found, p.cell_angle_rad, p.clusters.tilt_gate_sd)
+    return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.ramp_rad), p.clusters)
+
+
+def patches(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
+    """Extracts the planes of the ground from a top view, those of strips too; arguments as in `large_planes`.
+
+    Returns:
+        (n, m) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
+    """
+    labels, planes = large_planes(points, noise, p)
+    fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
+    count = _label_strips(points, noise, labels, planes, math.cos(p.ramp_rad), fewest, p.clusters)
+    return labels, plane_sums(points, noise, labels, count)
+
+
+def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> Points:
+    """(n, n, 3) m, middles of columns of (n, n) heights, m, from the column `first` (2,)."""
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
-    places = (along[:, None] + corner).astype(np.float32)
-    found = cell_sums(places, height, noise, CELL, p)
-    roots = cluster(found, angle, p.tilt_gate_sd)
-    return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest, p)
+    places = (along[:, None] + first.astype(float) * voxel_m).astype(np.float32)
+    points = np.empty((*height.shape, 3), np.float32)
+    points[..., 0], points[..., 1], points[..., 2] = places[:, :1], places[:, 1], height
+    return points
+
+
+@cached(_HERE)
+def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Array:
+    """(count, 11) sums over the points of each plane."""
+    sums = np.zeros((count, SUMS))
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            if labels[i, j] >= 0:
+                add_point(sums[labels[i, j]], points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+    return sums
 
 
 @cached(_HERE)
 def _label(
-    places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int,
-    limits: ClusterParameters,
-) -> tuple[Labels, Array]:  # fmt: skip
-    """Assigns each column to the nearest surrounding plane, and the remaining columns to strips."""
+    points: Points, noise: Points, roots: Labels, found: Array, least_up: float, limits: ClusterParameters
+) -> tuple[Labels, Array]:
+    """Assigns each point to the nearest walkable plane of the cells around it."""
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)
     planes = np.empty((rows * columns, 4))
@@ -224,7 +239,7 @@ def _label(
         for c in range(columns):
             if roots[r, c] >= 0:
                 cells[r, c] = number[roots[r, c]]
-    labels = np.full(height.shape, -1, np.int32)
+    labels = np.full(noise.shape, -1, np.int32)
     around = np.empty(9, np.int32)
     for r in range(rows):
         for c in range(columns):
@@ -239,7 +254,7 @@ def _label(
                 continue
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
-                    x, y, z = places[i, 0], places[j, 1], height[i, j]
+                    x, y, z = points[i, j]
                     if math.isnan(z):
                         continue
                     nearest = limits.distance_gate_sd * noise[i, j]
@@ -248,31 +263,27 @@ def _label(
                         if off < nearest:
                             nearest = off
                             labels[i, j] = k
-    sums = np.zeros((_strips(places, height, noise, labels, planes, count, least_up, fewest, limits), SUMS))
-    for i in range(height.shape[0]):
-        for j in range(height.shape[1]):
-            if labels[i, j] >= 0:
-                add_point(sums[labels[i, j]], places[i, 0], places[j, 1], height[i, j], noise[i, j])
-    return labels, sums
+    return labels, planes[:count]
 
 
-@njit(**INSIDE)
-def _strips(
-    places: Heights, height: Heights, noise: Heights, labels: Labels, planes: Array, count: int, least_up: float,
-    fewest: int, limits: ClusterParameters,
+@cached(_HERE)
+def _label_strips(
+    points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int,
+    limits: ClusterParameters,
 ) -> int:  # fmt: skip
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
     Returns:
         The new number of planes.
     """
+    count = len(planes)
     n, m = labels.shape
     visited, long = labels >= 0, count
     stack = np.empty((n * m, 2), np.int32)
     sums = np.empty(SUMS)
     for i in range(n):
         for j in range(m):
-            if visited[i, j] or math.isnan(height[i, j]):
+            if visited[i, j] or math.isnan(points[i, j, 2]):
                 continue
             size, head, beside = 1, 0, -1
             stack[0, 0], stack[0, 1] = i, j
@@ -286,7 +297,7 @@ def _strips(
                             beside = labels[p, q]
                         elif (
                             not visited[p, q]
-                            and abs(height[p, q] - height[a, b]) < limits.distance_gate_sd * noise[p, q]
+                            and abs(points[p, q, 2] - points[a, b, 2]) < limits.distance_gate_sd * noise[p, q]
                         ):
                             visited[p, q] = True
                             stack[size, 0], stack[size, 1] = p, q
@@ -296,7 +307,7 @@ def _strips(
             sums[:] = 0.0
             for s in range(size):
                 p, q = stack[s]
-                add_point(sums, places[p, 0], places[q, 1], height[p, q], noise[p, q])
+                add_point(sums, points[p, q, 0], points[p, q, 1], points[p, q, 2], noise[p, q])
             plane = fit(sums)
             limit = limits.strip_variance * sums[10] / size
             if 0 <= beside < long:
@@ -304,7 +315,7 @@ def _strips(
                 off = 0.0
                 for s in range(size):
                     a, b = stack[s]
-                    off += (q[0] * places[a, 0] + q[1] * places[b, 1] + q[2] * height[a, b] - q[3]) ** 2
+                    off += (q[0] * points[a, b, 0] + q[1] * points[a, b, 1] + q[2] * points[a, b, 2] - q[3]) ** 2
                 if off / size < limit:
                     for s in range(size):
                         labels[stack[s, 0], stack[s, 1]] = beside

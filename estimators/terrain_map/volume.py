@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, without_discontinuities
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_extraction import patches
+from stridetwin.estimators.terrain_map.plane_extraction import column_points, patches
 from stridetwin.estimators.terrain_map.plane_set import TopView
 from stridetwin.estimators.terrain_map.ray_casting import column_noise, from_above
 from stridetwin.estimators.terrain_map.stairs import Riser, refined
@@ -102,9 +102,7 @@ class VoxelVolume:
         top = math.floor(eye_z / p.voxel_size_m)
         height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m, p.rays)
         noise = column_noise(height, weight, eye_z, p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m, p.rays)
-        fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
-        corner = first.astype(float) * p.voxel_size_m
-        labels, sums = patches(height, noise, corner, p.voxel_size_m, p.ramp_rad, fewest, p.cell_angle_rad, p.clusters)
+        labels, sums = patches(column_points(height, first, p.voxel_size_m), noise, p)
         return TopView(first, labels, sums, height, noise)
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
