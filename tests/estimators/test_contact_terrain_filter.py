@@ -40,7 +40,7 @@ def ours(walk):
     return ContactTerrain(exo).run(samples)
 
 
-def test_ours_tells_a_level_walk_as_it_is(walk, ours):
+def test_proposed_estimates_a_level_walk_as_level(walk, ours):
     _, _, footprints = walk
     steps = score_steps(footprints, ours)
     assert all(s.told_mode == "LG" for s in steps)
@@ -80,7 +80,7 @@ def test_a_turned_world_has_the_same_slopes(walk, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_same_legs_told_by_another_table_walk_the_same(walk, method):
+def test_the_same_legs_described_by_another_table_walk_the_same(walk, method):
     exo, samples, _ = walk
     plain = table(ContactTerrain(exo, method).run(samples))
     turn = Rotation.from_euler("xyz", [0.4, -1.0, 2.0])
@@ -108,15 +108,15 @@ def test_samples_one_by_one_and_in_another_order_at_one_instant_give_the_same(wa
 
 
 def cell_dead(samples, cell, value):
-    def spoilt(s):
+    def corrupted(s):
         force = s.force.copy()
         force[cell] = value
         return replace(s, force=force)
 
-    return [spoilt(s) if s.topic == "/foot_l/insole" else s for s in samples]
+    return [corrupted(s) if s.topic == "/foot_l/insole" else s for s in samples]
 
 
-def spoilt(samples):
+def corrupted(samples):
     for i, s in enumerate(samples):
         if i % 29 == 0 and isinstance(s, Ahrs):
             yield replace(s, q_world_sensor=np.full(4, np.nan))
@@ -133,7 +133,7 @@ FAULTS = {
     "toe cell dead": lambda s: cell_dead(s, 3, 0.0),
     "ball cell stuck": lambda s: cell_dead(s, 1, 120.0),
     "5 % lost": lambda s: dropped(s, 0.05),
-    "not finite": spoilt,
+    "not finite": corrupted,
     "twice": lambda s: [x for sample in s for x in (sample, sample)],
     "foreign topics": lambda s: [x for sample in s for x in (sample, replace(sample, topic="/other"))],
 }
@@ -143,14 +143,14 @@ FAULTS = {
 def test_faults_leave_the_class_right_or_unknown(walk, fault):
     exo, samples, footprints = walk
     steps = score_steps(footprints, ContactTerrain(exo).run(FAULTS[fault](samples)))
-    told = [s for s in steps if s.told_mode not in ("", "unknown")]
-    assert len(told) >= 0.5 * len(steps)
-    assert all(s.told_mode == "LG" for s in told)
-    assert rms([s.elevation_error for s in told]) < 0.015
+    classified = [s for s in steps if s.told_mode not in ("", "unknown")]
+    assert len(classified) >= 0.5 * len(steps)
+    assert all(s.told_mode == "LG" for s in classified)
+    assert rms([s.elevation_error for s in classified]) < 0.015
 
 
 def sticking(samples, cell):
-    """The left foot's cell tells from mid-stance on what it told then."""
+    """The left foot's cell repeats from mid-stance on its force at that time."""
     value = None
     for s in samples:
         if s.topic == "/foot_l/insole":

@@ -77,37 +77,37 @@ def test_a_step_into_a_pause_says_little():
 @settings(max_examples=30, deadline=None)
 @given(st.floats(1.0, 2.0), st.floats(0.1, 0.9), st.sampled_from([0.15, -0.15]))
 def test_densities_and_probabilities_sum_to_one(edge, at, drop):
-    told = chain(ground((edge, drop), (edge + 0.3, drop)), at)
-    assert np.allclose(told.density.sum(axis=1), 1.0)
-    assert np.allclose(told.modes.sum(axis=1), 1.0)
-    assert np.allclose(told.on.sum(axis=1), 1.0)
-    assert (told.density >= 0).all()
-    means = [moments(d, S)[0] for d in told.density]
+    predicted = chain(ground((edge, drop), (edge + 0.3, drop)), at)
+    assert np.allclose(predicted.density.sum(axis=1), 1.0)
+    assert np.allclose(predicted.modes.sum(axis=1), 1.0)
+    assert np.allclose(predicted.on.sum(axis=1), 1.0)
+    assert (predicted.density >= 0).all()
+    means = [moments(d, S)[0] for d in predicted.density]
     assert all(a < b for a, b in pairwise(means))
 
 
 def test_on_even_ground_steps_are_as_long_as_they_were():
-    told = chain(ground(), 0.5)
-    for k, density in enumerate(told.density, 1):
+    predicted = chain(ground(), 0.5)
+    for k, density in enumerate(predicted.density, 1):
         assert abs(moments(density, S)[0] - 0.5 - 0.6 * k) < 0.02
-        assert told.modes[k - 1][MODES.index("LG")] > 0.999
+        assert predicted.modes[k - 1][MODES.index("LG")] > 0.999
 
 
 def test_stairs_take_a_foot_a_tread_and_no_toe_is_in_a_riser():
     edges = [1.0 + 0.3 * k for k in range(4)]
-    told = chain(ground(*((e, 0.15) for e in edges)), 0.72)
+    predicted = chain(ground(*((e, 0.15) for e in edges)), 0.72)
     for k, edge in enumerate(edges[:3]):
-        s, sd = moments(told.density[k], S)
+        s, sd = moments(predicted.density[k], S)
         assert edge < s + 0.5 * (P.toe_m - P.heel_m) < edge + 0.3
         assert s + P.toe_m < edge + 0.3 + 2 * P.clearance_sd_m
         assert sd < 0.09
-        assert told.modes[k][MODES.index("SA")] > 0.95
+        assert predicted.modes[k][MODES.index("SA")] > 0.95
 
 
 @pytest.mark.parametrize(("slope", "mode"), [(12.0, "RA"), (-12.0, "RD")])
 def test_a_ramp_counts_from_the_first_foot_on_it_and_ends_with_the_first_beyond(slope, mode):
-    told = chain(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), 0.3)
-    most = [MODES[int(m.argmax())] for m in told.modes]
+    predicted = chain(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), 0.3)
+    most = [MODES[int(m.argmax())] for m in predicted.modes]
     assert mode in most
     assert most[-1] == "LG"
     table = mode_table(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), P)
@@ -204,13 +204,13 @@ def test_hidden_stairs_that_cannot_be_like_those_are_as_anywhere():
     assert made[1].drop_sd > 0.05
 
 
-def test_the_brink_that_a_walker_has_left_behind_still_tells_where_the_hidden_treads_are():
+def test_the_drop_off_behind_a_walker_still_gives_the_place_of_the_hidden_treads():
     made = segments_along(way((-1.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
     assert [m.start for m in made] == pytest.approx([-1.0 + 0.28 * k for k in (3, 4)], abs=0.05)
     assert made[1].drop == pytest.approx(-0.15)
 
 
-def test_the_top_of_the_body_tells_on_which_tread_the_foot_stands():
+def test_the_top_of_the_body_identifies_the_tread_under_the_foot():
     """Treads of 0.28 m and 0.15 m down; a body that rises 1.5 m over feet on the level."""
     foothold, line = Foothold(P), Line(np.zeros(2), np.array([1.0, 0.0]))
     height = -0.15 * np.clip(np.ceil((foothold.s - 2.0) / 0.28), 0.0, 4.0)
@@ -251,9 +251,9 @@ def test_ground_that_was_not_seen_may_be_any():
     assert chance[3] < 1e-3 < chance[4] == pytest.approx(1.0 - math.exp(-1.02 / P.change_m), rel=0.05)
     blind = unseen(way(seen=lambda s: s < 0.0), np.array([1.2, 1.8, 2.4]), 1.2, P)
     assert blind == pytest.approx([0.0, 1.0 - math.exp(-0.6 / P.change_m), 1.0 - math.exp(-1.2 / P.change_m)])
-    told = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
-    assert told.sum(axis=1) == pytest.approx(1.0)
-    assert told[1, 0] < 0.85
+    predicted = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
+    assert predicted.sum(axis=1) == pytest.approx(1.0)
+    assert predicted[1, 0] < 0.85
 
 
 def test_soles_reach_over_free_edges_and_not_into_risers():
@@ -277,7 +277,7 @@ def test_equations_16_to_18():
 
 
 def test_touch_downs_of_drifting_and_dead_insoles():
-    touch, told = TouchDowns(P), []
+    touch, predicted = TouchDowns(P), []
     for i in range(1000):
         t = 0.01 * i
         swing = (t % 1.2) < 0.4
@@ -285,16 +285,16 @@ def test_touch_downs_of_drifting_and_dead_insoles():
         foot = touch.update(Insole(topic="/foot_l/insole", t_ns=round(t * 1e9), force=np.full(4, load / 4)))
         assert touch.update(Insole(topic="/foot_r/insole", t_ns=round(t * 1e9), force=np.zeros(4))) is None
         if foot:
-            told.append((foot, round(t, 2)))
-    assert [f for f, _ in told] == ["l"] * len(told)
-    assert [t for _, t in told[1:]] == pytest.approx([0.4 + 1.2 * k for k in range(1, len(told))], abs=0.02)
+            predicted.append((foot, round(t, 2)))
+    assert [f for f, _ in predicted] == ["l"] * len(predicted)
+    assert [t for _, t in predicted[1:]] == pytest.approx([0.4 + 1.2 * k for k in range(1, len(predicted))], abs=0.02)
 
 
-def test_the_first_step_is_heard_although_nobody_knows_what_the_unloaded_insole_tells():
-    touch, told = TouchDowns(P), []
+def test_the_first_step_is_detected_although_the_reading_of_the_unloaded_insole_is_unknown():
+    touch, predicted = TouchDowns(P), []
     for i in range(300):
         t = 0.01 * i
         load = 38.0 + (0.0 if 1.0 < t < 1.5 else 350.0 + 60.0 * math.sin(9.0 * t))
         if touch.update(Insole(topic="/foot_l/insole", t_ns=round(t * 1e9), force=np.full(4, load / 4))):
-            told.append(t)
-    assert told == [pytest.approx(1.5, abs=0.02)]
+            predicted.append(t)
+    assert predicted == [pytest.approx(1.5, abs=0.02)]

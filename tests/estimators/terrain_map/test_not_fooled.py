@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scenes import EYE_M, FLOOR, PERIOD_NS, RIG, Box, approach, attitude, depth, picture, pose, slope
+from scenes import EYE_M, FLOOR, PERIOD_NS, RIG, Box, approach, attitude, depth, image, pose, slope
 
 from stridetwin.estimators.terrain_map import Level, Ramp, Stairs, TerrainMap
 
@@ -47,7 +47,7 @@ def test_a_painted_stripe_or_a_shadow_is_nothing_to_depth():
     rng = np.random.default_rng(0)
     for i, x in enumerate(np.linspace(-2.0, -1.0, 10)):
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
-        seen = picture([FLOOR], eye, R, rng)
+        seen = image([FLOOR], eye, R, rng)
         rows = np.abs(_ground_x(eye, R, seen) + 0.1) < 0.06
         seen[rows] = 0.0
         terrain_map.update(pose(i * PERIOD_NS, eye, R))
@@ -69,7 +69,7 @@ def test_a_mirror_like_floor_with_holes_stays_one_level():
     rng = np.random.default_rng(0)
     for i, x in enumerate(np.linspace(-2.0, -1.0, 14)):
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
-        seen = picture([FLOOR], eye, R, rng)
+        seen = image([FLOOR], eye, R, rng)
         blotches = rng.random((30, 40)) < 0.35
         seen[np.kron(blotches, np.ones((8, 8))) > 0] = 0.0
         deep = np.kron(rng.random((30, 40)) < 0.03, np.ones((8, 8))) > 0  # a reflection: twice as far

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, picture, pose, slope
+from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, image, pose, slope
 
 from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import Level, TerrainMap
@@ -55,7 +55,7 @@ def test_ground_that_left_the_view_stays_and_memory_is_bounded():
     for i, x in enumerate(np.arange(0.0, 16.0, 0.4)):
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
         terrain_map.update(pose(i * PERIOD_NS, eye, R))
-        terrain_map.update(depth(i * PERIOD_NS, picture([Box(x=(-5, 40), y=(-5, 5))], eye, R, None)))
+        terrain_map.update(depth(i * PERIOD_NS, image([Box(x=(-5, 40), y=(-5, 5))], eye, R, None)))
         held.append(terrain_map.blocks_used)
     assert terrain_map.ground(np.array([x, 0.0])) is not None  # under the feet
     assert max(held[-10:]) < 1.3 * max(held[15:25])

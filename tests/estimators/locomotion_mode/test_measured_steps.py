@@ -1,4 +1,4 @@
-"""Steps that an exoskeleton's legs felt."""
+"""Steps measured by an exoskeleton's legs."""
 
 import math
 from dataclasses import replace
@@ -38,19 +38,19 @@ def test_a_step_is_as_long_as_it_goes_ahead_and_not_aside():
 
 
 @pytest.mark.parametrize(
-    "told",
+    "predicted",
     [
         [step(1, 0.0), step(2, 0.6)],
         [step(1, 0.0), step(2, 0.6), step(4, 1.8)],
         [step(1, 0.0), step(2, 0.6), replace(step(3, 1.2), elevation_sd=math.inf)],
     ],
 )
-def test_a_step_of_which_not_all_is_known_is_none(told):
-    assert measured_step(told) is None
+def test_an_incomplete_step_is_no_measurement(predicted):
+    assert measured_step(predicted) is None
 
 
-def test_a_riser_under_the_feet_tells_on_which_side_of_an_edge_they_stand():
-    """The foot was felt to rise by 15 cm: it stands beyond the edge, where the camera could not say."""
+def test_a_riser_under_the_feet_identifies_their_side_of_an_edge():
+    """The foot was measured to rise by 15 cm: it stands beyond the edge, where the camera could not say."""
     made = measured_step([step(1, 0.0), step(2, 0.5), step(3, 0.9, 0.15, "SA")])
     assert made is not None
     stair = ground((2.0, 0.15))
@@ -62,7 +62,7 @@ def test_a_riser_under_the_feet_tells_on_which_side_of_an_edge_they_stand():
     assert after[S < 2.0].sum() > 0.95 * after.sum()
 
 
-def test_ground_goes_on_as_it_was_felt():
+def test_unobserved_ground_continues_as_measured():
     up = measured_step([step(1, 0.0), step(2, 0.28, 0.15, "SA"), step(3, 0.56, 0.30, "SA", before=0.15)])
     assert up is not None
     stairs = extrapolated(up, 1.0, P)
@@ -75,10 +75,10 @@ def test_ground_goes_on_as_it_was_felt():
     assert (ramp[0].mode, ramp[0].slope) == ("RD", -0.2)
 
 
-def test_in_the_dark_stairs_go_on():
-    """Nothing is ever seen; once two treads were felt, the next steps are told to climb, and before they were not."""
+def test_in_the_dark_stairs_continue():
+    """Without any depth, the next steps are predicted to climb once two treads were measured, and not before."""
     mode = LocomotionMode(TerrainMap(RIG), RIG.cameras["/head/color"])
-    prints, told = walker.footprints(), {}
+    prints, predicted = walker.footprints(), {}
     high = np.cumsum([walker.RISER * (m == "SA") for _, _, _, m in prints])
     felt_ns = [round(t * 1e9) + 250_000_000 for t, *_ in prints]
     for sample in walker.samples():
@@ -90,12 +90,12 @@ def test_in_the_dark_stairs_go_on():
                 replace(step(k + 1, place, high[k], kind, before=before), foot=foot, t_ns=felt_ns.pop(0))
             )
             if estimate is not None:
-                told[estimate.step] = estimate.steps[0].mode
+                predicted[estimate.step] = estimate.steps[0].mode
         if isinstance(sample, Depth):
             sample = replace(sample, depth=np.zeros_like(sample.depth))
         estimate = mode.update(sample)
         if estimate is not None:
-            told[estimate.step] = estimate.steps[0].mode
-    by_step = [told[k] for k in range(1, len(prints))]  # of the step after k
+            predicted[estimate.step] = estimate.steps[0].mode
+    by_step = [predicted[k] for k in range(1, len(prints))]  # of the step after k
     assert by_step[:5] == ["LG"] * 5
     assert by_step[7:9] == ["SA", "SA"]
