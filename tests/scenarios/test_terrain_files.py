@@ -6,6 +6,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from stridetwin.cli.main import main
 from stridetwin.estimators.terrain_map import TerrainMap
@@ -90,6 +91,22 @@ def test_the_ground_is_a_mesh_as_well_where_one_is_asked_for(folder, tmp_path, c
     assert 0.5 * column**2 * len(rows) < plan < column**2 * len(rows)
     assert {tuple(c[:3]) for c in mesh.visual.vertex_colors.tolist()} == {tuple(c) for c in rows["rgb"].tolist()}
     assert COLORS["stairs"] in {tuple(c) for c in rows["rgb"].tolist()}
+
+
+def test_the_published_map_writes_the_same_files_and_all_surfaces(folder, tmp_path, capsys):
+    arguments = ["--backend", "open3d", "--mesh", "-o", str(tmp_path / "map.json"), "--json"]
+    assert main(["estimate", "terrain_map", str(folder), *arguments]) == 0
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert files == [str(tmp_path / name) for name in ("map.json", "map.ply", "map.glb", "map_mesh.ply")]
+    found = json.loads((tmp_path / "map.json").read_text())
+    stairs = max((t for t in found["terrains"] if t["type"] == "stairs"), key=lambda t: t["steps"])
+    assert stairs["riser_m"] == pytest.approx(RISER, abs=0.02)
+    assert trimesh.load(tmp_path / "map_mesh.ply").area > 3.0  # m²
+
+
+def test_a_backend_goes_with_estimators_that_have_it(folder, tmp_path, capsys):
+    assert main(["estimate", "dvio", str(folder), "--backend", "open3d", "-o", str(tmp_path / "path.txt")]) == 2
+    assert "--backend goes with terrain_map, locomotion_mode" in capsys.readouterr().err
 
 
 def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
