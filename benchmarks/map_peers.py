@@ -31,7 +31,7 @@ from scipy.spatial import cKDTree
 from benchmarks.command import answer, command
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.evaluation.map_scores import (
     FAR_M,
     NEAR_M,
@@ -41,7 +41,7 @@ from stridetwin.evaluation.map_scores import (
     on_the_way_ahead,
     true_heights,
 )
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses
+from stridetwin.pipeline.terrain_files import given_poses
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -186,7 +186,7 @@ class Tally:
 
 def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], Map]) -> dict[str, float]:
     """Figures of one map on one walk."""
-    camera, layout = depth_camera(recording.rig), from_metadata(recording.metadata)
+    camera, layout = depth_calibration(recording.rig), from_metadata(recording.metadata)
     assert layout is not None
     ground, tally, due_ns, here = make(recording, camera), Tally(), 0, 0.0
     for sample in recording.samples([given_poses(recording, camera)[0], camera.depth_topic]):

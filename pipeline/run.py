@@ -17,7 +17,8 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import FEET, POSES, Estimator, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import ModeEstimate
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
+from stridetwin.pipeline.terrain_files import given_poses, pose_sample
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.pose import Pose, trajectory_of
 from stridetwin.streams.recording.reader import Recording
@@ -179,7 +180,7 @@ def posed(
     Raises:
         StrideTwinError: A topic or calibration is missing, or there are no poses of the camera or its body.
     """
-    options, camera = with_metadata(found, options, recording), depth_camera(recording.rig)
+    options, camera = with_metadata(found, options, recording), depth_calibration(recording.rig)
     streams = found.streams(recording.rig, options)
     _check(found, streams, recording)
     topics = [s.topic for s in streams if s.topic in recording.topics]

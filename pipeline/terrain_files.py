@@ -17,7 +17,7 @@ from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array, Odometry
 
 KINDS = (*MODES, "none")
@@ -100,18 +100,6 @@ def kinds_at(estimate: TerrainEstimate, plane: NDArray[np.int64], heading: float
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by its class."""
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
-
-def depth_camera(rig: Rig) -> CameraCalibration:
-    """The first camera with depth.
-
-    Raises:
-        RecordingError: There is none.
-    """
-    for camera in rig.cameras.values():
-        if camera.depth_topic:
-            return camera
-    raise RecordingError(f"the rig has no camera with depth; it has {', '.join(sorted(rig.cameras)) or 'no camera'}")
 
 
 def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:

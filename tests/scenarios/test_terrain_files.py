@@ -6,7 +6,6 @@ import math
 import cv2
 import numpy as np
 import pytest
-import trimesh
 
 from stridetwin.cli.main import main
 from stridetwin.estimators.terrain_map import TerrainMap
@@ -94,6 +93,7 @@ def test_the_ground_is_a_mesh_as_well_where_one_is_asked_for(folder, tmp_path, c
 
 
 def test_the_published_map_writes_the_same_files_and_all_surfaces(folder, tmp_path, capsys):
+    trimesh = pytest.importorskip("trimesh")
     arguments = ["--backend", "open3d", "--mesh", "-o", str(tmp_path / "map.json"), "--json"]
     assert main(["estimate", "terrain_map", str(folder), *arguments]) == 0
     files = json.loads(capsys.readouterr().out)["files"]
