@@ -135,16 +135,8 @@ def _update(
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Kalman update by y = H z + noise, which holds with a prior probability; also returns the posterior one.
 
-    See docs/contact_terrain.md (9), (10).
-
-    Args:
-        z: (n,) state.
-        P: (n, n) its covariance.
-        H: (m, n).
-        y: (m,).
-        noise: (m,) variances.
-        prior: Probability that it holds.
-        spread: Volume over which y is distributed otherwise.
+    See docs/contact_terrain.md (9), (10). Shapes: z (n,), P (n, n), H (m, n), y (m,), noise (m,) variances. If it does
+    not hold, y is distributed over the volume `spread`.
     """
     PH = P @ H.T
     S = H @ PH + np.diag(noise)

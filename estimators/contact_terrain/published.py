@@ -23,14 +23,9 @@ from stridetwin.streams.samples import Array
 
 
 def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
-    """(2,) m on the sole; None if the foot is unloaded.
+    """(2,) m on the sole, of (4,) forces, N, on (4, 2) cells, m; None below `pressing_n` on all together.
 
     See docs/contact_terrain.md (3).
-
-    Args:
-        cells: (4, 2) m.
-        force: (4,) N.
-        pressing_n: N, a foot with less on all cells together is off the ground.
     """
     total = float(force.sum())
     return None if total < pressing_n else force @ cells / total
@@ -52,14 +47,7 @@ class Phase(Enum):
 
 
 def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: PublishedParameters) -> Phase:
-    """Phase of a foot.
-
-    Args:
-        cells: (4, 2) m, heel first and toe last.
-        cop: (2,) m, or None if the foot is unloaded.
-        rate: Angular rate of the foot, rad/s.
-        parameters: Limits of rate and of heel and front.
-    """
+    """Phase of a foot from its (4, 2) cells, m, heel first, its centre of pressure and its angular rate, rad/s."""
     if cop is None:
         return Phase.FOOT_OFF
     share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
@@ -71,14 +59,10 @@ def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: Publish
 
 
 def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
-    """The foot, 0 or 1, that holds the pivot.
+    """The foot, 0 or 1, that holds the pivot, from both phases and (2,) loads, N.
 
-    It is the loaded foot; of two, the flat one; if both or neither are flat, the one with more load.
-
-    Args:
-        phases: Of both feet.
-        load: (2,) N.
-        last: The last pivot foot; kept while no foot is loaded.
+    It is the loaded foot; of two, the flat one; if both or neither are flat, the one with more load. Without a loaded
+    foot it is the last one.
     """
     on = [phase is not Phase.FOOT_OFF for phase in phases]
     if on[0] != on[1]:
@@ -103,10 +87,10 @@ class Pivot:
         self._cop: list[Array | None] = [None, None]
 
     def move(self, foot: int, cop_in_foot: Sequence[Array | None], R_world_base: Array, T_base_foot: Array) -> None:
-        """Propagates the pivot by the motion in this tick: equations (12)-(16).
+        """Propagates the pivot by the motion in this tick, to the foot that holds it from now on: equations (12)-(16).
 
         Args:
-            foot: The foot that holds it from now on.
+            foot: That foot.
             cop_in_foot: (3,) m of each foot's centre of pressure in its last frame, None if unloaded.
             R_world_base: (3, 3).
             T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
@@ -151,12 +135,7 @@ class Markers:
         self._moments = np.zeros((3, 4))  # of (x, y, 1) with (x, y, 1, z), virtual markers too
 
     def add(self, p_in_world: Array, medial_in_world: Array) -> None:
-        """Takes a marker and makes its virtual one.
-
-        Args:
-            p_in_world: (3,) m.
-            medial_in_world: (3,) unit vector along the sole to the inner side of the foot.
-        """
+        """Takes a marker, (3,) m, and makes its virtual one along the (3,) unit vector to the foot's inner side."""
         if self.count == 0:
             self._origin = p_in_world
         self.count += 1
@@ -188,15 +167,9 @@ class Markers:
 
 
 def slope(normal: Array, heading: Array) -> float:
-    """Slope, rad: the angle between normal and vertical, positive uphill.
+    """Slope, rad: the angle between the (3,) normal and the vertical, positive uphill in the (2,) heading.
 
-    See docs/contact_terrain.md (5).
-
-    Equation (19) as printed is zero for every normal; this follows the paper's text.
-
-    Args:
-        normal: (3,) unit vector, up.
-        heading: (2,) horizontal direction of the walk.
+    See docs/contact_terrain.md (5). Equation (19) as printed is zero for every normal; this follows the paper's text.
     """
     tilt = math.hypot(normal[0], normal[1])
     return math.copysign(math.atan2(tilt, normal[2]), -float(normal[:2] @ heading))

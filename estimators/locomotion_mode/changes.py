@@ -35,15 +35,9 @@ class _Found:
 
 
 def _first(ground: Sequence[Segment], here: int, mode: str, p: LocomotionModeParameters) -> _Found | None:
-    """The first segment boundary ahead beyond which the mode of steps changes.
+    """The first segment boundary ahead of the segment `here` beyond which the steps' mode is no longer `mode`.
 
     Stairs end at their last edge: the step over it still climbs, the next one does not.
-
-    Args:
-        ground: Terrain segments along the path.
-        here: Index of the segment under the foot.
-        mode: Mode of the current steps.
-        p: Thresholds.
     """
     table = mode_table(ground, p)
     for k in range(here + 1, len(ground)):
@@ -135,18 +129,7 @@ def _sizes(
 def _flight_at(
     estimate: TerrainEstimate, place: Array, forward: Array, up: bool, p: LocomotionModeParameters
 ) -> Stairs | None:
-    """The stairs with an edge at a place on the path.
-
-    Args:
-        estimate: The map's estimate.
-        place: (2,) m, where the path crosses the edge.
-        forward: (2,) unit vector of the path.
-        up: Whether the path ascends the stairs.
-        p: Thresholds.
-
-    Returns:
-        Of those, the stairs with the most steps.
-    """
+    """The stairs with most steps that have an edge at a (2,) place, m, on the path along `forward`, (2,), up or down."""
     best: tuple[Stairs, float] | None = None
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)

@@ -102,10 +102,7 @@ def step_likelihood(
 def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -> list[Segment]:
     """Extrapolates the measured ground where it was not observed: equal treads, the same slope, or level ground.
 
-    Args:
-        step: The last step.
-        foot: Position of its foot, m along the path.
-        p: Sizes.
+    The foot of the last step is at `foot`, m along the path.
     """
     stairs = step.mode in ("SA", "SD")
     slope = 0.0 if stairs or step.mode == "LG" else step.slope
@@ -317,7 +314,7 @@ class Foothold:
             self._ramps.update(CLIMB[mode], length / level, sd / level, even)
 
     def add_step(self, estimate: StepEstimate, foot: str, down_ns: int) -> bool:
-        """Takes the legs' estimate of the step that ended with a touch-down; returns whether it is the first one.
+        """Takes the legs' estimate of the step that ended with the last touch-down; returns whether it is the first.
 
         Args:
             estimate: Estimate of the step.

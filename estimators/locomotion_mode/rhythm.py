@@ -177,16 +177,7 @@ class Rhythm:
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > self._p.over_foot_share * self._time.mean
 
     def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
-        """Handles a touch-down.
-
-        Args:
-            foot: `l` or `r`.
-            t_ns: Time of the touch-down.
-            detected: Whether its insole detected it.
-
-        Returns:
-            The landing; None if the foot only bounced.
-        """
+        """Handles a touch-down of `l` or `r`, detected by its insole or inferred; None if the foot only bounced."""
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
         if detected and foot == self._undetected:
             self._undetected = ""

@@ -343,10 +343,8 @@ def with_unseen(modes: Array, chance: Array) -> Array:
 def path_scale(ground: Sequence[Segment], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
     """(S,) path length in units of level ground, longer where steps are shorter; and (S,) its local uncertainty.
 
-    Args:
-        ground: Terrain segments.
-        s: (S,) m along the path, evenly spaced.
-        ratios: Step length relative to level ground and its standard deviation, by mode of the segment.
+    `ratios` holds the step length relative to level ground and its standard deviation by mode of the segment; the (S,)
+    positions along the path, m, are evenly spaced.
     """
     ratio, sd = np.ones(len(s)), np.zeros(len(s))
     for segment in ground:

@@ -250,12 +250,7 @@ _PLACES = (3, 1, 2)
 
 
 def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
-    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next.
-
-    Args:
-        risers: Steps between two planes.
-        p: Limits of the treads.
-    """
+    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next."""
     above: dict[int, list[Riser]] = {}
     for r in risers:
         above.setdefault(r.lower, []).append(r)
@@ -285,14 +280,7 @@ def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
 
 
 def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
-    """Fits a flight to a row of risers, with covariance.
-
-    Args:
-        row: Risers from the lowest, see `flights`.
-        planes: Planes by id.
-        id_: Id of the stairs.
-        p: Uncertainties common to a whole edge or plane.
-    """
+    """Fits a flight to a row of risers from the lowest, see `flights`, with covariance."""
     up = -heading_of(row)
     points = np.concatenate([r.points for r in row])
     counts = np.array([len(r.points) for r in row])
