@@ -129,7 +129,7 @@ def _sizes(
 def _flight_at(
     estimate: TerrainEstimate, place: Array, forward: Array, up: bool, p: LocomotionModeParameters
 ) -> Stairs | None:
-    """The stairs with most steps that have an edge at a (2,) place, m, on the path along `forward`, (2,), up or down."""
+    """The stairs with most steps that have an edge at a (2,) place, m, on the path along (2,) `forward`, up or down."""
     best: tuple[Stairs, float] | None = None
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)

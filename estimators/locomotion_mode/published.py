@@ -88,10 +88,10 @@ class WalkingInformation:
         return max(0.0, 2.0 * sizes[1] - sizes[0])
 
     def footprint(self, ahead: int = 1) -> tuple[Array, Array] | None:
-        """p^pd of eq. (18), (2,) m, with the offset of the foot, and (2,) unit vector of the direction; None if unknown.
+        """p^pd of eq. (18), (2,) m, with the foot's offset, and (2,) unit vector of the direction; None if unknown.
 
-        See docs/locomotion_mode.md (3). The paper gives the first coming footprint, `ahead` = 1; each further one is one
-        size on.
+        See docs/locomotion_mode.md (3). The paper gives the first coming footprint, `ahead` = 1; each further one is
+        one size on.
         """
         size, last, axes = self.next_size(), self.last, self._axes()
         if last is None or axes is None or not math.isfinite(size):
