@@ -33,7 +33,7 @@ class CellLoads:
         self._force = np.zeros(4)
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
-        """(4,) N, load on each cell, from (4,) N as measured, the foot's rate, rad/s, and the time since the last tick."""
+        """(4,) N, load on each cell, from (4,) N as measured, the foot's rate, rad/s, and dt, s since the last tick."""
         self._force = force
         self._most[0] = np.maximum(self._most[0], force)
         if rate > self._parameters.rotating_radps:

@@ -72,7 +72,14 @@ class Proposed:
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
         self._limits, self._classes, self._compliance = parameters.footfall, parameters.classes, exo.compliance
-        self._soles = [exo.legs[side].sole for side in SIDES]
+        soles = [exo.legs[side].sole for side in SIDES]
+        self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
+        # Fixed contact points of each foot, toe hinge and heel, on the sole and in the last frame.
+        self._on_sole = [[fixed_contact(sole, on_heel) for on_heel in (False, True)] for sole in soles]
+        self._on_foot = [
+            [R @ point + sole.T_foot_sole[:3, 3] for point in points]
+            for sole, R, points in zip(soles, self._R_foot_sole, self._on_sole)
+        ]
         self._links = [links(exo.legs[side]) for side in SIDES]
         self._attitudes = Attitudes(parameters.attitudes)
         self._offsets = Offsets(parameters.offsets, exo.compliance.sag_sd_m)
@@ -92,8 +99,8 @@ class Proposed:
         rates = np.linalg.norm(tick.rate[3:], axis=1)
         cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
         loads = np.array([c.sum() for c in cells])
-        R_sole = [self._attitudes.R[3 + i] @ sole.T_foot_sole[:3, :3] for i, sole in enumerate(self._soles)]
         R = self._attitudes.R
+        R_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
         angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
         free = [not at_stop(leg, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)]
         for side in range(2):
@@ -181,8 +188,7 @@ class Proposed:
         """A foot's fixed contact point relative to the back panel, in world axes, and its derivative."""
         R = self._attitudes.R
         p, J = foot_place(self._links[side], R, side, q)
-        T = self._soles[side].T_foot_sole
-        arm = R[3 + side] @ (T[:3, :3] @ fixed_contact(self._soles[side], on_heel) + T[:3, 3])
+        arm = R[3 + side] @ self._on_foot[side][on_heel]
         J[:, FOOT + 3 * side : FOOT + 3 * side + 3] += rotation_jacobian(arm, R[3 + side])
         return p + arm, J
 
@@ -194,8 +200,8 @@ class Proposed:
         for k, (side, sign, on_heel) in enumerate(((new, -1.0, self._contacts[new].on_heel), (old, 1.0, False))):
             fall = self._contacts[side]
             R_sole = fall.R_world_sole() if fall.weight else np.eye(3)
-            R_foot = R_sole @ self._soles[side].T_foot_sole[:3, :3].T
-            arm = R_sole @ fixed_contact(self._soles[side], on_heel)
+            R_foot = R_sole @ self._R_foot_sole[side].T
+            arm = R_sole @ self._on_sole[side][on_heel]
             at = slice(FOOT + 3 * side, FOOT + 3 * side + 3)
             vector = vector + sign * arm
             J[:, at] += sign * rotation_jacobian(arm, R_foot)
