@@ -2,7 +2,8 @@
 
 `python -m benchmarks.map_peers [--walks SCENARIO ...] [--seed 900] [--mount head] [--json]`. Open3D's voxel grid
 (`VoxelBlockGrid`) gets the same depth with the same true poses and voxels of the same size as our map. Every half
-second, its points and the planar patches that Open3D detects in them are evaluated in the same way as ours:
+second, its points and the planar patches that Open3D detects in them are evaluated in the same way as those of our map,
+and of the published one (`--backend open3d` of `terrain_map`):
 
 - `off_rms_mm`, `off_p95_mm`: distance of the points on the path ahead (0.5 to 2.5 m) from the true ground.
 - `known_pct`: places, every 5 cm of that ground, with a point within 3 cm.
@@ -20,6 +21,7 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
@@ -29,7 +31,7 @@ import open3d as o3d
 from scipy.spatial import cKDTree
 
 from benchmarks.command import answer, command
-from stridetwin.estimators.base import Options
+from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.evaluation.map_scores import (
@@ -83,8 +85,9 @@ class Map(Protocol):
 class Ours:
     """`TerrainMap`."""
 
-    def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
-        self._map = TerrainMap(recording.rig, options=Options(poses_of=given_poses(recording, camera)[1]))
+    def __init__(self, recording: Recording, camera: CameraCalibration, backend: str = "") -> None:
+        options = Options(poses_of=given_poses(recording, camera)[1], backend=backend)
+        self._map = TerrainMap(recording.rig, options=options)
 
     def take(self, sample: Odometry | Depth) -> None:
         """As `Map`."""
@@ -143,7 +146,9 @@ class Open3d:
         return np.asarray(cloud.points), lambda place: _piece_of(boxes, place)
 
 
-MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {"ours": Ours, "open3d": Open3d}
+MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {
+    "ours": Ours, "published": partial(Ours, backend=OPEN3D), "open3d": Open3d,
+}  # fmt: skip
 
 
 def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
