@@ -82,26 +82,28 @@ class Open3dVolume:
         limits = 1.0, p.range_max_m, self._band
         with self._quiet():
             grid.hashmap().activate(grid.compute_unique_block_coordinates(image, self._K, extrinsic, *limits))
-            self._in_view = self._visible_blocks()
+            rows, self._in_view = self._visible_blocks()
             grid.integrate(self._in_view, image, self._K, extrinsic, *limits)
         weight = grid.attribute("weight").numpy()  # a view
-        np.minimum(weight, p.weight_max, out=weight)  # (22)
+        weight[rows] = np.minimum(weight[rows], p.weight_max)  # (22)
 
-    def _visible_blocks(self) -> Any:
-        """The blocks that may be in view; those beyond the window are freed."""
+    def _visible_blocks(self) -> tuple[NDArray[np.int32], Any]:
+        """Rows and keys of the blocks that may be in view; those beyond the window are freed."""
         p, hashmap = self._p, self._grid.hashmap()
-        keys = hashmap.key_tensor()[hashmap.active_buf_indices().to(self._o3d.core.int64)]
-        block_m = EDGE * p.voxel_size_m
-        offset = (keys.numpy() + 0.5) * block_m - self._T_grid_camera[:3, 3]
+        rows = hashmap.active_buf_indices().numpy()
+        keys, block_m = hashmap.key_tensor().numpy()[rows], EDGE * p.voxel_size_m
+        offset = (keys + 0.5) * block_m - self._T_grid_camera[:3, 3]
         near = np.abs(offset).max(axis=1) < 0.5 * COLUMNS * p.voxel_size_m
         if not near.all():
-            hashmap.erase(self._o3d.core.Tensor(keys.numpy()[~near]))
+            for attribute in ("tsdf", "weight"):  # rows are used again as they are
+                self._grid.attribute(attribute).numpy()[rows[~near]] = 0.0
+            hashmap.erase(self._o3d.core.Tensor(keys[~near]))
         x, y, z = (offset @ self._T_grid_camera[:3, :3]).T
         radius, (fu, fv, pu, pv), (height, width) = block_m, self._camera.intrinsics, self._camera.shape
         slope_u, slope_v = max(pu, width - pu) / fu, max(pv, height - pv) / fv
         seen = (z > 0.0) & (z < p.range_max_m + radius)
         seen &= (np.abs(x) < slope_u * z + 2.0 * radius) & (np.abs(y) < slope_v * z + 2.0 * radius)
-        return self._o3d.core.Tensor(keys.numpy()[near & seen])
+        return rows[near & seen], self._o3d.core.Tensor(keys[near & seen])
 
     def smoothed(self) -> NDArray[np.float32]:
         """(H / 2, W / 2) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
