@@ -116,7 +116,7 @@ class OffsetParameters:
     one_plane_share: float = 0.85
     """Share of steps whose footprint lies in the plane of the one before; hand-chosen."""
     plane_spread_m_rad: float = 0.25 * math.radians(15.0)
-    """Volume over which the residuals of the other steps are spread: steps of up to 0.25 m, changes of slope of up to 15° (buildings)."""
+    """Volume over which the residuals of other steps are spread: up to 0.25 m, changes of slope up to 15° (buildings)."""
     level_share: float = 0.6
     """Share of footprints on level ground; hand-chosen."""
     level_sd_rad: float = math.radians(0.2)
@@ -134,7 +134,7 @@ class ClassParameters:
     tread_ramp_rad: float = 2.0 * math.radians(2.5)
     """Slope above which the ground beyond a riser is a ramp: most such ground is a tread."""
     riser_m: float = 0.055
-    """A footprint whose height differs by more from what slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
+    """A footprint farther from the height that slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
     probability_min: float = 0.70
     """A class less likely than this is `unknown`; hand-chosen on the tuning walks."""
 
