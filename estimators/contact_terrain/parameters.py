@@ -116,7 +116,7 @@ class OffsetParameters:
     one_plane_share: float = 0.85
     """Share of steps whose footprint lies in the plane of the one before; hand-chosen."""
     plane_spread_m_rad: float = 0.25 * math.radians(15.0)
-    """Volume over which the residuals of other steps are spread: up to 0.25 m, changes of slope up to 15° (buildings)."""
+    """Volume over which the residuals of other steps are spread: 0.25 m times 15° of slope change (buildings)."""
     level_share: float = 0.6
     """Share of footprints on level ground; hand-chosen."""
     level_sd_rad: float = math.radians(0.2)
