@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,10 +31,14 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
 
 def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
     """Writes a table with one row per step, columns `STEP_COLUMNS`; unknown values are empty."""
+    _write_table(STEP_COLUMNS, map(step_cells, estimates), path)
+
+
+def _write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Path) -> None:
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(STEP_COLUMNS)
-        writer.writerows(map(step_cells, estimates))
+        writer.writerow(columns)
+        writer.writerows(rows)
 
 
 MODE_COLUMNS = (
@@ -94,11 +98,7 @@ def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
 
 def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
     """Writes a table with one row per step, columns `MODE_COLUMNS`; unknown values are empty."""
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(MODE_COLUMNS)
-        for row in rows:
-            writer.writerow(mode_cells(row))
+    _write_table(MODE_COLUMNS, map(mode_cells, rows), path)
 
 
 def mode_cells(row: PredictedStep) -> list[str]:
