@@ -228,18 +228,17 @@ def to_text(exo: Exoskeleton) -> str:
         for side, leg in exo.legs.items()
     }  # fmt: skip
     back = {"topic": exo.back.topic, "R_frame_sensor": exo.back.R_frame_sensor.tolist()}
-    compliance = _compliance_values(exo.compliance)
-    values = {"description": exo.description, "back": back, "legs": legs, "compliance": compliance}
+    values = {"description": exo.description, "back": back, "legs": legs, "compliance": _told(exo.compliance)}
     return yaml.dump(values, Dumper=Dumper, sort_keys=False)
 
 
-def _compliance_values(compliance: Compliance) -> dict[str, float | list[float]]:
-    values: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
+def _told(compliance: Compliance) -> dict[str, float | list[float]]:
+    told: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
     for key, name in _COMPLIANCE_KEYS.items():
         if name != "vector_sd_m":
             value = float(getattr(compliance, name))
-            values[key] = math.degrees(value) if key.endswith("_deg") else value
-    return values
+            told[key] = math.degrees(value) if key.endswith("_deg") else value
+    return told
 
 
 def _compliance(node: Node) -> Compliance:
@@ -275,12 +274,12 @@ def _leg(node: Node) -> Leg:
     at_thigh, at_knee = thigh.at("frame"), knee.at("frame")
     if not 1 <= at_thigh.integer(1) < len(rows):
         raise at_thigh.error(f"1-{len(rows) - 1}, a frame before the foot's")
-    joints = [i for i, row in enumerate(rows, 1) if row.turns]
-    if at_knee.integer(1) not in joints or at_knee.value <= at_thigh.value:
+    turning = [i for i, row in enumerate(rows, 1) if row.turns]
+    if at_knee.integer(1) not in turning or at_knee.value <= at_thigh.value:
         raise at_knee.error("a frame beyond the thigh's that a joint turns")
-    hip = [i for i in joints if i <= at_thigh.value]
-    ankle = [i for i in joints if i > at_knee.value]
-    between = len(joints) - len(hip) - len(ankle) - 1
+    hip = [i for i in turning if i <= at_thigh.value]
+    ankle = [i for i in turning if i > at_knee.value]
+    between = len(turning) - len(hip) - len(ankle) - 1
     if between or not all(1 <= len(joints) <= _JOINTS_MAX for joints in (hip, ankle)):
         raise node.at("frames").error(f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee")
     sign = knee.at("sign", 1.0).number()
