@@ -84,9 +84,7 @@ class TerrainSvm:
             ) from error
         labels = np.asarray(modes)
         if len(np.unique(labels)) < 2:
-            raise StrideTwinError(
-                f"invalid training steps: {len(np.unique(labels))} locomotion modes: expected 2 or more"
-            )
+            raise StrideTwinError(f"the steps to learn from are of {len(np.unique(labels))} modes: expected 2 or more")
         features = np.column_stack([np.asarray(slope, dtype=float), np.asarray(elevation, dtype=float)])
         self._scale: Array = np.maximum(np.abs(features).max(axis=0), 1e-9)
         self._machine: Any = SVC(kernel="rbf", C=parameters.svm_c, gamma=parameters.svm_gamma).fit(

@@ -81,5 +81,5 @@ def test_a_machine_classifies_steps_and_refuses_to_learn_from_one_mode():
     features = np.array([means[m] for m in modes]) + rng.normal(0, (0.01, 0.01), (len(modes), 2))
     machine = TerrainSvm(features[:, 0], features[:, 1], modes)
     assert [machine.classify(*means[m]) for m in means] == list(means)
-    with pytest.raises(StrideTwinError, match="valid: 2 or more"):
+    with pytest.raises(StrideTwinError, match="expected 2 or more"):
         TerrainSvm([0.0], [0.0], ["LG"])
