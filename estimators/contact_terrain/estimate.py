@@ -87,9 +87,8 @@ class TerrainSvm:
             raise StrideTwinError(f"the steps to learn from are of {len(np.unique(labels))} modes: expected 2 or more")
         features = np.column_stack([np.asarray(slope, dtype=float), np.asarray(elevation, dtype=float)])
         self._scale: Array = np.maximum(np.abs(features).max(axis=0), 1e-9)
-        self._machine: Any = SVC(kernel="rbf", C=parameters.svm_c, gamma=parameters.svm_gamma).fit(
-            features / self._scale, labels
-        )
+        machine = SVC(kernel="rbf", C=parameters.svm_c, gamma=parameters.svm_gamma)
+        self._machine: Any = machine.fit(features / self._scale, labels)
 
     def classify(self, slope: float, elevation: float) -> str:
         """Mode of one step.
