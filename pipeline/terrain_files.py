@@ -186,7 +186,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     scene.add_geometry(_ground(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
     files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}
     if (surfaces := terrain_map.mesh()) is not None:
-        mesh = trimesh.Trimesh(*surfaces, process=False)
+        mesh: Any = trimesh.Trimesh(*surfaces, process=False)
         files[file.with_name(f"{file.stem}_mesh.ply")] = bytes(mesh.export(file_type="ply"))
     return files
 

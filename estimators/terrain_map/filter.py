@@ -101,7 +101,7 @@ class TerrainMap:
         """Takes one sample; returns the new estimate of the ground, or None if nothing changed."""
         if isinstance(sample, Odometry):
             if self._poses.add(sample):
-                self._reset()
+                self.clear()
             return None
         if not isinstance(sample, Depth) or sample.topic != self._camera.topic or sample.t_ns <= self._last_ns:
             return None
@@ -190,7 +190,8 @@ class TerrainMap:
             terrains=self._terrains.find(planes, self._planes, self._volume),
         )  # fmt: skip
 
-    def _reset(self) -> None:
+    def clear(self) -> None:
+        """Removes all ground; ids continue."""
         self._volume.clear()
         self._planes.clear()
         self._estimate = None

@@ -78,7 +78,7 @@ class Open3dVolume:
         """As `Volume`; free space in view is updated too, so that moving objects vanish."""
         p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
         image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
-        extrinsic = self._tensor(np.linalg.inv(T_grid_camera))
+        extrinsic = self._tensor(np.asarray(np.linalg.inv(T_grid_camera), float))
         limits = 1.0, p.range_max_m, self._band
         with self._quiet():
             grid.hashmap().activate(grid.compute_unique_block_coordinates(image, self._K, extrinsic, *limits))
@@ -109,7 +109,7 @@ class Open3dVolume:
         """(H / 2, W / 2) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
         if self._in_view is None:
             return np.zeros(self._shape, np.float32)
-        p, extrinsic = self._p, self._tensor(np.linalg.inv(self._T_grid_camera))
+        p, extrinsic = self._p, self._tensor(np.asarray(np.linalg.inv(self._T_grid_camera), float))
         with self._quiet():
             cast = self._grid.ray_cast(
                 self._in_view, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],

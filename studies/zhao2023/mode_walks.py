@@ -167,7 +167,7 @@ class ForgetfulMap(TerrainMap):
         if isinstance(sample, Depth):
             if not self.due(sample.t_ns):
                 return None
-            self._forget()
+            self.clear()
         return super().update(sample)
 
 
