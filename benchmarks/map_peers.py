@@ -2,7 +2,8 @@
 
 `python -m benchmarks.map_peers [--walks SCENARIO ...] [--seed 900] [--mount head] [--json]`. Open3D's voxel grid
 (`VoxelBlockGrid`) gets the same depth with the same true poses and voxels of the same size as our map. Every half
-second, its points and the planar patches that Open3D detects in them are evaluated in the same way as ours:
+second, its points and the planar patches that Open3D detects in them are evaluated in the same way as those of our map,
+and of the published one (`--backend open3d` of `terrain_map`):
 
 - `off_rms_mm`, `off_p95_mm`: distance of the points on the path ahead (0.5 to 2.5 m) from the true ground.
 - `known_pct`: places, every 5 cm of that ground, with a point within 3 cm.
@@ -20,6 +21,7 @@ import time
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
@@ -29,9 +31,9 @@ import open3d as o3d
 from scipy.spatial import cKDTree
 
 from benchmarks.command import answer, command
-from stridetwin.estimators.base import Options
+from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.evaluation.map_scores import (
     FAR_M,
     NEAR_M,
@@ -41,7 +43,7 @@ from stridetwin.evaluation.map_scores import (
     on_the_way_ahead,
     true_heights,
 )
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses
+from stridetwin.pipeline.terrain_files import given_poses
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -83,8 +85,9 @@ class Map(Protocol):
 class Ours:
     """`TerrainMap`."""
 
-    def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
-        self._map = TerrainMap(recording.rig, options=Options(poses_of=given_poses(recording, camera)[1]))
+    def __init__(self, recording: Recording, camera: CameraCalibration, backend: str = "") -> None:
+        options = Options(poses_of=given_poses(recording, camera)[1], backend=backend)
+        self._map = TerrainMap(recording.rig, options=options)
 
     def take(self, sample: Odometry | Depth) -> None:
         """As `Map`."""
@@ -143,7 +146,9 @@ class Open3d:
         return np.asarray(cloud.points), lambda place: _piece_of(boxes, place)
 
 
-MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {"ours": Ours, "open3d": Open3d}
+MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {
+    "ours": Ours, "published": partial(Ours, backend=OPEN3D), "open3d": Open3d,
+}  # fmt: skip
 
 
 def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
@@ -186,7 +191,7 @@ class Tally:
 
 def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], Map]) -> dict[str, float]:
     """Figures of one map on one walk."""
-    camera, layout = depth_camera(recording.rig), from_metadata(recording.metadata)
+    camera, layout = depth_calibration(recording.rig), from_metadata(recording.metadata)
     assert layout is not None
     ground, tally, due_ns, here = make(recording, camera), Tally(), 0, 0.0
     for sample in recording.samples([given_poses(recording, camera)[0], camera.depth_topic]):

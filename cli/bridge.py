@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import ImportableOptions, Options, one_of, positive, share
+from stridetwin.cli.options import BackendOption, ImportableOptions, Options, one_of, positive, share
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
@@ -73,6 +73,7 @@ class LiveOptions(Options):
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
     foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None
     method: Annotated[str | None, typer.Option(parser=current_name, metavar="NAME", help="As in `estimate`.")] = None
+    backend: BackendOption = None
     exoskeleton: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="contact_terrain: geometry, where the sender provides none."),

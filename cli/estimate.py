@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import ImportableOptions, one_of
+from stridetwin.cli.options import BackendOption, ImportableOptions, one_of
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
@@ -60,7 +60,13 @@ class EstimateOptions(ImportableOptions):
             "(default: poses of the recording).",
         ),
     ] = None
-    mesh: Annotated[bool, typer.Option("--mesh", help="terrain_map: write the ground as a .glb as well.")] = False
+    backend: BackendOption = None
+    mesh: Annotated[
+        bool,
+        typer.Option(
+            "--mesh", help="terrain_map: write the ground as a .glb; with open3d also all surfaces, _mesh.ply."
+        ),
+    ] = False
     exoskeleton: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="contact_terrain: geometry, where the recording provides none."),
@@ -105,8 +111,11 @@ def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaratio
         where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
         valid = ", ".join(declaration.methods)
         raise StrideTwinError(f"{where}: expected one of {declaration.name}, {valid}")
+    if arguments.backend is not None and arguments.backend not in declaration.backends:
+        raise StrideTwinError(f"--backend goes with {goes_with(lambda d: arguments.backend in d.backends)}")
     method, foot = arguments.method or declaration.methods[0], arguments.foot or "l"
-    return Options(method=method, foot=foot, lag_s=lag_s, exoskeleton=arguments.exoskeleton)
+    backend = arguments.backend or ""
+    return Options(method=method, foot=foot, lag_s=lag_s, backend=backend, exoskeleton=arguments.exoskeleton)
 
 
 def goes_with(choose: Callable[[Declaration], bool]) -> str:
@@ -156,8 +165,8 @@ def _terrain(arguments: EstimateOptions, found: Found, options: Options, progres
 
 
 def _modes(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.pipeline.mode_files import predicted_steps, write_modes
     from stridetwin.pipeline.run import predicted
+    from stridetwin.pipeline.step_files import predicted_steps, write_modes
 
     progress("estimate", 0.0)
     rows = predicted_steps(predicted(found, imported(arguments), options, _given(arguments)))

@@ -14,6 +14,8 @@ from typing import Annotated, Any
 
 import typer
 
+from stridetwin.estimators.base import BACKENDS
+
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _MOST = 1_000_000
 
@@ -27,6 +29,16 @@ def one_of(names: Sequence[str]) -> dict[str, Any]:
         return text
 
     return {"parser": parser, "autocompletion": lambda: list(names)}
+
+
+BackendOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="terrain_map, locomotion_mode: numba (default), or open3d, the published map by Open3D.",
+        **one_of(BACKENDS),
+    ),
+]
 
 
 def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], float]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stridetwin.cli.options import WalkOptions, count, whole
+from stridetwin.cli.options import BackendOption, WalkOptions, count, whole
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.cli.score import score_table
 
@@ -26,6 +26,7 @@ class RunOptions(WalkOptions):
         str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
     seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Determines every byte.")] = 0
+    backend: BackendOption = None
     no_film: Annotated[bool, typer.Option("--no-film", help="Leave the film out of the report.")] = False
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the files (default runs/SCENARIO).")
@@ -70,7 +71,13 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     scenario = _scenario(arguments)
     folder = arguments.output or Path("runs") / scenario.config.name
     run = run_scenario(
-        scenario, arguments.seed, folder, _how_to_repeat(arguments), progress, pictures=not arguments.no_film
+        scenario,
+        arguments.seed,
+        folder,
+        _how_to_repeat(arguments),
+        progress,
+        pictures=not arguments.no_film,
+        backend=arguments.backend or "",
     )
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
     report = (run.folder / "report.html").absolute().as_uri()
@@ -110,4 +117,5 @@ def _how_to_repeat(arguments: RunOptions) -> str:
     words += ["--physics", arguments.physics] if arguments.physics else []
     words += ["--no-cameras"] if arguments.no_cameras else []
     words += ["--no-film"] if arguments.no_film else []
+    words += ["--backend", arguments.backend] if arguments.backend else []
     return shlex.join(words)

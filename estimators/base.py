@@ -37,6 +37,8 @@ from stridetwin.streams.trajectory import Trajectory
 PROPOSED, _FORMER = "proposed", "stridetwin"
 """Method of an estimator that is not from a paper, and its name up to release 0.1."""
 PATH, STEPS, MAP, MODES = KINDS = ("path", "steps", "map", "modes")
+BACKENDS = NUMBA, OPEN3D = ("numba", "open3d")
+"""Implementations of the terrain map, the default first."""
 POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
 FEET = {"l": "left", "r": "right"}
@@ -51,6 +53,7 @@ class Options:
         method: One of `Declaration.methods`.
         foot: `l` or `r`, for an estimator of one foot.
         mount: Mount of the camera, one of `Declaration.mounts`; "" takes the first that the rig has.
+        backend: One of `Declaration.backends`; "" takes the first.
         poses_of: Frame of the poses under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
         lag_s: Smooth each pose with what follows within this time, s; None returns each pose at once.
         exoskeleton: File of an exoskeleton's geometry; None takes the one in the metadata.
@@ -61,6 +64,7 @@ class Options:
     method: str = PROPOSED
     foot: str = "l"
     mount: str = ""
+    backend: str = ""
     poses_of: str = ""
     lag_s: float | None = None
     exoskeleton: Path | None = None
@@ -101,6 +105,7 @@ class Declaration:
         needs: What a recording must hold, in words: "a recording with <needs>".
         order: Place among the estimators of its kind.
         methods: Names of the algorithms, the default first.
+        backends: Implementations of its method, the default first; empty if there is one.
         per_foot: One instance is the estimator of one foot; both feet are run.
         mounts: Possible mounts of its camera; the first that the streams allow is run.
         parts: Suffix of name and file by frame, for an instance that estimates several paths.
@@ -119,6 +124,7 @@ class Declaration:
     needs: str = ""
     order: int = 100
     methods: tuple[str, ...] = (PROPOSED,)
+    backends: tuple[str, ...] = ()
     per_foot: bool = False
     mounts: tuple[str, ...] = ()
     parts: Mapping[str, str] = field(default_factory=dict)

@@ -260,7 +260,7 @@ def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Lay
     if estimate is None:
         return ScoredChange(true=change, found=False)
     if change.kind == "ramp":
-        near = [c for c in _ahead(mapper, here, laid, layout).changes if c.kind == "knee"]
+        near = [c for c in _ahead(mapper, here, laid, layout).changes if c.kind == "slope_break"]
         edge = min((here + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
         if at is None or at[0].slope < math.radians(5):

@@ -27,7 +27,7 @@ from stridetwin.evaluation.map_scores import MapScorer, MapScores, map_figures
 from stridetwin.evaluation.mode_scores import ModeScores, mode_figures, score_modes
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, along_way, true_footprints
-from stridetwin.pipeline.run import all_paths, fed, merged
+from stridetwin.pipeline.run import Found, all_paths, fed, merged
 from stridetwin.pipeline.terrain_files import KINDS, GroundGrid, kinds_at
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.processes import processes
@@ -122,7 +122,7 @@ class Ahead:
     maps: Mapping[str, TerrainMap] = field(default_factory=dict)
 
 
-def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estimate], Ahead | None]:
+def all_estimates(recording: Recording, progress: Progress, backend: str = "") -> tuple[list[Estimate], Ahead | None]:
     """The path of every estimator that the recording feeds, and the result of `look_ahead` if an odometry is available.
 
     The paths of other estimators with cameras are computed in a parallel process, because they take as long.
@@ -130,6 +130,7 @@ def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estima
     Args:
         recording: Any.
         progress: Called with the stage and its completed share.
+        backend: Of the terrain map, see `Options.backend`.
     """
     with ExitStack() as stack:
         others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
@@ -138,7 +139,7 @@ def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estima
             others = pool.submit(_others, recording.path, recording.lenient).result
         leading = all_paths(recording, leads=True)
         odometry = odometry_of(recording, leading)
-        ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
+        ahead = look_ahead(recording, odometry, progress, backend) if odometry is not None else None
         return others() + leading, ahead
 
 
@@ -194,12 +195,15 @@ class _Watch:
         self.snapshots.append(_snapshot(grid, ground.estimate, lying, heading))
 
 
-def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
+def _led_by(recording: Recording, odometry: Estimate, backend: str) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
     """Mode estimators, then maps that none of these contains, with poses from an odometry; and all maps, by name."""
+
+    def with_backend(found: Found, options: Options) -> Options:
+        return replace(options, backend=backend) if backend in found.declaration.backends else options
 
     def at_work(kind: str, but: Container[type[Any]] = ()) -> dict[str, Any]:
         return {
-            name: found(recording.rig, options=replace(options, poses_of=odometry.frame))
+            name: found(recording.rig, options=with_backend(found, replace(options, poses_of=odometry.frame)))
             for name, found in registry.estimators(kind).items()
             if found not in but
             for options in fed(found, recording)
@@ -212,17 +216,18 @@ def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], d
     return predictors | alone, {name: terrain_map for name, terrain_map in maps.items() if terrain_map is not None}
 
 
-def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None) -> Ahead:
+def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None, backend: str = "") -> Ahead:
     """Runs every installed map and mode estimator that a recording feeds.
 
     Args:
         recording: One for which `odometry_of` has found an odometry.
         odometry: Its path estimate.
         progress: Called with the stage and its completed share.
+        backend: Of the terrain map, see `Options.backend`.
     """
     layout = from_metadata(recording.metadata)
     assert layout is not None
-    led, maps = _led_by(recording, odometry)
+    led, maps = _led_by(recording, odometry, backend)
     truth = true_path(recording, odometry.frame)
     told = _trusted(odometry, truth)
     true = truth.at(told.t_ns)

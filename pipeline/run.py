@@ -17,7 +17,8 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import FEET, POSES, Estimator, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import ModeEstimate
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
+from stridetwin.pipeline.terrain_files import given_poses, pose_sample
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
@@ -39,12 +40,12 @@ def fed(found: Found, recording: Recording) -> list[Options]:
     Raises:
         ConfigError: The recording's metadata for the estimator is invalid.
     """
-    told, declaration = with_metadata(found, None, recording), found.declaration
-    variants = [told]
+    defaults, declaration = with_metadata(found, None, recording), found.declaration
+    variants = [defaults]
     if declaration.per_foot:
-        variants = [replace(told, foot=foot) for foot in FEET]
+        variants = [replace(defaults, foot=foot) for foot in FEET]
     elif declaration.mounts:
-        variants = [replace(told, mount=mount) for mount in declaration.mounts]
+        variants = [replace(defaults, mount=mount) for mount in declaration.mounts]
     rig = recording.rig if recording.has_rig else Rig()
     feeding = []
     for options in variants:
@@ -178,7 +179,7 @@ def posed(
     Raises:
         StrideTwinError: A topic or calibration is missing, or there are no poses of the camera or its body.
     """
-    options, camera = with_metadata(found, options, recording), depth_camera(recording.rig)
+    options, camera = with_metadata(found, options, recording), depth_calibration(recording.rig)
     streams = found.streams(recording.rig, options)
     _check(found, streams, recording)
     topics = [s.topic for s in streams if s.topic in recording.topics]

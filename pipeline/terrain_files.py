@@ -17,7 +17,7 @@ from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array, Odometry
 
 KINDS = (*MODES, "none")
@@ -50,7 +50,7 @@ class GroundGrid:
     def of(cls, terrain_map: TerrainMap) -> GroundGrid:
         """The current ground of a map."""
         p = terrain_map.parameters
-        c, s = math.cos(p.grid_turn_rad), math.sin(p.grid_turn_rad)
+        c, s = math.cos(p.grid_rotation_rad), math.sin(p.grid_rotation_rad)
         rotation = np.array([[c, -s], [s, c]])
         points, plane = terrain_map.surface_points()
         columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)
@@ -102,18 +102,6 @@ COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def depth_camera(rig: Rig) -> CameraCalibration:
-    """The first camera with depth.
-
-    Raises:
-        RecordingError: There is none.
-    """
-    for camera in rig.cameras.values():
-        if camera.depth_topic:
-            return camera
-    raise RecordingError(f"the rig has no camera with depth; it has {', '.join(sorted(rig.cameras)) or 'no camera'}")
-
-
 def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
     """The poses in a recording, and the frame that they belong to.
 
@@ -162,7 +150,7 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     Args:
         terrain_map: The map.
         file: The JSON.
-        mesh: Also writes a `.glb`, the ground as a surface.
+        mesh: Also writes a `.glb`, the ground as a surface; and every surface as `_mesh.ply`, if the map has one.
 
     Raises:
         RecordingError: The map is empty.
@@ -170,8 +158,8 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     """
     estimate = terrain_map.estimate
     if estimate is None:
-        raise RecordingError("no depth picture has a pose; nothing is mapped")
-    extra = {file.with_suffix(".glb"): ground_glb(terrain_map, estimate)} if mesh else {}
+        raise RecordingError("no depth image has a pose, so the map is empty")
+    extra = _meshes(terrain_map, estimate, file) if mesh else {}
     points, plane = terrain_map.surface_points()
     cloud = file.with_suffix(".ply")
     with whole_file(cloud) as out:
@@ -184,10 +172,8 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     return [file, cloud, *extra]
 
 
-def ground_glb(terrain_map: TerrainMap, estimate: TerrainEstimate) -> bytes:
-    """The ground as a mesh, binary glTF: one vertex per column of the map, coloured by class; m.
-
-    Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
+def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
+    """Content of the mesh files.
 
     Raises:
         StrideTwinError: trimesh is not installed.
@@ -195,7 +181,23 @@ def ground_glb(terrain_map: TerrainMap, estimate: TerrainEstimate) -> bytes:
     try:
         import trimesh
     except ModuleNotFoundError as error:
-        raise StrideTwinError("trimesh is not installed; a .glb needs it: pip install 'stridetwin[twin]'") from error
+        raise StrideTwinError("trimesh is not installed; a mesh needs it: pip install 'stridetwin[twin]'") from error
+    scene = trimesh.Scene()
+    scene.add_geometry(_ground(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
+    files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}
+    if (surfaces := terrain_map.mesh()) is not None:
+        mesh: Any = trimesh.Trimesh(*surfaces, process=False)
+        files[file.with_name(f"{file.stem}_mesh.ply")] = bytes(mesh.export(file_type="ply"))
+    return files
+
+
+def _ground(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
+    """The ground as a mesh, m: one vertex per column of the map, coloured by class.
+
+    Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
+    """
+    import trimesh
+
     grid = GroundGrid.of(terrain_map)
     points, plane = grid.points()
     known = np.isfinite(grid.height)
@@ -209,9 +211,7 @@ def ground_glb(terrain_map: TerrainMap, estimate: TerrainEstimate) -> bytes:
     surface = trimesh.Trimesh(vertices=points, faces=faces, vertex_colors=rgb, process=False)
     surface.remove_unreferenced_vertices()
     surface.vertex_normals  # noqa: B018  (computed here, and so written)
-    scene = trimesh.Scene()
-    scene.add_geometry(surface, node_name="ground", geom_name="ground", transform=_Y_UP)
-    return bytes(scene.export(file_type="glb", include_normals=True))
+    return surface
 
 
 def _kind(terrain: Terrain | None) -> str:

@@ -235,7 +235,7 @@ def _steps(story: Story) -> str:
         f"{_number(scores['elevation_rmse_mm'], 1)} mm RMS, {_number(scores['classification_accuracy_pct'], 1)} % of "
         f"{scores['steps']:.0f} classes right; {_number(scores['end_error_m'], 2)} m off at the end."
     )
-    return section("What the legs told", lead, boxes(figures), "stack")
+    return section("Terrain from the legs", lead, boxes(figures), "stack")
 
 
 def _ahead(story: Story) -> str:

@@ -13,8 +13,7 @@ from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
-from stridetwin.pipeline.mode_files import predicted_steps, write_modes
-from stridetwin.pipeline.step_files import write_steps
+from stridetwin.pipeline.step_files import predicted_steps, write_modes, write_steps
 from stridetwin.pipeline.terrain_files import write_terrain
 from stridetwin.scenarios import injected
 from stridetwin.scenarios.files import json_text, staged
@@ -49,6 +48,7 @@ def run_scenario(
     progress: Progress = lambda stage, share: None,
     *,
     pictures: bool = True,
+    backend: str = "",
 ) -> Run:
     """Simulates a walk, runs the estimators and scores them.
 
@@ -61,6 +61,7 @@ def run_scenario(
         command: The command that reproduces the report.
         progress: Receives the stage and its progress (0-1).
         pictures: The report shows a film, and views of the enabled cameras.
+        backend: Of the terrain map, see `Options.backend`.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -74,7 +75,7 @@ def run_scenario(
         record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
-        made, ahead = all_estimates(recording, progress)
+        made, ahead = all_estimates(recording, progress, backend)
         results = evaluate(recording, made)
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")

@@ -14,7 +14,8 @@ from benchmarks.speed.timing import Replay, Stopwatch, Summary, recorded
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
+from stridetwin.pipeline.terrain_files import given_poses, pose_sample
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.recording.reader import Recording
@@ -60,7 +61,7 @@ class _Chain:
     """
 
     def __init__(self, walk: Recording, mount: str, poses: str) -> None:
-        camera = depth_camera(walk.rig)
+        camera = depth_calibration(walk.rig)
         topic, frame = given_poses(walk, camera)
         self._rig, self._mount, self._poses = walk.rig, mount, poses
         self._terrain = LocomotionMode(walk.rig, options=Options(poses_of=frame))

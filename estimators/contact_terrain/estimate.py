@@ -1,12 +1,24 @@
-"""The estimate of one step."""
+"""The estimate of one step, and its locomotion mode.
+
+`step_modes` uses geometry alone, with thresholds that are dimensions in the world; `TerrainSvm` is a support vector
+machine trained on steps (Shim et al. 2019, section 3).
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ClassParameters, PublishedParameters
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
 MODES = ("LG", "SA", "SD", "RA", "RD")
+"""Level ground, stair ascent and descent, ramp ascent and descent."""
 UNKNOWN = "unknown"
 
 
@@ -42,3 +54,101 @@ class StepEstimate:
     covariance: Array
     mode: str
     probability: float
+
+
+class TerrainSvm:
+    """Classifies steps by slope and elevation, each divided by its largest magnitude in training.
+
+    Args:
+        slope: (N,) rad of the training steps.
+        elevation: (N,) m.
+        modes: (N,) their modes.
+        parameters: Of the support vector machine.
+
+    Raises:
+        StrideTwinError: scikit-learn is not installed, or there are fewer than two modes.
+    """
+
+    def __init__(
+        self,
+        slope: ArrayLike,
+        elevation: ArrayLike,
+        modes: ArrayLike,
+        parameters: PublishedParameters = DEFAULTS.published,
+    ) -> None:
+        try:
+            from sklearn.svm import SVC
+        except ModuleNotFoundError as error:
+            raise StrideTwinError(
+                "scikit-learn is not installed; classes that are learnt need it: pip install 'stridetwin[learn]'"
+            ) from error
+        labels = np.asarray(modes)
+        if len(np.unique(labels)) < 2:
+            raise StrideTwinError(f"the steps to learn from are of {len(np.unique(labels))} modes: expected 2 or more")
+        features = np.column_stack([np.asarray(slope, dtype=float), np.asarray(elevation, dtype=float)])
+        self._scale: Array = np.maximum(np.abs(features).max(axis=0), 1e-9)
+        machine = SVC(kernel="rbf", C=parameters.svm_c, gamma=parameters.svm_gamma)
+        self._machine: Any = machine.fit(features / self._scale, labels)
+
+    def classify(self, slope: float, elevation: float) -> str:
+        """Mode of one step.
+
+        Args:
+            slope: rad.
+            elevation: m.
+        """
+        return str(self._machine.predict(np.array([[slope, elevation]]) / self._scale)[0])
+
+
+def step_modes(
+    slope: float, slope_sd: float, beyond: float, beyond_sd: float, parameters: ClassParameters
+) -> dict[str, float]:
+    """Probability of each mode.
+
+    See docs/contact_terrain.md (12).
+
+    Sloping ground is a ramp. Level ground is a stair if the height between the footprints exceeds what both slopes
+    explain, and level otherwise. A foot with a small tilt beyond a riser is on a tread.
+
+    Args:
+        slope: Of the ground under the foot, rad.
+        slope_sd: rad.
+        beyond: Height over the previous footprint beyond what the slopes explain, m, negative below.
+        beyond_sd: m.
+        parameters: Dimensions in the world.
+    """
+    riser, ramp, tread_ramp = parameters.riser_m, parameters.ramp_rad, parameters.tread_ramp_rad
+    high, low = above(beyond, riser, beyond_sd), above(-beyond, riser, beyond_sd)
+    plane = 1.0 - high - low
+    up, down = above(slope, ramp, slope_sd), above(-slope, ramp, slope_sd)
+    steep_up, steep_down = above(slope, tread_ramp, slope_sd), above(-slope, tread_ramp, slope_sd)
+    tread = 1.0 - steep_up - steep_down
+    return {
+        "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,
+        "RA": plane * up + (high + low) * steep_up, "RD": plane * down + (high + low) * steep_down,
+    }  # fmt: skip
+
+
+def most_likely(probabilities: dict[str, float], probability_min: float) -> tuple[str, float]:
+    """The most likely mode and its probability; `unknown` where that is below `probability_min`."""
+    mode = max(probabilities, key=lambda m: probabilities[m])
+    return (mode if probabilities[mode] >= probability_min else UNKNOWN), probabilities[mode]
+
+
+def beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
+    """Height that ground between two footprints cannot explain, sloping as under the one or the other, m.
+
+    See docs/contact_terrain.md (11).
+    """
+    reach = (0.0, distance * math.tan(slope), distance * math.tan(slope_before))
+    return height - min(max(height, min(reach)), max(reach))
+
+
+def sloping(slope: float, sd: float, ramp_rad: float) -> float:
+    """Probability that the ground slopes like a ramp, up or down: slope, its standard deviation, least ramp, rad."""
+    return above(slope, ramp_rad, sd) + above(-slope, ramp_rad, sd)
+
+
+def above(value: float, limit: float, sd: float) -> float:
+    """Probability that a normally distributed value exceeds a limit."""
+    return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import ClassVar, Protocol
 
 from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream, current_name, deprecated
-from stridetwin.estimators.contact_terrain.estimate import StepEstimate
+from stridetwin.estimators.contact_terrain.estimate import StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import (
     METADATA_KEY,
     Exoskeleton,
@@ -16,8 +16,7 @@ from stridetwin.estimators.contact_terrain.geometry import (
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.proposed import Proposed
 from stridetwin.estimators.contact_terrain.published import Published
-from stridetwin.estimators.contact_terrain.step_class import TerrainSvm
-from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
+from stridetwin.estimators.contact_terrain.ticks import Tick, TickBuilder
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Ahrs, Encoder, Insole, Sample
@@ -75,7 +74,7 @@ class ContactTerrain:
         exo = exoskeleton or _geometry(options)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
-        self._gather = Gather(exo, parameters.ticks)
+        self._ticks = TickBuilder(exo, parameters.ticks)
         self._method: _Method = (
             Proposed(exo, parameters) if method == PROPOSED else Published(exo, svm, parameters.published)
         )
@@ -96,10 +95,10 @@ class ContactTerrain:
 
     def update(self, sample: Sample) -> StepEstimate | None:
         """Takes one sample; returns the new estimate of the last footprint, or None if nothing changed."""
-        told = None
-        for tick in self._gather.add(sample):
-            told = self._method.update(tick) or told
-        return told
+        estimate = None
+        for tick in self._ticks.add(sample):
+            estimate = self._method.update(tick) or estimate
+        return estimate
 
     def run(self, samples: Iterable[Sample]) -> list[StepEstimate]:
         """Takes samples as `update` would; returns the last estimate of each step, in order, step 0 left out."""

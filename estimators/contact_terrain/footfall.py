@@ -1,4 +1,8 @@
-"""One stance of a foot: how it landed, its fixed contact point, and its attitude when flat."""
+"""Loads under a foot, when it lands, and its attitude while it is flat.
+
+A cell's output with the foot in the air is not load. Each cell's minimum over the last strides, counted in time that
+the foot spent rotating, is subtracted. This removes creep and drift; a stuck or dead cell then reports zero.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,54 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import Sole
-from stridetwin.estimators.contact_terrain.parameters import FootfallParameters
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, CellParameters, FootfallParameters
 from stridetwin.streams.samples import Array
+
+
+class CellLoads:
+    """The cells of one insole.
+
+    Args:
+        parameters: Thresholds of rotation, load and stride.
+    """
+
+    def __init__(self, parameters: CellParameters = DEFAULTS.cells) -> None:
+        self._parameters = parameters
+        self._least = np.full((2, 4), np.inf)  # of this stride and the last
+        self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
+        self._rotating_s = 0.0
+        self._force = np.zeros(4)
+
+    def update(self, force: Array, rate: float, dt: float) -> Array:
+        """(4,) N, load on each cell, from (4,) N as measured, the foot's rate, rad/s, and dt, s since the last tick."""
+        self._force = force
+        self._most[0] = np.maximum(self._most[0], force)
+        if rate > self._parameters.rotating_radps:
+            self._least[0] = np.minimum(self._least[0], force)
+            self._rotating_s += dt
+        if self._rotating_s > self._parameters.stride_s:
+            self._rotating_s = 0.0
+            self._least[1], self._least[0] = self._least[0], force
+            self._most[1:], self._most[0] = self._most[:-1].copy(), force
+        if not np.isfinite(self._least[1]).all():  # before the first stride nothing is known of an unloaded cell
+            return force
+        load: Array = force - self._least.min(axis=0)
+        return load
+
+    def empty(self) -> None:
+        """Marks the foot as in the air: the current readings are not load."""
+        self._least = np.stack([self._force, self._force])
+
+    @property
+    def alive(self) -> NDArray[np.bool_]:
+        """(4,) whether each cell has measured a load in the last strides."""
+        moved: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > self._parameters.alive_n
+        return moved
+
 
 _HERE = Path(__file__).parent
 
@@ -36,7 +83,7 @@ class Footfall:
         self.weight, self.ticks = 0.0, 0
         self._highest, self._free = -math.inf, 0.0
 
-    def lie(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
+    def add(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
         """Takes the attitude of a foot on the ground; returns whether it is flat in this tick.
 
         Args:
@@ -50,7 +97,7 @@ class Footfall:
         if not loaded or rate > parameters.flat_radps or pitch < self._highest - parameters.heel_rises_rad:
             return False
         self._highest = max(self._highest, pitch)
-        weight = (1.0 if alone else parameters.shared_weight) / (1.0 + (rate / parameters.still_radps) ** 2)
+        weight = (1.0 if alone else parameters.shared_weight) / (1.0 + (rate / parameters.stationary_radps) ** 2)
         self._free += weight if free else 0.0
         weight *= 1.0 if free else parameters.strained_weight
         self.forward += weight * R_world_sole[:, 0]
@@ -85,6 +132,6 @@ def _axes(forward: Array, up: Array) -> Array:
     return R
 
 
-def holds(sole: Sole, on_heel: bool) -> Array:
+def fixed_contact(sole: Sole, on_heel: bool) -> Array:
     """(3,) m on the sole, the fixed contact point: the heel's edge, or the toe hinge."""
     return np.array([sole.heel_x, 0.0, 0.0]) if on_heel else np.array([sole.hinge_x, 0.0, sole.hinge_z])

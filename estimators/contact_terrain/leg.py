@@ -136,17 +136,17 @@ def joint_angles(parts: Array, R: Array) -> Array:
 
 
 @cached(_HERE)
-def leg_angles(leg: Links, R_world_base: Array, R_world_thigh: Array, R_world_foot: Array, knee: float) -> Array:
+def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
     """Angles of all joints of a leg, rad: equations (4)-(10).
 
     Args:
         leg: Its links.
-        R_world_base: (3, 3) of the back panel, frame 0.
-        R_world_thigh: (3, 3) of the thigh's frame.
-        R_world_foot: (3, 3) of the last frame.
+        R: (5, 3, 3) attitudes of back, thighs and feet.
+        side: 0 or 1.
         knee: Angle of the joint that rotates the knee's frame, rad.
     """
-    hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R_world_base.T) @ np.ascontiguousarray(R_world_thigh))
+    R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
+    hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R[0].T) @ np.ascontiguousarray(R_world_thigh))
     R_thigh_knee = np.eye(3)
     for i in range(leg.thigh, leg.knee):
         theta = leg.table[i, 3] + (knee if leg.turns[i] else 0.0)
@@ -196,9 +196,9 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
     ankle, foot = _at(R_base, poses[leg.knee]), _at(R_base, poses[-1])
     axis = R_base @ np.ascontiguousarray(poses[leg.knee - 1, :3, 2])
     J = np.zeros((3, OFFSETS))
-    J[:, BACK : BACK + 3] = turning(hip, R[0])
-    J[:, THIGH + 3 * side : THIGH + 3 * side + 3] = turning(ankle - hip, R[1 + side])
-    J[:, FOOT + 3 * side : FOOT + 3 * side + 3] = turning(foot - ankle, R[3 + side])
+    J[:, BACK : BACK + 3] = rotation_jacobian(hip, R[0])
+    J[:, THIGH + 3 * side : THIGH + 3 * side + 3] = rotation_jacobian(ankle - hip, R[1 + side])
+    J[:, FOOT + 3 * side : FOOT + 3 * side + 3] = rotation_jacobian(foot - ankle, R[3 + side])
     J[:, KNEE + side] = np.cross(axis, ankle - at_knee)
     J[:, LENGTH + 2 * side] = (at_knee - hip) / np.sqrt(np.sum((at_knee - hip) ** 2))
     J[:, LENGTH + 2 * side + 1] = (ankle - at_knee) / np.sqrt(np.sum((ankle - at_knee) ** 2))
@@ -206,7 +206,7 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
 
 
 @cached(_HERE)
-def turning(arm: Array, R: Array) -> Array:
+def rotation_jacobian(arm: Array, R: Array) -> Array:
     """(3, 3) derivative of a vector by a small rotation of its frame, in that frame's axes.
 
     Args:

@@ -1,6 +1,6 @@
 """Estimates offsets of the exoskeleton's sensors and links from consecutive footprints in one plane.
 
-The state holds constant offsets (`chain`). A step gives the vector between the footprints and both slopes, each with a
+The state holds constant offsets (`leg`). A step gives the vector between the footprints and both slopes, each with a
 derivative by the offsets and its own error. Consecutive footprints mostly lie in one plane: then the height follows
 from the slopes, and both slopes are equal. The probability of this follows from the measurements. With that weight the
 step and the offsets correct each other (probabilistic data association, Bar-Shalom & Tse 1975).
@@ -42,7 +42,7 @@ class StepFigures:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Belief:
+class Posterior:
     """The estimate after a step.
 
     Attributes:
@@ -73,12 +73,13 @@ class Offsets:
         self._plane_noise = np.array([p.plane_sd_m, p.parallel_sd_rad]) ** 2
         self._level_noise = np.array([p.level_sd_rad**2])
         sd = np.empty(OFFSETS)
-        sd[BACK:KNEE], sd[KNEE:LENGTH], sd[LENGTH:SAG], sd[SAG] = p.turn_sd_rad, p.knee_sd_rad, p.length_sd_m, sag_sd_m
+        sd[BACK:KNEE], sd[KNEE:LENGTH] = p.rotation_sd_rad, p.knee_sd_rad
+        sd[LENGTH:SAG], sd[SAG] = p.length_sd_m, sag_sd_m
         self._x, self._P = np.zeros(OFFSETS), np.diag(sd**2)
         self._walk = np.zeros(OFFSETS)
-        self._walk[BACK:KNEE] = p.turn_walk_rad**2
+        self._walk[BACK:KNEE] = p.rotation_walk_rad**2
 
-    def judge(self, step: StepFigures, *, start: bool = False) -> Belief:
+    def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
         """Combines a step with the offsets; the stored offsets do not change.
 
         Args:
@@ -102,13 +103,13 @@ class Offsets:
         z, P, likely = _update(
             z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad
         )
-        return Belief(
+        return Posterior(
             values=measured + H @ z, covariance=H @ P @ H.T, one_plane=likely, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip
 
-    def learn(self, belief: Belief) -> None:
+    def store(self, posterior: Posterior) -> None:
         """Stores the offsets estimated with a completed step."""
-        self._x, self._P = belief.offsets, belief.P
+        self._x, self._P = posterior.offsets, posterior.P
 
 
 def _apart(m: Array) -> Array:
@@ -134,16 +135,8 @@ def _update(
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Kalman update by y = H z + noise, which holds with a prior probability; also returns the posterior one.
 
-    See docs/contact_terrain.md (9), (10).
-
-    Args:
-        z: (n,) state.
-        P: (n, n) its covariance.
-        H: (m, n).
-        y: (m,).
-        noise: (m,) variances.
-        prior: Probability that it holds.
-        spread: Volume over which y is distributed otherwise.
+    See docs/contact_terrain.md (9), (10). Shapes: z (n,), P (n, n), H (m, n), y (m,), noise (m,) variances. If it does
+    not hold, y is distributed over the volume `spread`.
     """
     PH = P @ H.T
     S = H @ PH + np.diag(noise)

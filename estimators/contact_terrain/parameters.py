@@ -15,7 +15,7 @@ from stridetwin.streams.errors import ConfigError, check_numbers
 class AttitudeNoise(NamedTuple):
     """Noise model of the five attitudes, in the form for compiled code."""
 
-    still_sd_rad: float = math.radians(0.15)
+    stationary_sd_rad: float = math.radians(0.15)
     """Standard deviation of an AHRS's tilt at rest: `tilt_still_deg` of sim/parts/MW-AHRSv1.yaml."""
     moving_sd_rad: float = math.radians(0.9)
     """The same in full motion: `tilt_moving_deg` of the same part."""
@@ -31,14 +31,16 @@ class AttitudeNoise(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class TickParameters:
-    """How samples of several streams become one tick."""
+    """Joining of samples of several streams into one tick."""
 
     hold_s: float = 0.06
     """A late stream is extrapolated for this long; six samples at 100 Hz, hand-chosen."""
     together_s: float = 0.003
-    """Stamps of one instant differ by no more; a third of the period at 100 Hz."""
+    """Largest difference of the time stamps of one instant; a third of the period at 100 Hz."""
     rate_max_radps: float = 50.0
     """A faster AHRS sample counts as lost: beyond the range of any gyro on a limb."""
+    norm_error_max: float = 0.02
+    """A quaternion whose squared norm differs from 1 by more counts as lost: 32-bit rounding is far below."""
     force_max_n: float = 5000.0
     """A larger force on a cell counts as lost: several times a running person's weight."""
 
@@ -47,9 +49,9 @@ class TickParameters:
 class CellParameters:
     """Loads from the cells of an insole; hand-chosen on the tuning walks."""
 
-    turning_radps: float = 1.0
+    rotating_radps: float = 1.0
     """A foot that rotates faster may be in the air."""
-    felt_n: float = 40.0
+    alive_n: float = 40.0
     """A cell whose force changes less within strides is dead or stuck."""
     stride_s: float = 0.6
     """Rotating time of somewhat more than one stride."""
@@ -64,12 +66,12 @@ class FootfallParameters:
     left_n: float = 40.0
     """Load below which a foot has left."""
     bounce_s: float = 0.12
-    """A foot that comes back sooner has not left."""
+    """A foot that touches down again sooner has not left the ground."""
     toes_down_rad: float = math.radians(8.0)
-    """A foot that comes down with its toes lower by this lands on the forefoot."""
+    """A foot pitched down by more at touch-down lands on the forefoot."""
     flat_radps: float = 0.6
     """A foot that rotates faster is not flat."""
-    still_radps: float = 0.2
+    stationary_radps: float = 0.2
     """At this rate the attitude of a flat foot has half its weight."""
     shared_weight: float = 0.05
     """Weight of a flat foot's attitude while the other foot carries load too."""
@@ -78,34 +80,34 @@ class FootfallParameters:
     free_weight: float = 1.0
     """Sum of the other weights at which attitudes with the ankle at a stop are not needed."""
     heel_rises_rad: float = math.radians(1.5)
-    """A foot whose toes point further down by this than they did when it was flat is on its way off."""
+    """A foot pitched down by this relative to its flat attitude is lifting its heel."""
     flat_ticks: int = 6
     """Ticks for which a foot has to be flat before its slope is estimated."""
     loaded_n: float = 100.0
     """Load from which on a foot counts as carrying weight."""
     both_n: float = 150.0
-    """With this load on both feet their contacts have full weight."""
-    carried_n: float = 300.0
-    """Load of a foot that carries its wearer alone is above this."""
+    """Load on both feet from which on a tick has full weight."""
+    single_support_n: float = 300.0
+    """The load in single support is above this."""
     swing_radps: float = 3.0
     """A foot on the ground seldom rotates faster."""
     crept_share: float = 0.15
     """Share of the other foot's load that the cells of a foot in the air may report together."""
     landing_radps: float = 0.7
-    """A foot that lands on its heel and rotates at this rate has half its weight."""
+    """Angular rate at which a foot that landed on its heel has half its weight."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OffsetParameters:
     """Prior of the constant offsets, and of the ground under consecutive footprints."""
 
-    turn_sd_rad: float = math.radians(0.6)
+    rotation_sd_rad: float = math.radians(0.6)
     """Misalignment of an AHRS: tolerance of a calibration in standing; hand-chosen on the tuning walks."""
     knee_sd_rad: float = math.radians(0.3)
     """Zero of a knee encoder, likewise."""
     length_sd_m: float = 0.003
     """Length of a thigh or shank, likewise."""
-    turn_walk_rad: float = math.radians(0.05)
+    rotation_walk_rad: float = math.radians(0.05)
     """Change of an attitude's offset from step to step; hand-chosen on the tuning walks."""
     plane_sd_m: float = 0.002
     """Unevenness of floors in height; hand-chosen."""
@@ -114,48 +116,48 @@ class OffsetParameters:
     one_plane_share: float = 0.85
     """Share of steps whose footprint lies in the plane of the one before; hand-chosen."""
     plane_spread_m_rad: float = 0.25 * math.radians(15.0)
-    """Volume over which the others spread: steps of up to 0.25 m, changes of slope of up to 15° (buildings)."""
+    """Volume over which the residuals of other steps are spread: 0.25 m times 15° of slope change (buildings)."""
     level_share: float = 0.6
     """Share of footprints on level ground; hand-chosen."""
     level_sd_rad: float = math.radians(0.2)
-    """How level such ground is; hand-chosen."""
+    """Standard deviation of the slope of such ground; hand-chosen."""
     level_spread_rad: float = math.radians(30.0)
-    """Range over which the slopes of the others spread (buildings)."""
+    """Range over which the slopes of other ground are spread (buildings)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClassParameters:
-    """Locomotion modes from geometry: every threshold but the last is a size in the world."""
+    """Locomotion modes from geometry: every threshold but the last is a dimension in the world."""
 
     ramp_rad: float = math.radians(2.5)
     """Ground that slopes more is a ramp: half of the gentlest ramp that is built, 5°."""
     tread_ramp_rad: float = 2.0 * math.radians(2.5)
-    """Beyond a riser ground is a ramp only where it slopes more: most of what lies there is a tread."""
+    """Slope above which the ground beyond a riser is a ramp: most such ground is a tread."""
     riser_m: float = 0.055
-    """A footprint further from what slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
-    sure: float = 0.70
+    """A footprint farther from the height that slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
+    probability_min: float = 0.70
     """A class less likely than this is `unknown`; hand-chosen on the tuning walks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedParameters:
-    """Velocity of the back panel from the standing legs (`speed.LegSpeeds`); hand-chosen on tuning seeds."""
+    """Velocity of the back panel from the legs in stance (`speed.LegSpeeds`); hand-chosen on tuning seeds."""
 
     span_ticks: int = 5
     """Ticks over which the velocity is taken."""
     loaded_n: float = 100.0
-    """Least load of a foot that stands."""
-    quiet_radps: float = 0.1
-    """A foot that rotates faster does not rest."""
+    """Smallest load of a foot in stance."""
+    stationary_radps: float = 0.1
+    """A foot that rotates faster is not stationary."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedParameters:
-    """What Shim et al. 2019 leave open of their method; chosen by hand, docs/contact_terrain.md lists why."""
+    """Values that Shim et al. 2019 do not specify; chosen by hand, docs/contact_terrain.md lists the reasons."""
 
     pressing_n: float = 60.0
     """A foot with less on all cells together is off the ground: cells that creep report up to 40 N in the air."""
-    turning_radps: float = 0.8
+    rotating_radps: float = 0.8
     """A foot that rotates faster is not flat, unless its centre of pressure is in the middle."""
     heel_share: float = 0.35
     """The heel side ends at this share of the way from the heel's cell to the toe's."""
@@ -163,6 +165,10 @@ class PublishedParameters:
     """The front begins at this share of the same way."""
     markers_min: int = 10
     """Smallest number of markers for a plane fit."""
+    svm_c: float = 100.0
+    """Penalty C of the support vector machine."""
+    svm_gamma: float = 10.0
+    """Width γ of its radial basis function, per squared share of the largest slope and elevation."""
     virtual_m: float = 0.05
     """Distance from a marker to its virtual one, to the inner side of the foot."""
 
@@ -200,7 +206,7 @@ class ContactTerrainParameters:
         values = {"attitudes": self.attitudes._asdict(), **{name: asdict(group) for name, group in groups.items()}}
         for name, group in values.items():
             check_numbers(f"ContactTerrainParameters.{name}", group)
-        for name, key in (("offsets", "one_plane_share"), ("offsets", "level_share"), ("classes", "sure")):
+        for name, key in (("offsets", "one_plane_share"), ("offsets", "level_share"), ("classes", "probability_min")):
             if values[name][key] >= 1.0:
                 raise ConfigError(f"ContactTerrainParameters.{name}", key, values[name][key], "a number below 1")
         if self.footfall.left_n > self.footfall.landed_n:

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.contact_terrain.attitude import Attitudes
-from stridetwin.estimators.contact_terrain.estimate import StepEstimate
-from stridetwin.estimators.contact_terrain.footfall import Footfall, holds
+from stridetwin.estimators.contact_terrain.estimate import StepEstimate, beyond_slopes, most_likely, sloping, step_modes
+from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, fixed_contact
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import (
     FOOT,
@@ -21,19 +20,17 @@ from stridetwin.estimators.contact_terrain.leg import (
     foot_place,
     leg_angles,
     links,
-    turning,
+    rotation_jacobian,
 )
-from stridetwin.estimators.contact_terrain.load import CellLoads
-from stridetwin.estimators.contact_terrain.offsets import Belief, Offsets, StepFigures
+from stridetwin.estimators.contact_terrain.offsets import Offsets, Posterior, StepFigures
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.step_class import beyond_slopes, most_likely, sloping, step_modes
-from stridetwin.estimators.contact_terrain.ticks import Tick
+from stridetwin.estimators.contact_terrain.ticks import Attitudes, Tick
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
 
-class Crossing:
+class DoubleSupport:
     """The vector from one foot's contact to the other's while both are down, a weighted mean over ticks.
 
     Attributes:
@@ -74,50 +71,59 @@ class Proposed:
     """
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
-        self._limits, self._classes, self._yields = parameters.footfall, parameters.classes, exo.compliance
-        self._soles = [exo.legs[side].sole for side in SIDES]
+        self._limits, self._classes, self._compliance = parameters.footfall, parameters.classes, exo.compliance
+        soles = [exo.legs[side].sole for side in SIDES]
+        self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
+        # Fixed contact points of each foot, toe hinge and heel, on the sole and in the last frame.
+        self._on_sole = [[fixed_contact(sole, on_heel) for on_heel in (False, True)] for sole in soles]
+        self._on_foot = [
+            [R @ point + sole.T_foot_sole[:3, 3] for point in points]
+            for sole, R, points in zip(soles, self._R_foot_sole, self._on_sole)
+        ]
         self._links = [links(exo.legs[side]) for side in SIDES]
         self._attitudes = Attitudes(parameters.attitudes)
         self._offsets = Offsets(parameters.offsets, exo.compliance.sag_sd_m)
         self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
-        self._falls = [Footfall(0, True, self._limits), Footfall(0, True, self._limits)]
+        self._contacts = [Footfall(0, True, self._limits), Footfall(0, True, self._limits)]
         self._down, self._left_ns = [True, True], [0, 0]
         self._newest, self._steps = 0, 0
-        self._crossing = Crossing()
-        self._belief: Belief | None = None
+        self._support = DoubleSupport()
+        self._posterior: Posterior | None = None
         self._p_before = np.zeros(3)
 
     def update(self, tick: Tick) -> StepEstimate | None:
         """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
         if tick.dt == 0.0:
-            self._forget()
+            self._reset_contacts()
         self._attitudes.update(tick)
         rates = np.linalg.norm(tick.rate[3:], axis=1)
         cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
         loads = np.array([c.sum() for c in cells])
-        R_sole = [self._attitudes.R[3 + i] @ sole.T_foot_sole[:3, :3] for i, sole in enumerate(self._soles)]
         R = self._attitudes.R
-        angles = [leg_angles(leg, R[0], R[1 + i], R[3 + i], tick.knee[i]) for i, leg in enumerate(self._links)]
-        free = [not at_stop(leg, q, self._yields.stop_margin_rad) for leg, q in zip(self._links, angles)]
+        R_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
+        angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
+        free = [not at_stop(leg, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)]
         for side in range(2):
-            self._touch(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
+            self._detect_landing(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
         if all(self._down):
-            self._cross(angles, loads, float(rates[self._newest]), all(free))
-        self._leave(tick.t_ns, loads, rates, cells)
+            self._add_support(angles, loads, float(rates[self._newest]), all(free))
+        self._detect_lift_off(tick.t_ns, loads, rates, cells)
         loaded_n = self._limits.loaded_n
         flat = [
             self._down[i]
-            and self._falls[i].lie(
+            and self._contacts[i].add(
                 R_sole[i], float(rates[i]), bool(loads[i] > loaded_n), bool(loads[1 - i] < loaded_n), free[i]
             )
             for i in range(2)
         ]
         new = self._newest
-        if not flat[new] or not self._falls[new].flat or self._crossing.weight == 0.0:
+        if not flat[new] or not self._contacts[new].flat or self._support.weight == 0.0:
             return None
-        return self._tell(tick.t_ns)
+        return self._estimate(tick.t_ns)
 
-    def _touch(self, side: int, t_ns: int, loads: Array, rates: Array, cells: Array, R_world_sole: Array) -> None:
+    def _detect_landing(
+        self, side: int, t_ns: int, loads: Array, rates: Array, cells: Array, R_world_sole: Array
+    ) -> None:
         """Records that a foot has landed.
 
         A walker always has one foot down. If the only foot on the ground unloads and rotates faster than the other one,
@@ -129,11 +135,11 @@ class Proposed:
             return
         self._down[side] = True
         if t_ns - self._left_ns[side] > limits.bounce_s * 1e9:
-            feels = loads[side] > limits.landed_n and self._cells[side].alive[0]
-            on_heel = 2.0 * cells[0] > loads[side] if feels else R_world_sole[2, 0] > -math.sin(limits.toes_down_rad)
+            reliable = loads[side] > limits.landed_n and self._cells[side].alive[0]
+            on_heel = 2.0 * cells[0] > loads[side] if reliable else R_world_sole[2, 0] > -math.sin(limits.toes_down_rad)
             self._land(side, bool(on_heel))
 
-    def _leave(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
+    def _detect_lift_off(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
         """Records that a foot has left the ground; the last one stays, of two unloaded feet the stationary one.
 
         A foot that swings beside a loaded one, with little load except on one cell, has left the ground: that cell is
@@ -141,34 +147,34 @@ class Proposed:
         """
         limits = self._limits
         for side in sorted(range(2), key=lambda side: -rates[side]):
-            swings = rates[side] > limits.swing_radps and loads[1 - side] > limits.carried_n
-            felt = loads[side] - cells[side].max() if swings else loads[side]
-            if all(self._down) and felt < (limits.crept_share * loads[1 - side] if swings else limits.left_n):
+            swings = rates[side] > limits.swing_radps and loads[1 - side] > limits.single_support_n
+            load = loads[side] - cells[side].max() if swings else loads[side]
+            if all(self._down) and load < (limits.crept_share * loads[1 - side] if swings else limits.left_n):
                 self._down[side], self._left_ns[side] = False, t_ns
                 self._cells[side].empty()
 
     def _land(self, side: int, on_heel: bool) -> None:
         """Begins a step; stores the offsets estimated with the previous one."""
-        if self._belief is not None:
-            self._offsets.learn(self._belief)
+        if self._posterior is not None:
+            self._offsets.store(self._posterior)
             if side != self._newest:  # a foot that lands twice steps from the other foot both times
-                self._p_before = self._p_before + self._belief.values[:3]
+                self._p_before = self._p_before + self._posterior.values[:3]
         self._steps += 1
-        self._falls[side] = Footfall(self._steps, on_heel, self._limits)
-        self._newest, self._crossing, self._belief = side, Crossing(), None
+        self._contacts[side] = Footfall(self._steps, on_heel, self._limits)
+        self._newest, self._support, self._posterior = side, DoubleSupport(), None
 
-    def _forget(self) -> None:
+    def _reset_contacts(self) -> None:
         """Resets the contacts: after a gap the feet may have moved."""
-        self._falls = [Footfall(fall.step, fall.on_heel, self._limits) for fall in self._falls]
-        self._crossing, self._belief = Crossing(), None
+        self._contacts = [Footfall(fall.step, fall.on_heel, self._limits) for fall in self._contacts]
+        self._support, self._posterior = DoubleSupport(), None
 
-    def _cross(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
+    def _add_support(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
         """Adds a tick in which both feet are down to the vector between their contacts.
 
         See docs/contact_terrain.md (7).
         """
         new, old = self._newest, 1 - self._newest
-        fall = self._falls[new]
+        fall = self._contacts[new]
         weight = min(1.0, max(float(loads.min()), 1.0) / self._limits.both_n) ** 2
         if fall.on_heel:
             weight /= 1.0 + (rate / self._limits.landing_radps) ** 2
@@ -176,60 +182,61 @@ class Proposed:
         before, J_before = self._contact(old, False, angles[old])
         J = J - J_before
         J[2, SAG] = 1.0 if fall.on_heel else 0.0
-        self._crossing.add(weight, vector - before, J, free)
+        self._support.add(weight, vector - before, J, free)
 
     def _contact(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
         """A foot's fixed contact point relative to the back panel, in world axes, and its derivative."""
         R = self._attitudes.R
         p, J = foot_place(self._links[side], R, side, q)
-        T = self._soles[side].T_foot_sole
-        arm = R[3 + side] @ (T[:3, :3] @ holds(self._soles[side], on_heel) + T[:3, 3])
-        J[:, FOOT + 3 * side : FOOT + 3 * side + 3] += turning(arm, R[3 + side])
+        arm = R[3 + side] @ self._on_foot[side][on_heel]
+        J[:, FOOT + 3 * side : FOOT + 3 * side + 3] += rotation_jacobian(arm, R[3 + side])
         return p + arm, J
 
     def _figures(self) -> StepFigures:
         """The measurements of the current step so far."""
         new, old = self._newest, 1 - self._newest
-        vector, J = self._crossing.mean()
+        vector, J = self._support.mean()
         slopes, J_slopes = np.zeros(2), np.zeros((2, OFFSETS))
-        for k, (side, sign, on_heel) in enumerate(((new, -1.0, self._falls[new].on_heel), (old, 1.0, False))):
-            fall = self._falls[side]
+        for k, (side, sign, on_heel) in enumerate(((new, -1.0, self._contacts[new].on_heel), (old, 1.0, False))):
+            fall = self._contacts[side]
             R_sole = fall.R_world_sole() if fall.weight else np.eye(3)
-            R_foot = R_sole @ self._soles[side].T_foot_sole[:3, :3].T
-            arm = R_sole @ holds(self._soles[side], on_heel)
+            R_foot = R_sole @ self._R_foot_sole[side].T
+            arm = R_sole @ self._on_sole[side][on_heel]
             at = slice(FOOT + 3 * side, FOOT + 3 * side + 3)
             vector = vector + sign * arm
-            J[:, at] += sign * turning(arm, R_foot)
+            J[:, at] += sign * rotation_jacobian(arm, R_foot)
             f = R_sole[:, 0]
             slopes[k] = math.asin(max(-1.0, min(1.0, f[2])))
-            J_slopes[k, at] = turning(f, R_foot)[2] / math.cos(slopes[k])
-        strained = np.array([self._falls[new].strained, self._falls[old].strained])
-        exo = self._yields
+            J_slopes[k, at] = rotation_jacobian(f, R_foot)[2] / math.cos(slopes[k])
+        strained = np.array([self._contacts[new].strained, self._contacts[old].strained])
+        exo = self._compliance
         slope_sd = np.sqrt(
             exo.slope_sd_rad**2 + (exo.slope_share * slopes) ** 2 + (exo.strained_slope_sd_rad * strained) ** 2
         )
-        place_sd = np.hypot(exo.vector_sd_m, exo.strained_sd_m * self._crossing.strained / self._crossing.weight)
+        place_sd = np.hypot(exo.vector_sd_m, exo.strained_sd_m * self._support.strained / self._support.weight)
         place_sd[2] = math.hypot(place_sd[2], exo.climb_share * max(vector[2], 0.0))
-        place_sd = np.hypot(place_sd, exo.spread_gain * np.maximum(self._crossing.spread() - exo.steady_m, 0.0))
+        place_sd = np.hypot(place_sd, exo.spread_gain * np.maximum(self._support.spread() - exo.steady_m, 0.0))
         sd = np.concatenate([place_sd, slope_sd])
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 
-    def _tell(self, t_ns: int) -> StepEstimate:
+    def _estimate(self, t_ns: int) -> StepEstimate:
         """The estimate from the step and the offsets."""
-        fall = self._falls[self._newest]
-        self._belief = belief = self._offsets.judge(self._figures(), start=fall.step == 0)
-        x, y, height, slope, before = belief.values
-        covariance = belief.covariance.copy()
+        fall = self._contacts[self._newest]
+        self._posterior = posterior = self._offsets.posterior(self._figures(), start=fall.step == 0)
+        x, y, height, slope, before = posterior.values
+        covariance = posterior.covariance.copy()
         covariance[2, 2] += (
-            self._yields.sloping_sd_m * sloping(slope, math.sqrt(covariance[3, 3]), self._classes.ramp_rad)
+            self._compliance.sloping_sd_m * sloping(slope, math.sqrt(covariance[3, 3]), self._classes.ramp_rad)
         ) ** 2
         sd = np.sqrt(np.diag(covariance))
         beyond = beyond_slopes(height, math.hypot(x, y), slope, before)
-        mode, probability = most_likely(step_modes(slope, sd[3], beyond, sd[2], self._classes), self._classes.sure)
+        mode, probability = most_likely(
+            step_modes(slope, sd[3], beyond, sd[2], self._classes), self._classes.probability_min
+        )
         return StepEstimate(
             t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),
             slope_sd=float(sd[3]), elevation_sd=float(sd[2]), normal=_normal(fall.R_world_sole(), slope),
-            p_sole_in_world=self._p_before + belief.values[:3], covariance=covariance[:3, :3],
+            p_sole_in_world=self._p_before + posterior.values[:3], covariance=covariance[:3, :3],
             mode=mode, probability=float(probability),
         )  # fmt: skip
 

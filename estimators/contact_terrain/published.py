@@ -14,24 +14,18 @@ from enum import Enum
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.estimate import UNKNOWN, StepEstimate
+from stridetwin.estimators.contact_terrain.estimate import UNKNOWN, StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import forward, leg_angles, links
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, PublishedParameters
-from stridetwin.estimators.contact_terrain.step_class import TerrainSvm
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 
 
 def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
-    """(2,) m on the sole; None if the foot is unloaded.
+    """(2,) m on the sole, of (4,) forces, N, on (4, 2) cells, m; None below `pressing_n` on all together.
 
     See docs/contact_terrain.md (3).
-
-    Args:
-        cells: (4, 2) m.
-        force: (4,) N.
-        pressing_n: N, a foot with less on all cells together is off the ground.
     """
     total = float(force.sum())
     return None if total < pressing_n else force @ cells / total
@@ -53,33 +47,22 @@ class Phase(Enum):
 
 
 def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: PublishedParameters) -> Phase:
-    """Phase of a foot.
-
-    Args:
-        cells: (4, 2) m, heel first and toe last.
-        cop: (2,) m, or None if the foot is unloaded.
-        rate: Angular rate of the foot, rad/s.
-        parameters: Limits of rate and of heel and front.
-    """
+    """Phase of a foot from its (4, 2) cells, m, heel first, its centre of pressure and its angular rate, rad/s."""
     if cop is None:
         return Phase.FOOT_OFF
     share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
-    if rate > parameters.turning_radps and share < parameters.heel_share:
+    if rate > parameters.rotating_radps and share < parameters.heel_share:
         return Phase.HEEL_CONTACT
-    if rate > parameters.turning_radps and share > parameters.front_share:
+    if rate > parameters.rotating_radps and share > parameters.front_share:
         return Phase.HEEL_OFF
     return Phase.FOOT_FLAT
 
 
 def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
-    """The foot, 0 or 1, that holds the pivot.
+    """The foot, 0 or 1, that holds the pivot, from both phases and (2,) loads, N.
 
-    It is the loaded foot; of two, the flat one; if both or neither are flat, the one with more load.
-
-    Args:
-        phases: Of both feet.
-        load: (2,) N.
-        last: The last pivot foot; kept while no foot is loaded.
+    It is the loaded foot; of two, the flat one; if both or neither are flat, the one with more load. Without a loaded
+    foot it is the last one.
     """
     on = [phase is not Phase.FOOT_OFF for phase in phases]
     if on[0] != on[1]:
@@ -104,10 +87,10 @@ class Pivot:
         self._cop: list[Array | None] = [None, None]
 
     def move(self, foot: int, cop_in_foot: Sequence[Array | None], R_world_base: Array, T_base_foot: Array) -> None:
-        """Propagates the pivot by the motion in this tick: equations (12)-(16).
+        """Propagates the pivot by the motion in this tick, to the foot that holds it from now on: equations (12)-(16).
 
         Args:
-            foot: The foot that holds it from now on.
+            foot: That foot.
             cop_in_foot: (3,) m of each foot's centre of pressure in its last frame, None if unloaded.
             R_world_base: (3, 3).
             T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
@@ -152,12 +135,7 @@ class Markers:
         self._moments = np.zeros((3, 4))  # of (x, y, 1) with (x, y, 1, z), virtual markers too
 
     def add(self, p_in_world: Array, medial_in_world: Array) -> None:
-        """Takes a marker and makes its virtual one.
-
-        Args:
-            p_in_world: (3,) m.
-            medial_in_world: (3,) unit vector along the sole to the inner side of the foot.
-        """
+        """Takes a marker, (3,) m, and makes its virtual one along the (3,) unit vector to the foot's inner side."""
         if self.count == 0:
             self._origin = p_in_world
         self.count += 1
@@ -189,15 +167,9 @@ class Markers:
 
 
 def slope(normal: Array, heading: Array) -> float:
-    """Slope, rad: the angle between normal and vertical, positive uphill.
+    """Slope, rad: the angle between the (3,) normal and the vertical, positive uphill in the (2,) heading.
 
-    See docs/contact_terrain.md (5).
-
-    Equation (19) as printed is zero for every normal; this follows the paper's text.
-
-    Args:
-        normal: (3,) unit vector, up.
-        heading: (2,) horizontal direction of the walk.
+    See docs/contact_terrain.md (5). Equation (19) as printed is zero for every normal; this follows the paper's text.
     """
     tilt = math.hypot(normal[0], normal[1])
     return math.copysign(math.atan2(tilt, normal[2]), -float(normal[:2] @ heading))
@@ -246,7 +218,7 @@ class Published:
         """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
         T_base_foot = np.empty((2, 4, 4))
         for i, leg in enumerate(self._links):
-            q = leg_angles(leg, tick.R_world_base, tick.R_world_thigh[i], tick.R_world_foot[i], tick.knee[i])
+            q = leg_angles(leg, tick.R, i, tick.knee[i])
             T_base_foot[i] = forward(leg.table, leg.turns, q)[-1]
         pressing_n = self._parameters.pressing_n
         cops = [centre_of_pressure(sole.cells, force, pressing_n) for sole, force in zip(self._soles, tick.force)]
@@ -258,14 +230,14 @@ class Published:
             None if cop is None else on_sole(sole.T_foot_sole, cop) for sole, cop in zip(self._soles, cops)
         ]  # fmt: skip
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
-        self._pivot.move(foot, contacts, tick.R_world_base, T_base_foot)
-        self._touch(phases)
+        self._pivot.move(foot, contacts, tick.R[0], T_base_foot)
+        self._start_footprints(phases)
         contact, own = contacts[foot], self._prints[foot]
         if phases[foot] is not Phase.FOOT_FLAT or contact is None or own.over:
             return None
-        return self._mark(tick, foot, contact, tick.R_world_base @ T_base_foot[foot, :3, :3])
+        return self._add_marker(tick, foot, contact, tick.R[0] @ T_base_foot[foot, :3, :3])
 
-    def _touch(self, phases: list[Phase]) -> None:
+    def _start_footprints(self, phases: list[Phase]) -> None:
         """Begins a new footprint where a foot touches down."""
         for i, phase in enumerate(phases):
             down = phase is not Phase.FOOT_OFF
@@ -279,7 +251,7 @@ class Published:
             own = self._prints[i]
             own.over |= own.step > 0 and own.markers.enough and phase is Phase.HEEL_OFF
 
-    def _mark(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
+    def _add_marker(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
         """Adds the pivot to its foot's markers and returns their estimate."""
         sole, own, other = self._soles[foot], self._prints[foot], self._prints[1 - foot]
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
@@ -291,9 +263,9 @@ class Published:
         if plane is None or below is None:
             return None
         angle, elevation = slope(plane.normal, R_world_sole[:2, 0]), float(plane.centre[2] - below)
-        told = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
+        mode = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
         return StepEstimate(
             t_ns=tick.t_ns, step=own.step, foot=SIDES[foot], slope=angle, elevation=elevation, slope_sd=np.inf,
             elevation_sd=np.inf, normal=plane.normal, p_sole_in_world=own.soles / own.markers.count,
-            covariance=np.diag(np.full(3, np.inf)), mode=told[0], probability=told[1],
+            covariance=np.diag(np.full(3, np.inf)), mode=mode[0], probability=mode[1],
         )  # fmt: skip

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.attitude import Attitudes
+from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import foot_place, leg_angles, links
-from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
+from stridetwin.estimators.contact_terrain.ticks import Attitudes, Tick, TickBuilder
 from stridetwin.streams.samples import Array, Sample
 
 
@@ -66,16 +65,16 @@ class LegSpeeds:
         self._parameters = parameters.speed
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
-        self._gather, self._attitudes = Gather(exo, parameters.ticks), Attitudes(parameters.attitudes)
+        self._ticks, self._attitudes = TickBuilder(exo, parameters.ticks), Attitudes(parameters.attitudes)
         self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
         self._last: deque[_Feet] = deque(maxlen=parameters.speed.span_ticks + 1)
 
     def update(self, sample: Sample) -> LegSpeed | None:
         """Takes a sample in order of time; None if no foot is in stance, or too little is known yet."""
-        told = None
-        for tick in self._gather.add(sample):
-            told = self._step(tick)
-        return told
+        speed = None
+        for tick in self._ticks.add(sample):
+            speed = self._step(tick)
+        return speed
 
     def _step(self, tick: Tick) -> LegSpeed | None:
         self._attitudes.update(tick)
@@ -84,7 +83,7 @@ class LegSpeeds:
         R, rates = self._attitudes.R, np.linalg.norm(tick.rate[3:], axis=1)
         p, R_sole, centre, load = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros(2)
         for i, (sole, leg) in enumerate(zip(self._soles, self._links)):
-            q = leg_angles(leg, R[0], R[1 + i], R[3 + i], tick.knee[i])
+            q = leg_angles(leg, R, i, tick.knee[i])
             foot, _ = foot_place(leg, R, i, q)
             cells = np.maximum(self._cells[i].update(tick.force[i], float(rates[i]), tick.dt), 0.0)
             load[i] = cells.sum()
@@ -97,7 +96,7 @@ class LegSpeeds:
         if v is None:
             return None
         t_ns = (self._last[0].t_ns + tick.t_ns) // 2
-        resting = bool((load > self._parameters.loaded_n).all() and rates.max() < self._parameters.quiet_radps)
+        resting = bool((load > self._parameters.loaded_n).all() and rates.max() < self._parameters.stationary_radps)
         return LegSpeed(t_ns=t_ns, v_back_in_world=v, resting=resting)
 
 

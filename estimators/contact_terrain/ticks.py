@@ -1,9 +1,13 @@
-"""Joins nine streams into one row per instant: attitudes of the exoskeleton's frames, knee angles and cell forces.
+"""Joins nine streams into one row per instant, and fuses the attitudes of the exoskeleton's frames.
 
-A tick is whole when every stream has brought its sample; the first sample of a later instant closes one that is not. A
-late stream is extrapolated for up to `TickParameters.hold_s`: an attitude by its last angular rate, an angle and forces
-as they were. A sample that is not finite, that no such sensor gives, or that is not later than the stream's last one
-counts as lost. A negative force, of a cell whose zero is low, counts as none.
+A tick is complete when every stream has delivered its sample; the first sample of a later instant closes an incomplete
+one. A late stream is extrapolated for up to `TickParameters.hold_s`: an attitude by its last angular rate, an angle and
+forces as constants. A sample counts as lost if it is not finite, out of the sensor's range, or not later than the
+stream's last one. A negative force, of a cell whose zero is low, counts as none.
+
+The tilt error of an AHRS is correlated and grows with motion; its integrated gyro has hardly any error within a step.
+`Attitudes` therefore propagates each attitude by the rates, and the AHRS corrects it slowly: a Kalman filter with one
+variance per frame, in which an AHRS sample has a white error of the same power (2 τ σ² / dt).
 """
 
 from __future__ import annotations
@@ -11,12 +15,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, TickParameters
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, AttitudeNoise, TickParameters
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
 
 _HERE = Path(__file__).parent
@@ -29,9 +34,7 @@ class Tick:
     Attributes:
         t_ns: Time.
         dt: Since the last tick, s; 0 for the first one and after a gap that was not bridged.
-        R_world_base: (3, 3) of the back panel, frame 0.
-        R_world_thigh: (2, 3, 3) of the thigh's frames.
-        R_world_foot: (2, 3, 3) of the last frames.
+        R: (5, 3, 3) frame to world, of the back panel (frame 0), the frames on both thighs, and the last frames.
         rate: (5, 3) rad/s of back, thighs and feet in the axes of their frames.
         knee: (2,) rad, angles of the joints that turn the knees' frames.
         force: (2, 4) N on heel, lateral ball, medial ball and toe.
@@ -40,16 +43,14 @@ class Tick:
 
     t_ns: int
     dt: float
-    R_world_base: Array
-    R_world_thigh: Array
-    R_world_foot: Array
+    R: Array
     rate: Array
     knee: Array
     force: Array
     fresh: Array
 
 
-class Gather:
+class TickBuilder:
     """Collects samples of an exoskeleton into ticks.
 
     Args:
@@ -68,14 +69,14 @@ class Gather:
         self._R, self._rate = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
         self._knee, self._force = np.zeros(2), np.zeros((2, 4))
         self._open: set[str] = set()
-        self._now = self._told = -1
+        self._now = self._tick_ns = -1
 
     def add(self, sample: Sample) -> list[Tick]:
         """Takes one sample; returns the ticks that it completes or closes, at most two."""
         if (
             sample.topic not in self._last
             or sample.t_ns <= self._last[sample.topic]
-            or not _sane(sample, self._parameters)
+            or not _is_valid(sample, self._parameters)
         ):
             return []
         made = []
@@ -112,23 +113,23 @@ class Gather:
             late = (self._now - self._last[topic]) * 1e-9
             if late > self._parameters.together_s:
                 R[i], fresh[i] = R[i] @ exp_so3(late * self._rate[i]), False
-        dt = (self._now - self._told) * 1e-9
-        if self._told < 0 or dt > self._parameters.hold_s:
+        dt = (self._now - self._tick_ns) * 1e-9
+        if self._tick_ns < 0 or dt > self._parameters.hold_s:
             dt = 0.0
-        self._told = self._now
+        self._tick_ns = self._now
         return [
             Tick(
-                t_ns=self._now, dt=dt, R_world_base=R[0], R_world_thigh=R[1:3], R_world_foot=R[3:5],
-                rate=self._rate.copy(), knee=self._knee.copy(), force=self._force.copy(), fresh=fresh,
+                t_ns=self._now, dt=dt, R=R, rate=self._rate.copy(), knee=self._knee.copy(), force=self._force.copy(),
+                fresh=fresh,
             )
         ]  # fmt: skip
 
 
-def _sane(sample: Sample, limits: TickParameters) -> bool:
+def _is_valid(sample: Sample, limits: TickParameters) -> bool:
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
-            return bool(abs(q @ q - 1.0) < 0.02 and rate @ rate < limits.rate_max_radps**2)
+            return bool(abs(q @ q - 1.0) < limits.norm_error_max and rate @ rate < limits.rate_max_radps**2)
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
         case Insole():
@@ -156,3 +157,65 @@ def exp_so3(turn: Array) -> Array:
     if angle < 1e-9:
         return np.eye(3) + K
     return np.eye(3) + math.sin(angle) / angle * K + (1.0 - math.cos(angle)) / angle**2 * (K @ K)
+
+
+class _State(NamedTuple):
+    """State that compiled code modifies in place: all but R at the last fresh sample, and the time since then."""
+
+    R: Array
+    last: Array
+    variance: Array
+    rate: Array
+    since: Array
+
+
+class Attitudes:
+    """Attitudes of back, thighs and feet.
+
+    Args:
+        noise: Noise model.
+
+    Attributes:
+        R: (5, 3, 3) frame to world.
+    """
+
+    def __init__(self, noise: AttitudeNoise = DEFAULTS.attitudes) -> None:
+        self._noise, self.R = noise, np.tile(np.eye(3), (5, 1, 1))
+        self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
+
+    def update(self, tick: Tick) -> None:
+        """Takes a tick; at the start and after a gap, the attitudes are those of the AHRS.
+
+        See docs/contact_terrain.md (6).
+        """
+        _fuse(self._state, self._noise, tick.R, tick.rate, tick.fresh, tick.dt)
+
+
+@cached(_HERE)
+def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fresh: Array, dt: float) -> None:
+    R, last, variance, last_rate, since = state
+    for i in range(len(R)):
+        since[i] += dt
+        if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
+            R[i] = last[i] @ exp_so3(since[i] * last_rate[i])
+            variance[i] += noise.lost_sd_rad**2
+            continue
+        if variance[i] < 0.0 or dt <= 0.0:
+            R[i], variance[i] = measured[i], noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
+        else:
+            R[i] = last[i] @ exp_so3(0.5 * since[i] * (last_rate[i] + rate[i]))
+            variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
+            share = min(math.sqrt(np.sum(rate[i] * rate[i])) / noise.full_motion_radps, 1.0)
+            sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
+            gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
+            variance[i] *= 1.0 - gain
+            R[i] = exp_so3(gain * _log_so3(measured[i] @ np.ascontiguousarray(R[i].T))) @ R[i]
+        last[i], last_rate[i], since[i] = R[i], rate[i], 0.0
+
+
+@cached(_HERE)
+def _log_so3(R: Array) -> Array:
+    """(3,) rotation vector, rad; for rotations below π."""
+    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine, cosine = math.sqrt(np.sum(turn * turn)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    return turn if sine < 1e-9 else turn * (math.atan2(sine, cosine) / sine)

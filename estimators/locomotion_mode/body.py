@@ -13,7 +13,7 @@ from collections import deque
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.terrain_map.pose_buffer import is_pose
+from stridetwin.estimators.terrain_map.depth_camera import is_pose
 from stridetwin.streams.samples import Array, Odometry
 
 
@@ -30,7 +30,7 @@ class Body:
         self._p = p_body_in_frame
         self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
         self._parameters = p = parameters
-        self._history: deque[tuple[int, Array]] = deque(maxlen=round(p.kept_s / p.kept_period_s) + 2)
+        self._history: deque[tuple[int, Array]] = deque(maxlen=round(p.history_s / p.history_period_s) + 2)
         self._look: Array | None = None
         self.t_ns = -1
         self.p = np.zeros(3)
@@ -47,17 +47,19 @@ class Body:
         place, forward = p + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        far = math.dist(place.tolist(), self.p.tolist()) > self._parameters.jump_m + 5.0 * min(dt, 1.0)
+        far = math.dist(
+            place.tolist(), self.p.tolist()
+        ) > self._parameters.jump_m + self._parameters.max_speed_mps * min(dt, 1.0)
         jumped = self.t_ns >= 0 and (far or dt > self._parameters.max_gap_s)
         if jumped:
             self._history.clear()
             self._look = None
         if self._look is None:
             self._look = forward
-        share = min(1.0, dt / self._parameters.look_s)
+        share = min(1.0, dt / self._parameters.view_time_s)
         self._look = self._look + share * (forward - self._look)
         self.p, self.t_ns = place, pose.t_ns
-        if not self._history or pose.t_ns - self._history[-1][0] >= self._parameters.kept_period_s * 1e9:
+        if not self._history or pose.t_ns - self._history[-1][0] >= self._parameters.history_period_s * 1e9:
             self._history.append((pose.t_ns, place))
         return jumped
 
@@ -79,7 +81,7 @@ class Body:
 
     def heading(self, stride_s: float) -> float:
         """Walking direction over the last stride, rad from the world's x."""
-        way = (self.p - self.before(min(stride_s, self._parameters.kept_s)))[:2]
+        way = (self.p - self.before(min(stride_s, self._parameters.history_s)))[:2]
         look = np.zeros(2) if self._look is None else self._look
         way = way + self._parameters.still_m * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])

@@ -12,7 +12,7 @@ from stridetwin.estimators.locomotion_mode.estimate import MODES, NextChange
 from stridetwin.estimators.locomotion_mode.foothold import Line
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments
-from stridetwin.estimators.locomotion_mode.segments import Piece, mode_table, under
+from stridetwin.estimators.locomotion_mode.segments import Segment, mode_table, segment_under
 from stridetwin.estimators.terrain_map import Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
 
@@ -25,43 +25,37 @@ class _Found:
         mode: Mode of the first step beyond it.
         at: m along the path.
         sd: m.
-        piece: Index of the terrain segment that begins there.
+        segment: Index of the terrain segment that begins there.
     """
 
     mode: str
     at: float
     sd: float
-    piece: int
+    segment: int
 
 
-def _first(ground: Sequence[Piece], here: int, mode: str, p: LocomotionModeParameters) -> _Found | None:
-    """The first segment boundary ahead beyond which the mode of steps changes.
+def _first(ground: Sequence[Segment], here: int, mode: str, p: LocomotionModeParameters) -> _Found | None:
+    """The first segment boundary ahead of the segment `here` beyond which the steps' mode is no longer `mode`.
 
     Stairs end at their last edge: the step over it still climbs, the next one does not.
-
-    Args:
-        ground: Terrain segments along the path.
-        here: Index of the segment under the foot.
-        mode: Mode of the current steps.
-        p: Thresholds.
     """
     table = mode_table(ground, p)
     for k in range(here + 1, len(ground)):
         into = MODES[int(table[k - 1, k].argmax())]
         if into not in (mode, "LG"):
-            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, piece=k)
+            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, segment=k)
         onward = MODES[int(table[k, k].argmax())]
         if mode in ("SA", "SD"):
             last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
             if into == mode and last and ground[k].length > p.tread_max_m:
-                return _Found(mode=onward, at=ground[k].start, sd=ground[k].start_sd, piece=k)
+                return _Found(mode=onward, at=ground[k].start, sd=ground[k].start_sd, segment=k)
         elif into != mode:
-            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, piece=k)
+            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, segment=k)
     return None
 
 
 def next_change(
-    estimate: TerrainEstimate | None, ground: Sequence[Piece], stance: float, line: Line, chain: Chain, s: Array,
+    estimate: TerrainEstimate | None, ground: Sequence[Segment], stance: float, line: Line, chain: Chain, s: Array,
     times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: LocomotionModeParameters,
 ) -> NextChange | None:  # fmt: skip
     """The first change of the ground ahead, and when a foot lands beyond it.
@@ -83,11 +77,11 @@ def next_change(
     """
     if estimate is None:
         return None
-    here = under(ground, stance, p)
+    here = segment_under(ground, stance, p)
     found = _first(ground, here, _mode_here(ground, here, p), p)
     if found is None:
         return None
-    beyond = chain.on[:, found.piece :].sum(axis=1) > 0.5
+    beyond = chain.on[:, found.segment :].sum(axis=1) > 0.5
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
     else:
@@ -97,56 +91,45 @@ def next_change(
     sizes = dict.fromkeys(("riser", "riser_sd", "tread", "tread_sd", "slope", "slope_sd"), math.nan)
     return NextChange(
         mode=found.mode, p_in_world=place, distance=found.at - p.behind_m, distance_sd=max(found.sd, p.place_sd_m),
-        time_s=in_s, time_sd_s=in_sd_s, **sizes | _sizes(found.mode, ground[found.piece], estimate, place, line, p),
+        time_s=in_s, time_sd_s=in_sd_s, **sizes | _sizes(found.mode, ground[found.segment], estimate, place, line, p),
     )  # fmt: skip
 
 
-def _mode_here(ground: Sequence[Piece], here: int, p: LocomotionModeParameters) -> str:
+def _mode_here(ground: Sequence[Segment], here: int, p: LocomotionModeParameters) -> str:
     """Mode of steps on the ground under the foot; on a tread, that of its stairs."""
-    piece = ground[here]
-    if piece.mode != "LG":
-        return piece.mode
+    segment = ground[here]
+    if segment.mode != "LG":
+        return segment.mode
     if here > 0 and here + 1 < len(ground):
-        drops = piece.drop, ground[here + 1].drop
-        if min(map(abs, drops)) > p.kerb_m and drops[0] * drops[1] > 0 and piece.length < p.tread_max_m:
+        drops = segment.drop, ground[here + 1].drop
+        if min(map(abs, drops)) > p.kerb_m and drops[0] * drops[1] > 0 and segment.length < p.tread_max_m:
             return "SA" if drops[0] > 0 else "SD"
     return "LG"
 
 
 def _sizes(
-    mode: str, piece: Piece, estimate: TerrainEstimate, place: Array, line: Line, p: LocomotionModeParameters
+    mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: Line, p: LocomotionModeParameters
 ) -> dict[str, float]:
     """Riser and tread, or slope, of the ground that begins at a place; only known values."""
     if mode in ("RA", "RD"):
-        return {"slope": piece.slope, "slope_sd": piece.slope_sd}
+        return {"slope": segment.slope, "slope_sd": segment.slope_sd}
     if mode not in ("SA", "SD"):
         return {}
     up = mode == "SA"
     flight = _flight_at(estimate, place, line.forward, up, p)
     if flight is None:
-        return {"riser": piece.drop, "riser_sd": math.hypot(p.riser_sd_m, piece.drop_sd)}
+        return {"riser": segment.drop, "riser_sd": math.hypot(p.riser_sd_m, segment.drop_sd)}
     riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()
-    told = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.flight_riser_sd_m)}
+    sizes = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.flight_riser_sd_m)}
     if flight.steps > 1:
-        told |= {"tread": flight.tread, "tread_sd": p.tread_sd_share * (1.0 if up else p.tread_down_factor) * tread_sd}
-    return told
+        sizes |= {"tread": flight.tread, "tread_sd": p.tread_sd_share * (1.0 if up else p.tread_down_factor) * tread_sd}
+    return sizes
 
 
 def _flight_at(
     estimate: TerrainEstimate, place: Array, forward: Array, up: bool, p: LocomotionModeParameters
 ) -> Stairs | None:
-    """The stairs with an edge at a place on the path.
-
-    Args:
-        estimate: The map's estimate.
-        place: (2,) m, where the path crosses the edge.
-        forward: (2,) unit vector of the path.
-        up: Whether the path ascends the stairs.
-        p: Thresholds.
-
-    Returns:
-        Of those, the stairs with the most steps.
-    """
+    """The stairs with most steps that have an edge at a (2,) place, m, on the path along (2,) `forward`, up or down."""
     best: tuple[Stairs, float] | None = None
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)

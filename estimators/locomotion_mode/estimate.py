@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from stridetwin.estimators.contact_terrain import MODES
 from stridetwin.streams.samples import Array
 
-MODES = ("LG", "SA", "SD", "RA", "RD")
-"""Level ground, stair ascent and descent, ramp ascent and descent."""
+__all__ = ["MODES", "ModeEstimate", "NextChange", "StepPrediction"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,25 +8,32 @@ from typing import ClassVar
 
 import numpy as np
 
+from stridetwin.estimators.base import (
+    BACKENDS,
+    POSE_STREAM,
+    PROPOSED,
+    Declaration,
+    Options,
+    Stream,
+    current_name,
+    deprecated,
+)
 from stridetwin.estimators.base import MODES as MODES_KIND
-from stridetwin.estimators.base import POSE_STREAM, PROPOSED, Declaration, Options, Stream, current_name, deprecated
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.foothold import Footing, Line
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE
+from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, extrapolated
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.proprioception import going_on
-from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, coming_steps
-from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, TouchDowns
+from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, published_steps
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.segments import (
     Flight,
-    Piece,
+    Segment,
     heights,
-    pieces,
-    seen_last,
+    last_flight,
+    segments_along,
     unseen,
     with_unseen,
 )
@@ -67,7 +74,8 @@ class LocomotionMode:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="locomotion_mode", kind=MODES_KIND, order=1, methods=METHODS, budget_s=0.2, window_s=0.06,
+        name="locomotion_mode", kind=MODES_KIND, order=1, methods=METHODS, backends=BACKENDS, budget_s=0.2,
+        window_s=0.06,
     )  # fmt: skip
 
     def __init__(
@@ -100,7 +108,7 @@ class LocomotionMode:
         self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
-        self._rhythm, self._footing = Rhythm(p), Footing(p)
+        self._rhythm, self._foothold = Rhythm(p), Foothold(p)
         self._stairs: Flight | None = None
 
     @classmethod
@@ -119,17 +127,17 @@ class LocomotionMode:
             self.ground.update(sample)
             if self._body.add(sample):
                 self._rhythm = Rhythm(self.parameters)
-                self._footing.begin()
+                self._foothold.reset()
                 self._walking.clear()
             return None
         known = self._body.known(sample.t_ns)
         if isinstance(sample, StepEstimate):
-            new = self._footing.feel(sample, self._rhythm.foot, self._rhythm.down_ns)
+            new = self._foothold.add_step(sample, self._rhythm.foot, self._rhythm.down_ns)
         elif isinstance(sample, Insole):
-            heard = self._touch.update(sample)
-            foot = heard or self._rhythm.overdue(sample.t_ns)
+            detected = self._touch.update(sample)
+            foot = detected or self._rhythm.overdue(sample.t_ns)
             if foot:
-                self._land(foot, sample.t_ns, known, heard is not None)
+                self._land(foot, sample.t_ns, known, detected is not None)
             new = foot is not None
         else:
             new = isinstance(sample, Depth) and self.ground.update(sample) is not None
@@ -137,23 +145,23 @@ class LocomotionMode:
             return None
         return self._published(sample.t_ns) if self.method == "published" else self._predicted(sample.t_ns)
 
-    def _land(self, foot: str, t_ns: int, known: bool, heard: bool) -> None:
+    def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
         """Handles a touch-down: updates its time and, if known, the foothold and the statistics of steps."""
         line, top = self._line() if known else None, self._body.top(self._rhythm.down_ns)
-        landing = self._rhythm.land(foot, t_ns, heard)
+        landing = self._rhythm.land(foot, t_ns, detected)
         if landing is None:
             return
         if line is None:
-            self._footing.lose()
+            self._foothold.lose_position()
             self._walking.clear()  # or the next step would be predicted from two
             return
         self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
         if self.method == PROPOSED:
             profile = self._profile(line)
             ground = self._ground_along(profile, line)
-            behind, _ = moments(self._footing.standing(line), self._footing.s)
-            self._footing.land(
-                landing, line, ground, heights(ground, profile, self._footing.s), self._body_height(), top,
+            behind, _ = moments(self._foothold.standing(line), self._foothold.s)
+            self._foothold.land(
+                landing, line, ground, heights(ground, profile, self._foothold.s), self._body_height(), top,
                 self._height(line.origin + behind * line.forward), self._walking.last_size(),
             )  # fmt: skip
 
@@ -175,37 +183,37 @@ class LocomotionMode:
         changes = tuple(replace(change, s=change.s - p.back_m) for change in far.changes)
         return replace(far, s=far.s - p.back_m, changes=changes)
 
-    def _ground_along(self, profile: Profile, line: Line) -> list[Piece]:
+    def _ground_along(self, profile: Profile, line: Line) -> list[Segment]:
         """The terrain segments of a profile; unobserved ground ahead continues as the legs last measured it."""
-        step = self._footing.felt
+        step = self._foothold.last_step
         if step is not None:
-            foot, _ = moments(self._footing.standing(line), self._footing.s)
+            foot, _ = moments(self._foothold.standing(line), self._foothold.s)
             seen = profile.s[profile.plane >= 0]
             if not len(seen) or seen[-1] < foot + self.parameters.toe_m:
-                return going_on(step, foot, self.parameters)
+                return extrapolated(step, foot, self.parameters)
         estimate = self.ground.estimate
         if estimate is not None:
-            self._stairs = seen_last(estimate, self._stairs, self.parameters)
-        return pieces(profile, estimate, line.forward, self.parameters, self._stairs)
+            self._stairs = last_flight(estimate, self._stairs, self.parameters)
+        return segments_along(profile, estimate, line.forward, self.parameters, self._stairs)
 
     def _predicted(self, t_ns: int) -> ModeEstimate:
-        p, footing, rhythm = self.parameters, self._footing, self._rhythm
+        p, foothold, rhythm = self.parameters, self._foothold, self._rhythm
         line = self._line()
         profile = self._profile(line)
         ground = self._ground_along(profile, line)
-        stance, feet = footing.standing(line), rhythm.coming()
+        stance, feet = foothold.standing(line), rhythm.next_feet()
         if rhythm.over_foot(t_ns):
-            height = heights(ground, profile, footing.s)
-            stance = footing.stood(stance, height, self._body.top(rhythm.down_ns))
-        chain = footing.rolled(stance, ground, feet)
-        here, _ = moments(stance, footing.s)
-        modes = with_unseen(chain.modes, chain.density @ unseen(profile, footing.s, here, p))
+            height = heights(ground, profile, foothold.s)
+            stance = foothold.after_passing(stance, height, self._body.top(rhythm.down_ns))
+        chain = foothold.rolled(stance, ground, feet)
+        here, _ = moments(stance, foothold.s)
+        modes = with_unseen(chain.modes, chain.density @ unseen(profile, foothold.s, here, p))
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])
         turn = np.column_stack([line.forward, left])
         steps = []
         for k, foot in enumerate(feet):
-            s, sd = moments(chain.density[k], footing.s)
+            s, sd = moments(chain.density[k], foothold.s)
             xy = line.origin + s * line.forward + 0.5 * p.width_m * SIDE[foot] * left
             steps.append(
                 StepPrediction(
@@ -216,13 +224,13 @@ class LocomotionMode:
                 )
             )  # fmt: skip
         change = next_change(
-            self.ground.estimate, ground, here, line, chain, footing.s,
-            [((at_ns - t_ns) * 1e-9, sd_s) for at_ns, sd_s in times], footing.step_m, rhythm.step_s, p,
+            self.ground.estimate, ground, here, line, chain, foothold.s,
+            [((at_ns - t_ns) * 1e-9, sd_s) for at_ns, sd_s in times], foothold.step_m, rhythm.step_s, p,
         )  # fmt: skip
         return ModeEstimate(
             t_ns=t_ns, step=rhythm.step, steps=tuple(steps), change=change,
             heading=math.atan2(line.forward[1], line.forward[0]), p_body_in_world=self._body.p.copy(),
-            step_length=footing.step_m, step_length_sd=footing.step_sd_m, step_time=rhythm.step_s,
+            step_length=foothold.step_m, step_length_sd=foothold.step_sd_m, step_time=rhythm.step_s,
         )  # fmt: skip
 
     def _height(self, xy: Array) -> float:
@@ -235,7 +243,7 @@ class LocomotionMode:
         step_s = rhythm.step_s if math.isnan(step_s) else step_s
         return ModeEstimate(
             t_ns=t_ns, step=rhythm.step, change=None,
-            steps=coming_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self.parameters),
+            steps=published_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self.parameters),
             heading=math.atan2(v[1], v[0]), p_body_in_world=self._body.p.copy(),
             step_length=size, step_length_sd=math.nan, step_time=step_s,
         )  # fmt: skip

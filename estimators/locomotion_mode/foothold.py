@@ -1,4 +1,8 @@
-"""Position of the stance foot and the walker's step lengths, estimated from the body's position."""
+"""Position of the stance foot and the walker's step lengths, from the body's position and an exoskeleton's steps.
+
+The camera observes the ground ahead; an exoskeleton measures length, height and slope of the last step. This corrects
+the foot's position on the map, and replaces the map where there is none.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +10,116 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.estimators.locomotion_mode.footsteps import CLIMB, SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.proprioception import Felt, felt, suits
-from stridetwin.estimators.locomotion_mode.rhythm import Landing
+from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, Landing, StepFilter
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments, roll_out
-from stridetwin.estimators.locomotion_mode.segments import Piece, under
+from stridetwin.estimators.locomotion_mode.segments import Segment, segment_under, surface_along
 from stridetwin.streams.samples import Array
 
-_TOP_FLOOR = 1e-3
-"""Lower limit of a position's likelihood: people duck."""
+_STRIDE = 3
+"""Footprints per stride."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredStep:
+    """A step as the legs measured it.
+
+    Attributes:
+        step: Number of the step in `contact_terrain`.
+        foot: `l` or `r`, the foot that stepped.
+        length: Horizontal distance from the previous footprint along the path, m.
+        length_sd: Standard deviation, m.
+        elevation: Height over the previous footprint, m.
+        elevation_sd: Standard deviation, m.
+        slope: Slope of the ground in the foot's direction, rad, uphill positive.
+        slope_sd: Standard deviation, rad.
+        mode: Mode estimated by `contact_terrain`.
+    """
+
+    step: int
+    foot: str
+    length: float
+    length_sd: float
+    elevation: float
+    elevation_sd: float
+    slope: float
+    slope_sd: float
+    mode: str
+
+
+def measured_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
+    """The last of some steps; None if a step between is missing or a value is unknown.
+
+    The feet are side by side, so a step's length is its component along the whole stride.
+
+    Args:
+        estimates: Estimates of the last steps in order, three at most.
+    """
+    if len(estimates) < _STRIDE or any(b.step != a.step + 1 for a, b in pairwise(estimates)):
+        return None
+    first, before, now = estimates[-_STRIDE:]
+    stride = (now.p_sole_in_world - first.p_sole_in_world)[:2]
+    toward = stride / max(math.hypot(*stride.tolist()), 1e-9)
+    made = MeasuredStep(
+        step=now.step, foot=now.foot, length=float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward),
+        length_sd=math.sqrt(max(float(toward @ now.covariance[:2, :2] @ toward), 0.0)), elevation=now.elevation,
+        elevation_sd=now.elevation_sd, slope=now.slope, slope_sd=now.slope_sd, mode=now.mode,
+    )  # fmt: skip
+    known = (made.length, made.length_sd, made.elevation, made.elevation_sd, made.slope, made.slope_sd)
+    return made if all(map(math.isfinite, known)) else None
+
+
+def step_likelihood(
+    step: MeasuredStep, s: Array, ground: Sequence[Segment], before: Array, p: LocomotionModeParameters
+) -> Array:
+    """(S,) likelihood of each landing position given the measured step, about 1 at best.
+
+    Args:
+        step: The step as the legs measured it.
+        s: (S,) m along the path.
+        ground: Terrain segments along it.
+        before: (S,) density of the previous footprint; sums to 1. It depends on the body's lean, which is the same at
+            every step, so the length of the last step does not reduce that uncertainty.
+        p: Standard deviations.
+    """
+    height, slope, slope_sd = surface_along(ground, s)
+    high, far = float(before @ height), float(before @ s)
+    high_sd, far_sd = (math.sqrt(max(float(before @ (v - m) ** 2), 0.0)) for v, m in ((height, high), (s, far)))
+    off = (
+        (s - far - step.length) / math.hypot(far_sd, step.length_sd, p.body_sd_m),
+        (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, p.elevation_sd_m),
+        (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + p.slope_match_sd_rad**2),
+    )
+    return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + p.likelihood_floor)
+
+
+def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -> list[Segment]:
+    """Extrapolates the measured ground where it was not observed: equal treads, the same slope, or level ground.
+
+    The foot of the last step is at `foot`, m along the path.
+    """
+    stairs = step.mode in ("SA", "SD")
+    slope = 0.0 if stairs or step.mode == "LG" else step.slope
+    slope_sd = math.hypot(p.slope_sd_rad, step.slope_sd)
+    tread = min(max(step.length, p.tread_min_m), p.tread_max_m)
+    first = foot + p.toe_m + p.clearance_sd_m
+    edges = [first + k * tread for k in range(p.treads_max)] if stairs else []
+    bounds = [-math.inf, *edges, math.inf]
+    return [
+        Segment(
+            start=a, start_sd=p.occluded_edge_sd_m if k else 0.0,
+            end=b, end_sd=p.occluded_edge_sd_m if k < len(edges) else 0.0,
+            drop=step.elevation if k else 0.0, drop_sd=step.elevation_sd, slope=slope, slope_sd=slope_sd,
+            mode=step.mode if step.mode in ("RA", "RD") else "LG",
+        )
+        for k, (a, b) in enumerate(pairwise(bounds))
+    ]  # fmt: skip
 
 
 class Line(NamedTuple):
@@ -46,10 +145,10 @@ class _Stance:
     def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
         """The density over the cells of another line."""
         turn = _turn(self.line.forward, line.forward)
-        if abs(turn) > p.turned_rad:
+        if abs(turn) > p.rotation_rad:
             mean, sd = moments(self.density, self.s)
             at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
-            return _normed(_normal(s - at, math.hypot(math.cos(turn) * sd, math.sin(turn) * p.beside_sd_m)))
+            return _normed(_normal(s - at, math.hypot(math.cos(turn) * sd, math.sin(turn) * p.lateral_sd_m)))
         old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
         density = np.interp(old, self.s, self.density, left=0.0, right=0.0)
         return _normed(density)
@@ -70,14 +169,14 @@ class _Landed:
 
     stance: _Stance
     before: Array
-    ground: Sequence[Piece]
+    ground: Sequence[Segment]
     mode: str
     even: float
     length: StepFilter
     ramps: StepFilter
 
 
-class Footing:
+class Foothold:
     """Estimates the position of the stance foot and the step lengths.
 
     Args:
@@ -87,23 +186,25 @@ class Footing:
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
         self.s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
-        self.begin(p.standing_sd_m)
+        self.reset(p.standing_sd_m)
 
-    def begin(self, sd_m: float | None = None) -> None:
+    def reset(self, sd_m: float | None = None) -> None:
         """Resets: the walker is unknown, and the foot's position follows from the body alone."""
         p = self._p
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares))
-        self._tall = StepFilter(p.usual_height_m, p.usual_height_m, 1e-3, 0.005, 0.01)  # top of the body over a foot, m
+        self._tall = StepFilter(  # top of the body over a foot, m
+            p.usual_height_m, p.usual_height_m, p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m
+        )
         self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
         self._stance: _Stance | None = None
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode
         self._landed: _Landed | None = None
-        self.felt: Felt | None = None  # the last step as the legs measured it
-        self._told_of: list[StepEstimate] = []  # the last step estimates of the legs
+        self.last_step: MeasuredStep | None = None  # the last step as the legs measured it
+        self._step_estimates: list[StepEstimate] = []  # the last step estimates of the legs
 
-    def lose(self) -> None:
+    def lose_position(self) -> None:
         """Handles a touch-down at an unknown position."""
         self._stance, self._sd_m, self._alike = None, self._p.walking_sd_m, 0
 
@@ -124,7 +225,7 @@ class Footing:
             return np.asarray(density / density.sum())
         return self._stance.along(line, self.s, self._p)
 
-    def stood(self, stance: Array, height: Array | None, top: float) -> Array:
+    def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
         """(S,) density of the stance foot once the body has passed over it: it is a leg's length below the body's top.
 
         Args:
@@ -135,11 +236,11 @@ class Footing:
         sd = math.hypot(self._p.top_sd_m, self._tall.sd)
         if height is None or sd > self._p.height_sd_m:
             return stance
-        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + _TOP_FLOOR)
+        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + self._p.likelihood_floor)
         return np.asarray(density / density.sum())
 
     def rolled(
-        self, stance: Array, ground: Sequence[Piece], feet: Sequence[str],
+        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str],
         landing: tuple[Array, Array] | None = None,
     ) -> Chain:  # fmt: skip
         """The next footprints from the stance foot's position; see `roll_out`."""
@@ -149,7 +250,7 @@ class Footing:
         return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, landing)
 
     def land(
-        self, landing: Landing, line: Line, ground: Sequence[Piece], height: Array | None, body: float, top: float,
+        self, landing: Landing, line: Line, ground: Sequence[Segment], height: Array | None, body: float, top: float,
         floor: float, went_m: float | None,
     ) -> None:  # fmt: skip
         """Estimates where a foot has landed, and updates the step statistics.
@@ -166,24 +267,26 @@ class Footing:
             floor: Observed height of the ground under the foot behind, m; NaN if unobserved.
             went_m: Distance the body moved since the previous touch-down; None: unknown.
         """
-        p, stance = self._p, self.stood(self.standing(line), height, top)
+        p, stance = self._p, self.after_passing(self.standing(line), height, top)
         came = None if self._stance is None else self._stance.line.forward
         before, _ = moments(stance, self.s)
         between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - p.behind_m  # position relative to the body
         even = ahead + self._leaning(ground, body) - 0.5 * (self.s - before - between)
-        suited = _normal(even, p.body_sd_m), _normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m)
-        chain = self.rolled(stance, ground, landing.feet, suited)
+        likelihoods = _normal(even, p.body_sd_m), _normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m)
+        chain = self.rolled(stance, ground, landing.feet, likelihoods)
         self._stance = _Stance(line=line, s=self.s, density=chain.density[-1])
         self._landed = None
-        if landing.after:
-            straight = 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / self._p.turn_sd_rad) ** 2)
+        if landing.measurable:
+            straight = (
+                1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / self._p.rotation_sd_rad) ** 2)
+            )
             self._learn(landing.feet[-1], self._stance, stance, chain, ground, straight, went_m)
             if self._alike > 1 and math.isfinite(floor):
                 self._tall.update(0.0, top - floor)
 
     def _learn(
-        self, foot: str, now: _Stance, stance: Array, chain: Chain, ground: Sequence[Piece], straight: float,
+        self, foot: str, now: _Stance, stance: Array, chain: Chain, ground: Sequence[Segment], straight: float,
         went_m: float | None,
     ) -> None:  # fmt: skip
         """Updates the step statistics: a step on level ground updates all steps, a step on a ramp those on ramps."""
@@ -191,7 +294,7 @@ class Footing:
         made, made_sd = moments(chain.density[0], self.s)
         sd = math.hypot(made_sd, before_sd)
         even = straight * (1.0 - min(1.0, 2.0 * float(chain.modes[0, 1] + chain.modes[0, 2])))
-        here, there = (ground[under(ground, s, self._p)] for s in (before, made))
+        here, there = (ground[segment_under(ground, s, self._p)] for s in (before, made))
         mode = here.mode if here.mode == there.mode else ""
         self._landed = _Landed(
             stance=now, before=stance, ground=ground, mode=mode, even=even,
@@ -211,36 +314,36 @@ class Footing:
             level = self._length.of(SIDE[foot])
             self._ramps.update(CLIMB[mode], length / level, sd / level, even)
 
-    def feel(self, told: StepEstimate, foot: str, down_ns: int) -> bool:
-        """Takes the legs' estimate of the step that ended with a touch-down; returns whether it is the first one.
+    def add_step(self, estimate: StepEstimate, foot: str, down_ns: int) -> bool:
+        """Takes the legs' estimate of the step that ended with the last touch-down; returns whether it is the first.
 
         Args:
-            told: Estimate of the step.
+            estimate: Estimate of the step.
             foot: Foot that touched down last.
             down_ns: Time of that touch-down.
         """
-        if not self._told_of or self._told_of[-1].step != told.step:
-            self._told_of = [*self._told_of[-2:], told]
-        self._told_of[-1] = told
-        step, landed = felt(self._told_of), self._landed
-        if step is None or step.foot != foot or told.t_ns < down_ns:
+        if not self._step_estimates or self._step_estimates[-1].step != estimate.step:
+            self._step_estimates = [*self._step_estimates[-2:], estimate]
+        self._step_estimates[-1] = estimate
+        step, landed = measured_step(self._step_estimates), self._landed
+        if step is None or step.foot != foot or estimate.t_ns < down_ns:
             return False
-        first, self.felt = self.felt is None or self.felt.step != step.step, step
+        first, self.last_step = self.last_step is None or self.last_step.step != step.step, step
         if landed is None:
             return first
         stance = landed.stance
-        density = stance.density * suits(step, self.s, landed.ground, landed.before, self._p)
+        density = stance.density * step_likelihood(step, self.s, landed.ground, landed.before, self._p)
         self._stance = replace(stance, density=density / density.sum())
         self._length, self._ramps = copy(landed.length), copy(landed.ramps)
         self._lengthen(step.foot, landed.mode, step.length, step.length_sd, landed.even)
         return first
 
-    def _leaning(self, ground: Sequence[Piece], height_m: float) -> Array:
+    def _leaning(self, ground: Sequence[Segment], height_m: float) -> Array:
         """(S,) m, how far the body is ahead of the middle between the feet at touch-down, by landing position."""
         p, lean = self._p, np.full(len(self.s), self._p.lean_rad)
-        for piece in ground:
-            if piece.mode == "RA":
-                lean[(self.s >= piece.start) & (self.s < piece.end)] += p.climb_lean * piece.slope
+        for segment in ground:
+            if segment.mode == "RA":
+                lean[(self.s >= segment.start) & (self.s < segment.end)] += p.climb_lean * segment.slope
         return np.asarray(height_m * lean)
 
 

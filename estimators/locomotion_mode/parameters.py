@@ -13,7 +13,8 @@ _ORDERED = (("lift_n", "touch_n"), ("grid_m", "behind_m"), ("kerb_m", "riser_max
 class LocomotionModeParameters:
     """One set serves every walker, mount, pattern and terrain.
 
-    All values from `kept_s` on are hand-chosen on tuning seeds (below 1000).
+    Lengths and times of steps, insole loads and dimensions of buildings are usual values; the others, and all from
+    `history_s` on, are hand-chosen on simulated walks of tuning seeds (below 1000).
 
     Attributes:
         lift_n: A foot whose load falls below this has left the ground, N over the unloaded insole.
@@ -55,7 +56,7 @@ class LocomotionModeParameters:
         riser_max_m: Largest riser.
         tread_min_m: Shortest tread.
         tread_max_m: Longest tread; longer flat ground is a landing.
-        brink_sd_m: Standard deviation of an occluding edge.
+        occluded_edge_sd_m: Standard deviation of an occluding edge.
         ramp_rad: Smallest slope of a ramp: half of the gentlest ramp that is built for walking, 5°.
         slope_sd_rad: Smallest standard deviation of a slope.
         flat_sd_rad: Standard deviation of the slope of ground built level.
@@ -67,9 +68,9 @@ class LocomotionModeParameters:
         behind_m: Start of the density, behind the body.
         reach_m: End of the density, ahead of the body.
         still_m: A walker who moved less within a stride is taken to walk in the camera's viewing direction.
-        kept_s: Time for which the body's positions are stored.
-        kept_period_s: Time between stored positions.
-        look_s: Time constant of the camera's viewing direction.
+        history_s: Time for which the body's positions are stored.
+        history_period_s: Time between stored positions.
+        view_time_s: Time constant of the camera's viewing direction.
         jump_m: Poses farther apart have jumped.
         max_gap_s: After a longer gap poses may be in another frame.
         stale_s: An older pose is not used.
@@ -79,9 +80,9 @@ class LocomotionModeParameters:
         back_m: How far behind the body the ground is read from the map.
         standing_sd_m: Standard deviation of the first foot about the body, at the start.
         walking_sd_m: The same after a reset during the walk.
-        turned_rad: From this rotation on, the foot's lateral position gives its position along the new path.
-        turn_sd_rad: A step that rotates by more does not update the step statistics.
-        beside_sd_m: Lateral standard deviation of the foot from the body's path.
+        rotation_rad: From this rotation on, the foot's lateral position gives its position along the new path.
+        rotation_sd_rad: A step that rotates by more does not update the step statistics.
+        lateral_sd_m: Lateral standard deviation of the foot from the body's path.
         height_sd_m: Largest standard deviation of a usable body height.
         missed_steps: Step times after which a second touch-down of one foot implies a missed step of the other.
         bounce_share: Share of a step time within which a touch-down is a bounce.
@@ -89,7 +90,7 @@ class LocomotionModeParameters:
         pause_steps: Usual step times after which a touch-down does not update the rhythm.
         longest_step_m: Longest step.
         force_max_n: A larger load counts as lost.
-        forget_s: Time after which the largest load of an insole is discarded.
+        peak_load_s: Time after which the largest load of an insole is discarded.
         flight_match_m: An edge this near to an edge of a flight belongs to it.
         flight_cosine: Smallest cosine between the path and the direction of a flight.
         tread_sd_share: Factor on the error of distances between edges of one flight, which share most of their error.
@@ -105,7 +106,20 @@ class LocomotionModeParameters:
         under_m: Ground first observed farther ahead of the body than this begins there.
         begin_sd_m: Standard deviation of that beginning.
         hidden_per_sd: Length occluded behind an edge, divided by the edge's standard deviation in the map.
-
+        max_speed_mps: Poses of the body that move faster have jumped.
+        soon_s: Shortest predicted time to a landing.
+        segments_max: Largest number of terrain segments; farther ones are omitted.
+        treads_max: Largest number of extrapolated treads.
+        edge_sd_min_m: Smallest standard deviation of an edge in the probability that a sole is beyond it.
+        elevation_sd_m: Standard deviation of the map's height differences where an exoskeleton measured them.
+        slope_match_sd_rad: The same for slopes.
+        likelihood_floor: Lower limit of a position's likelihood: the map may be wrong under the foot, and people duck.
+        top_asymmetry_sd_m: Standard deviation of half the difference of the body's top over the left and right foot.
+        top_drift_m: Random walk of that top per step.
+        top_noise_m: Standard deviation of a single step's top.
+        weight_floor: Lower limit of a foothold's weight: an unexpected step must not leave the density empty.
+        density_min: Smaller densities are not propagated.
+        tail_sd: Standard deviations beyond which a density is taken as zero: it is far below `density_min`.
     """
 
     lift_n: float = 12.0
@@ -147,7 +161,7 @@ class LocomotionModeParameters:
     riser_max_m: float = 0.33
     tread_min_m: float = 0.22
     tread_max_m: float = 0.60
-    brink_sd_m: float = 0.04
+    occluded_edge_sd_m: float = 0.04
     ramp_rad: float = 0.0436
     slope_sd_rad: float = 0.0055
     flat_sd_rad: float = 0.0175
@@ -159,9 +173,9 @@ class LocomotionModeParameters:
     behind_m: float = 1.2
     reach_m: float = 3.6
     still_m: float = 0.15
-    kept_s: float = 2.0
-    kept_period_s: float = 0.02
-    look_s: float = 1.5
+    history_s: float = 2.0
+    history_period_s: float = 0.02
+    view_time_s: float = 1.5
     jump_m: float = 0.5
     max_gap_s: float = 1.0
     stale_s: float = 0.2
@@ -171,9 +185,9 @@ class LocomotionModeParameters:
     back_m: float = 2.4
     standing_sd_m: float = 0.08
     walking_sd_m: float = 0.25
-    turned_rad: float = 0.2
-    turn_sd_rad: float = 0.25
-    beside_sd_m: float = 0.10
+    rotation_rad: float = 0.2
+    rotation_sd_rad: float = 0.25
+    lateral_sd_m: float = 0.10
     height_sd_m: float = 0.05
     missed_steps: float = 1.4
     bounce_share: float = 0.6
@@ -181,7 +195,7 @@ class LocomotionModeParameters:
     pause_steps: float = 3.0
     longest_step_m: float = 1.35
     force_max_n: float = 5000.0
-    forget_s: float = 5.0
+    peak_load_s: float = 5.0
     flight_match_m: float = 0.15
     flight_cosine: float = 0.8
     tread_sd_share: float = 0.7
@@ -197,6 +211,20 @@ class LocomotionModeParameters:
     under_m: float = 0.5
     begin_sd_m: float = 0.1
     hidden_per_sd: float = 4.0
+    max_speed_mps: float = 5.0
+    soon_s: float = 0.05
+    segments_max: int = 10
+    treads_max: int = 6
+    edge_sd_min_m: float = 0.01
+    elevation_sd_m: float = 0.01
+    slope_match_sd_rad: float = 0.0175
+    likelihood_floor: float = 1e-3
+    top_asymmetry_sd_m: float = 1e-3
+    top_drift_m: float = 0.005
+    top_noise_m: float = 0.01
+    weight_floor: float = 1e-9
+    density_min: float = 1e-10
+    tail_sd: float = 8.0
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.rhythm import SOON_S, Rhythm
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainMap
 from stridetwin.streams.samples import Array
 
@@ -89,15 +88,10 @@ class WalkingInformation:
         return max(0.0, 2.0 * sizes[1] - sizes[0])
 
     def footprint(self, ahead: int = 1) -> tuple[Array, Array] | None:
-        """p^pd of eq. (18), with the offset of the foot.
+        """p^pd of eq. (18), (2,) m, with the foot's offset, and (2,) unit vector of the direction; None if unknown.
 
-        See docs/locomotion_mode.md (3).
-
-        Args:
-            ahead: Index of the coming footprint from 1; the paper gives the first, each further one is one size on.
-
-        Returns:
-            (2,) m, and (2,) unit vector of the direction; None if too little is known.
+        See docs/locomotion_mode.md (3). The paper gives the first coming footprint, `ahead` = 1; each further one is
+        one size on.
         """
         size, last, axes = self.next_size(), self.last, self._axes()
         if last is None or axes is None or not math.isfinite(size):
@@ -152,7 +146,7 @@ def mode_between(
     return ("SA" if risen > 0 else "SD"), height
 
 
-def coming_steps(
+def published_steps(
     walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
     p: LocomotionModeParameters,
 ) -> tuple[StepPrediction, ...]:  # fmt: skip
@@ -168,12 +162,12 @@ def coming_steps(
         p: Thresholds.
     """
     size, before, steps = walking.next_size(), walking.stance(), []
-    for k, foot in enumerate(rhythm.coming()):
-        told = walking.footprint(k + 1)
-        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
+    for k, foot in enumerate(rhythm.next_feet()):
+        footprint = walking.footprint(k + 1)
+        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * p.soon_s * (k + 1)))
         place, height, mode = body, math.nan, "LG"
-        if told is not None:
-            place, forward = told
+        if footprint is not None:
+            place, forward = footprint
             here = place - forward * size if before is None else before
             mode, height = mode_between(ground, here, place, forward, p)
             before = place

@@ -1,4 +1,4 @@
-"""Detects touch-downs from pressure insoles and predicts the times of the next ones."""
+"""Detects touch-downs from pressure insoles, predicts the next ones, and estimates mean step times and lengths."""
 
 from __future__ import annotations
 
@@ -6,9 +6,79 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
+import numpy as np
+
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.streams.samples import Insole
+from stridetwin.streams.samples import Array, Insole
+
+SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
+"""Sign of each foot, left positive; 0 if unknown."""
+CLIMB = {"RA": 1.0, "RD": -1.0}
+"""Sign of each kind of ramp, upward positive."""
+
+
+class StepFilter:
+    """Estimates the mean of steps of two kinds, such as left and right, and half the difference between the kinds.
+
+    The mean drifts from step to step, and single steps scatter about it.
+
+    Args:
+        mean: Prior mean.
+        sd: Standard deviation between walkers.
+        asymmetry_sd: Standard deviation of half the difference.
+        drift: Standard deviation of the mean's change from step to step.
+        noise: Standard deviation of a step from the mean.
+    """
+
+    def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
+        self._x = np.array([mean, 0.0])
+        self._P = np.diag([sd**2, asymmetry_sd**2])
+        self._drift, self._noise = drift, noise
+
+    def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
+        """Takes a step.
+
+        See docs/locomotion_mode.md (4).
+
+        Args:
+            kind: 1 or -1 (`SIDE`, `CLIMB`), 0 if unknown.
+            value: Its length or time.
+            value_sd: Standard deviation of that value.
+            sure: Probability that the step is comparable to the others, 0-1.
+        """
+        self._P[0, 0] += self._drift**2
+        if sure <= 0.0:
+            return
+        J = np.array([1.0, kind])
+        noise = (self._noise**2 + value_sd**2) / sure
+        off = value - float(J @ self._x)
+        spread = float(J @ self._P @ J) + noise
+        # An outlier, such as a step into a pause or beside an obstacle, gets less weight.
+        spread *= max(1.0, off**2 / (4.0 * spread))
+        gain: Array = self._P @ J / spread
+        self._x = self._x + gain * off
+        self._P = self._P - np.outer(gain, J @ self._P)
+        self._P = 0.5 * (self._P + self._P.T)
+
+    def of(self, kind: float) -> float:
+        """Expected step of a kind."""
+        return float(self._x[0] + kind * self._x[1])
+
+    @property
+    def mean(self) -> float:
+        """Expected step of either kind."""
+        return float(self._x[0])
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the estimated mean."""
+        return self.sd_of(0.0)
+
+    def sd_of(self, kind: float) -> float:
+        """Standard deviation of the expected step of a kind."""
+        J = np.array([1.0, kind])
+        return math.sqrt(max(float(J @ self._P @ J), 0.0))
+
 
 FEET = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
 
@@ -47,7 +117,7 @@ class TouchDowns:
         dt = (sample.t_ns - foot.t_ns) * 1e-9 if foot.t_ns >= 0 else 0.0
         foot.t_ns = sample.t_ns
         foot.least = min(load, foot.least + self._p.creep_nps * dt)
-        foot.most = max(load, foot.most * math.exp(-dt / self._p.forget_s))
+        foot.most = max(load, foot.most * math.exp(-dt / self._p.peak_load_s))
         over = load - foot.least
         if foot.down:
             if over < self._p.lift_n or load < self._p.lift_share * foot.most:
@@ -61,8 +131,6 @@ class TouchDowns:
 
 
 _OTHER = {"l": "r", "r": "l", "": ""}
-SOON_S = 0.05
-"""Shortest predicted time to a landing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,11 +139,11 @@ class Landing:
 
     Attributes:
         feet: Feet landed since the last reported one, the latest last; two if one was not detected.
-        after: Whether the last step can be measured: it and the previous one were both detected, none is missing.
+        measurable: Whether the last step can be measured: it and the previous one were both detected, none is missing.
     """
 
     feet: tuple[str, ...]
-    after: bool
+    measurable: bool
 
 
 class Rhythm:
@@ -90,8 +158,8 @@ class Rhythm:
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares))
         self.foot, self.down_ns, self.step = "", -1, 0
-        self._silent = ""  # foot whose insole did not detect its last step
-        self._guessed, self._heard_ns = False, -1  # whether the last touch-down was inferred; last detection
+        self._undetected = ""  # foot whose insole did not detect its last step
+        self._inferred, self._detected_ns = False, -1  # whether the last touch-down was inferred; last detection
 
     @property
     def step_s(self) -> float:
@@ -101,46 +169,37 @@ class Rhythm:
     def overdue(self, t_ns: int) -> str | None:
         """The undetected foot that must be down by now, because the other one is about to lift off."""
         waited = (t_ns - self.down_ns) * 1e-9
-        there = bool(self._silent) and self.foot == _OTHER[self._silent] and waited > self._time.mean
-        return self._silent if there else None
+        there = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean
+        return self._undetected if there else None
 
     def over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the stance foot by now."""
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > self._p.over_foot_share * self._time.mean
 
-    def land(self, foot: str, t_ns: int, heard: bool) -> Landing | None:
-        """Handles a touch-down.
-
-        Args:
-            foot: `l` or `r`.
-            t_ns: Time of the touch-down.
-            heard: Whether its insole detected it.
-
-        Returns:
-            The landing; None if the foot only bounced.
-        """
+    def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
+        """Handles a touch-down of `l` or `r`, detected by its insole or inferred; None if the foot only bounced."""
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
-        if heard and foot == self._silent:
-            self._silent = ""
+        if detected and foot == self._undetected:
+            self._undetected = ""
         if foot == self.foot:
             if elapsed < self._p.bounce_share * self._time.mean:
                 return None
             missed = elapsed > self._p.missed_steps * self._time.mean
         if missed:
-            self._silent = _OTHER[foot]
+            self._undetected = _OTHER[foot]
         first = self.down_ns < 0
-        after = heard and not (missed or first or self._guessed)
-        if heard:
-            since, steps = (self._heard_ns, 2) if self._guessed else (self.down_ns, 1 + missed)
+        measurable = detected and not (missed or first or self._inferred)
+        if detected:
+            since, steps = (self._detected_ns, 2) if self._inferred else (self.down_ns, 1 + missed)
             seconds = (t_ns - since) * 1e-9
             if not first and seconds < self._p.pause_steps * self._p.step_s:
-                self._time.update(SIDE["" if self._guessed else foot], seconds / steps)
-            self._heard_ns = t_ns
-        self._guessed = not heard
+                self._time.update(SIDE["" if self._inferred else foot], seconds / steps)
+            self._detected_ns = t_ns
+        self._inferred = not detected
         self.foot, self.down_ns, self.step = foot, t_ns, self.step + 1 + missed
-        return Landing(feet=(_OTHER[foot], foot) if missed else (foot,), after=after)
+        return Landing(feet=(_OTHER[foot], foot) if missed else (foot,), measurable=measurable)
 
-    def coming(self) -> tuple[str, ...]:
+    def next_feet(self) -> tuple[str, ...]:
         """Feet of the coming steps."""
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
 
@@ -150,7 +209,7 @@ class Rhythm:
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0
         for foot in feet:
-            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * SOON_S)
+            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * self._p.soon_s)
             variance += (self._p.step_noise * self._time.mean) ** 2
             found.append((int(at), math.sqrt(variance + self._time.sd**2)))
         return found

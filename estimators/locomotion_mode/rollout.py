@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.segments import Piece, edges_before, mode_table, stretch, weights
+from stridetwin.estimators.locomotion_mode.segments import (
+    Segment,
+    edges_before,
+    foothold_weights,
+    mode_table,
+    path_scale,
+)
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-_FLOOR = 1e-9
-"""Lower limit of a density: an unexpected step must not leave it empty."""
-_LEAST = 1e-10
-"""Densities below this are not propagated."""
-_TAIL = 8.0
-"""Standard deviations beyond which a density is taken as zero: it is far below `_LEAST`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +49,7 @@ class Chain:
 
 
 def roll_out(
-    stance: Array, s: Array, ground: Sequence[Piece], lengths: Sequence[float], length_sd: float,
+    stance: Array, s: Array, ground: Sequence[Segment], lengths: Sequence[float], length_sd: float,
     ratios: Mapping[str, tuple[float, float]], p: LocomotionModeParameters,
     landing: tuple[Array, Array] | None = None,
 ) -> Chain:  # fmt: skip
@@ -68,14 +68,14 @@ def roll_out(
         landing: (S,) and (S,) likelihood of each position of the last step given the body's position, after a step on
             even ground and after one over an edge; None: unknown.
     """
-    room = weights(ground, s, p) + _FLOOR
+    weight = foothold_weights(ground, s, p) + p.weight_floor
     edges = np.array(edges_before(ground))
     # Number of edges between (a, b); steps never go backward.
     between = edges[None, :] - edges[:, None]
     ahead = np.arange(len(ground))[None, :] >= np.arange(len(ground))[:, None]
     even = (ahead & (between == 0)).astype(float)
     over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
-    level, unsure = stretch(ground, s, ratios)
+    level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES
     band = round(p.longest_step_m / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
@@ -84,12 +84,12 @@ def roll_out(
     if landing is not None:  # the last step has its own kind
         at = np.minimum(np.arange(len(s))[:, None] + np.arange(band), len(s) - 1)
         near, far = made[kind[-1]]
-        made.append((near * (landing[0][at] + _FLOOR), far * (landing[1][at] + _FLOOR)))
+        made.append((near * (landing[0][at] + p.weight_floor), far * (landing[1][at] + p.weight_floor)))
         kind[-1] = len(kinds)
     near, far = (np.array([of_kind[i] for of_kind in made]) for i in (0, 1))
-    first = stance * room
+    first = stance * weight
     first = _NODE_WEIGHTS[:, None, None] * first / (_NODE_WEIGHTS.sum() * first.sum())
-    density, on, flow = _chain(first, room, even, over, near, far, kind)
+    density, on, flow = _chain(first, weight, even, over, near, far, kind, p.density_min)
     return Chain(density=density, modes=np.einsum("kab,abm->km", flow, mode_table(ground, p)), on=on)
 
 
@@ -102,13 +102,13 @@ def _kernels(
     """
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
-    near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band)
+    near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band, p.tail_sd)
     return near, np.broadcast_to(far, (len(s), band))
 
 
 @cached(_HERE)
-def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
-    """(H, S, B) density of steps on even ground, from (S,) path length and (S,) standard deviation as in `stretch`."""
+def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int, tail_sd: float) -> Array:
+    """(H, S, B) density of steps on even ground, from (S,) path length and its (S,) standard deviation."""
     found = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
         for j in range(band):
@@ -116,33 +116,35 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
             off = level[q] - level[p] - length
             for h in range(len(shifts)):
                 away = (off - shifts[h]) / sd[q]
-                if abs(away) < _TAIL:
+                if abs(away) < tail_sd:
                     found[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
     return found
 
 
 @cached(_HERE)
 def _chain(
-    first: Array, room: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64]
-) -> tuple[Array, Array, Array]:
+    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64],
+    density_min: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Forward and backward sums over a chain of footprints.
 
     See docs/locomotion_mode.md (8).
 
     Args:
         first: (H, P, S) density of the stance foot, by step length change, segment and cell.
-        room: (P, S) weight of each foothold.
+        weight: (P, S) weight of each foothold.
         even: (P, P) 1 where a step between segments crosses no edge.
         over: (P, P) probability of a step that crosses edges.
         near: (L, H, S, B) density of each kind of step from a cell to the B cells from it on, on even ground.
         far: (L, S, B) the same over an edge.
         kind: (K,) kind of each step.
+        density_min: Smaller densities are not propagated.
 
     Returns:
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition; each sums to 1.
     """
     _, H, S, B = near.shape
-    K, P = len(kind), len(room)
+    K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, P, S))
     alpha[0] = first
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
@@ -152,7 +154,7 @@ def _chain(
             for a in range(P):
                 for p in range(S):
                     v = alpha[k, h, a, p]
-                    if v < _LEAST:
+                    if v < density_min:
                         continue
                     n = min(B, S - p)
                     _spread(
@@ -165,7 +167,7 @@ def _chain(
                         continue
                     for q in range(S):
                         v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
-                        alpha[k + 1, h, b, q] += v * room[b, q]
+                        alpha[k + 1, h, b, q] += v * weight[b, q]
             total += alpha[k + 1, h].sum()
         alpha[k + 1] /= max(total, 1e-300)
     density, on, flow = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P))
@@ -174,7 +176,7 @@ def _chain(
         back = np.zeros((H, P, S))
         largest = 0.0
         for h in range(H):
-            ends = room * beta[h]
+            ends = weight * beta[h]
             for b in range(P):
                 for q in range(S):
                     v = alpha[k + 1, h, b, q] * beta[h, b, q]
@@ -190,7 +192,7 @@ def _chain(
             onto_even, onto_over = even @ ends, over @ ends
             for a in range(P):
                 for p in range(S):
-                    if alpha[k, h, a, p] < _LEAST:
+                    if alpha[k, h, a, p] < density_min:
                         continue
                     n = min(B, S - p)
                     v = _gather(

@@ -10,17 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stridetwin.estimators.contact_terrain.estimate import above
 from stridetwin.estimators.locomotion_mode.estimate import MODES
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.terrain_map import Change, Profile, Ramp, TerrainEstimate
 from stridetwin.streams.samples import Array
 
-_MOST = 10
-"""Largest number of segments; farther ones are omitted."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Piece:
+class Segment:
     """A terrain segment between two changes.
 
     Attributes:
@@ -64,7 +62,7 @@ class Flight:
     tread: float
 
 
-def seen_last(estimate: TerrainEstimate, before: Flight | None, p: LocomotionModeParameters) -> Flight | None:
+def last_flight(estimate: TerrainEstimate, before: Flight | None, p: LocomotionModeParameters) -> Flight | None:
     """Dimensions of the well-known stairs with the most steps; if there are none, `before`."""
     most = np.array([p.known_riser_sd_m, p.known_tread_sd_m]) ** 2
     known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
@@ -74,10 +72,10 @@ def seen_last(estimate: TerrainEstimate, before: Flight | None, p: LocomotionMod
     return Flight(riser=longest.riser, tread=longest.tread)
 
 
-def pieces(
+def segments_along(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: LocomotionModeParameters,
     usual: Flight | None = None,
-) -> list[Piece]:  # fmt: skip
+) -> list[Segment]:  # fmt: skip
     """Cuts a profile at its changes; at most one segment lies behind s = 0.
 
     Args:
@@ -87,7 +85,7 @@ def pieces(
         p: Standard deviations.
         usual: Dimensions of stairs here; None: none observed.
     """
-    changes, until = _walked(_whole_treads(_over(profile.changes, p), p), profile, estimate, p)
+    changes, until = _passable(_whole_treads(_without_small_objects(profile.changes, p), p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
     seen = profile.s[profile.plane >= 0]
     if len(seen) and seen[0] > p.behind_m + p.under_m:  # distant ground does not give the slope under the feet
@@ -95,7 +93,7 @@ def pieces(
     for change in changes:
         bounds += _bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
-    bounds = [*bounds[first : first + _MOST], _Bound(math.inf, 0.0, 0.0)]
+    bounds = [*bounds[first : first + p.segments_max], _Bound(math.inf, 0.0, 0.0)]
     made = []
     for one, other in pairwise(bounds):
         if _is_tread(one, other, p):
@@ -103,7 +101,7 @@ def pieces(
         else:
             slope, slope_sd = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
         made.append(
-            Piece(
+            Segment(
                 start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
                 slope=slope, slope_sd=slope_sd, mode="LG" if abs(slope) < p.ramp_rad else "RA" if slope > 0 else "RD",
             )
@@ -111,7 +109,7 @@ def pieces(
     return made
 
 
-def _over(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change]:
+def _without_small_objects(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change]:
     """The changes in order, without those that are stepped over: ground that soon returns to its previous level.
 
     No foot is placed on a strip shorter than any tread, nor into a hole shorter than a step; these are small objects
@@ -139,7 +137,7 @@ def _whole_treads(changes: list[Change], p: LocomotionModeParameters) -> list[Ch
     return [c for c in changes if c.kind == "edge" or not any(a < c.s < b for a, b in treads)]
 
 
-def _walked(
+def _passable(
     changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters
 ) -> tuple[list[Change], float]:
     """The changes between impassable edges behind and ahead of the walker, and the passable distance, m."""
@@ -189,16 +187,17 @@ def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -
     hidden = p.hidden_per_sd * change.sd
     riser, tread, riser_sd, tread_sd = _hidden_steps(-change.drop, usual, p)
     count = round(-change.drop / riser)
-    sd = min(change.sd, p.brink_sd_m)
-    brink = change.s + max(sd - p.place_sd_m, 0.0)
-    first = _Bound(brink, sd, change.drop)
+    sd = min(change.sd, p.occluded_edge_sd_m)
+    edge_s = change.s + max(sd - p.place_sd_m, 0.0)
+    first = _Bound(edge_s, sd, change.drop)
     if -change.drop < p.riser_max_m or count < 2 or hidden < p.tread_min_m:
         return [first]
     if hidden / (count - 1) < p.tread_min_m:
         count = 1 + int(hidden / p.tread_min_m)
     tread, drop = min(hidden / max(count - 1, 1), tread), change.drop / count
     return [
-        _Bound(brink + k * tread, p.brink_sd_m + tread_sd * k * tread, drop, riser_sd * abs(drop)) for k in range(count)
+        _Bound(edge_s + k * tread, p.occluded_edge_sd_m + tread_sd * k * tread, drop, riser_sd * abs(drop))
+        for k in range(count)
     ]
 
 
@@ -230,58 +229,58 @@ def _slope(
     return share * slope, math.sqrt(share) * sd
 
 
-def under(ground: Sequence[Piece], s: float, p: LocomotionModeParameters) -> int:
+def segment_under(ground: Sequence[Segment], s: float, p: LocomotionModeParameters) -> int:
     """Index of the segment under the middle of a sole whose heel's centre is at s, m along the path."""
     middle = s + 0.5 * (p.toe_m - p.heel_m)
-    return next(k for k, piece in enumerate(ground) if middle < piece.end)
+    return next(k for k, segment in enumerate(ground) if middle < segment.end)
 
 
-def lie(ground: Sequence[Piece], s: Array) -> tuple[Array, Array, Array]:
+def surface_along(ground: Sequence[Segment], s: Array) -> tuple[Array, Array, Array]:
     """(S,) m height over the first segment's at s = 0, (S,) rad slope and (S,) its standard deviation."""
     height, slope, slope_sd = (np.zeros(len(s)) for _ in range(3))
     base = 0.0
-    for k, piece in enumerate(ground):
-        here = (s >= piece.start) & (s < piece.end) if k else s < piece.end
-        begin = piece.start if k else 0.0
-        base += piece.drop if k else 0.0
-        height[here] = base + math.tan(piece.slope) * (s[here] - begin)
-        slope[here], slope_sd[here] = piece.slope, piece.slope_sd
-        if math.isfinite(piece.end):
-            base += math.tan(piece.slope) * (piece.end - begin)
+    for k, segment in enumerate(ground):
+        here = (s >= segment.start) & (s < segment.end) if k else s < segment.end
+        begin = segment.start if k else 0.0
+        base += segment.drop if k else 0.0
+        height[here] = base + math.tan(segment.slope) * (s[here] - begin)
+        slope[here], slope_sd[here] = segment.slope, segment.slope_sd
+        if math.isfinite(segment.end):
+            base += math.tan(segment.slope) * (segment.end - begin)
     return height, slope, slope_sd
 
 
-def heights(ground: Sequence[Piece], profile: Profile, s: Array) -> Array | None:
+def heights(ground: Sequence[Segment], profile: Profile, s: Array) -> Array | None:
     """(S,) m, height of the ground along the path, also where unobserved; None if none is observed."""
     known = np.isfinite(profile.height)
     if not known.any():
         return None
-    off = np.median(profile.height[known] - lie(ground, profile.s[known])[0])
-    return np.asarray(lie(ground, s)[0] + off)
+    off = np.median(profile.height[known] - surface_along(ground, profile.s[known])[0])
+    return np.asarray(surface_along(ground, s)[0] + off)
 
 
-def edges_before(ground: Sequence[Piece]) -> list[int]:
+def edges_before(ground: Sequence[Segment]) -> list[int]:
     """Number of edges before each segment; slope breaks do not count."""
-    return np.cumsum([abs(piece.drop) > 0.0 for piece in ground]).tolist()
+    return np.cumsum([abs(segment.drop) > 0.0 for segment in ground]).tolist()
 
 
-def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
+def mode_table(ground: Sequence[Segment], p: LocomotionModeParameters) -> Array:
     """(P, P, 5) probability of each mode of a step from one segment to another. See docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
-    for b, piece in enumerate(ground):
-        up, down = (_above(sign * piece.slope, p.ramp_rad, piece.slope_sd) for sign in (1.0, -1.0))
+    for b, segment in enumerate(ground):
+        up, down = (above(sign * segment.slope, p.ramp_rad, segment.slope_sd) for sign in (1.0, -1.0))
         risen = 0.0
         for a in range(b, -1, -1):
             high = low = 0.0
             if risen != 0.0:
-                high, low = (_above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
+                high, low = (above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
             flat = 1.0 - up - down
             table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
             risen += ground[a].drop
     return table
 
 
-def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> Array:
+def foothold_weights(ground: Sequence[Segment], s: Array, p: LocomotionModeParameters) -> Array:
     """(P, S) weight of a foothold at s on each segment: the whole sole is supported, and toes end before a riser.
 
     See docs/locomotion_mode.md (6).
@@ -296,14 +295,14 @@ def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> A
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.heel_m - start[1:, None]
-    found[1:] *= _room(inside, start_sd[1:], drop[1:], p) * _here(middle, start[1:], start_sd[1:])
+    found[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _beyond(middle, start[1:], start_sd[1:], p)
     # ahead: a riser before a step up, a free edge before a step down
     inside = end[:-1, None] - s - p.toe_m
-    found[:-1] *= _room(inside, end_sd[:-1], -drop[1:], p) * _here(-middle, -end[:-1], end_sd[:-1])
+    found[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _beyond(-middle, -end[:-1], end_sd[:-1], p)
     return found
 
 
-def _room(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) -> Array:
+def _foothold_weight(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) -> Array:
     """(N, S) weight of soles ending so far inside their segments; `fall` (N,) is < 0 where the ground beyond rises."""
     spread = np.where(fall < 0.0, p.clearance_sd_m, np.where(fall > 0.0, p.overhang_sd_m, p.across_sd_m))
     allowed = np.where(fall > 0.0, p.overhang_m, 0.0)
@@ -311,13 +310,9 @@ def _room(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) ->
     return np.asarray(np.exp(-0.5 * (beyond / np.hypot(spread, sd)[:, None]) ** 2))
 
 
-def _here(s: Array, start: Array, sd: Array) -> Array:
+def _beyond(s: Array, start: Array, sd: Array, p: LocomotionModeParameters) -> Array:
     """(N, S) probability that positions lie beyond edges (N,) of known standard deviation."""
-    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, 0.01))[:, None])))
-
-
-def _above(value: float, limit: float, sd: float) -> float:
-    return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))
+    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, p.edge_sd_min_m))[:, None])))
 
 
 def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters) -> Array:
@@ -345,17 +340,15 @@ def with_unseen(modes: Array, chance: Array) -> Array:
     return np.asarray((1.0 - chance[:, None]) * modes + chance[:, None] / len(MODES))
 
 
-def stretch(ground: Sequence[Piece], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
+def path_scale(ground: Sequence[Segment], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
     """(S,) path length in units of level ground, longer where steps are shorter; and (S,) its local uncertainty.
 
-    Args:
-        ground: Terrain segments.
-        s: (S,) m along the path, evenly spaced.
-        ratios: Step length relative to level ground and its standard deviation, by mode of the segment.
+    `ratios` holds the step length relative to level ground and its standard deviation by mode of the segment; the (S,)
+    positions along the path, m, are evenly spaced.
     """
     ratio, sd = np.ones(len(s)), np.zeros(len(s))
-    for piece in ground:
-        if piece.mode in ratios:
-            inside = (s >= piece.start) & (s < piece.end)
-            ratio[inside], sd[inside] = ratios[piece.mode]
+    for segment in ground:
+        if segment.mode in ratios:
+            inside = (s >= segment.start) & (s < segment.end)
+            ratio[inside], sd[inside] = ratios[segment.mode]
     return np.cumsum((s[1] - s[0]) / ratio), sd / ratio

@@ -1,4 +1,4 @@
-"""The depth camera of a rig and its rectified depth image: invalid pixels and depth discontinuities are removed."""
+"""The inputs of the map: the depth camera's rectified image without depth discontinuities, and the pose at its time."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Odometry
 
 _HERE = Path(__file__).parent
 
@@ -32,7 +33,7 @@ def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) ->
 
 
 @cached(_HERE, error_model="numpy")
-def without_outlines(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
+def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
     """Removes the pixels beside a depth discontinuity: each lies on either surface or between them (flying pixels).
 
     The same width is removed on both sides, so the middle of the gap is at the discontinuity.
@@ -120,7 +121,9 @@ class DepthCamera:
             StrideTwinError: The image size differs from the rig's.
         """
         if depth.shape != self.shape:
-            raise StrideTwinError(f"{self.topic}: picture of {depth.shape}: expected {self.shape}, as the rig tells")
+            raise StrideTwinError(
+                f"{self.topic}: invalid image size {depth.shape}: expected {self.shape}, as in the rig"
+            )
         clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.range_min_m), np.float32(p.range_max_m))
         if self._maps is None:
             return clean, count
@@ -159,3 +162,53 @@ def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
         valid = ", ".join(topic.removeprefix("/") for topic in there)
         raise StrideTwinError(f"the rig has no frame {frame!r} on the body of {camera.topic}; it has {valid}")
     return np.asarray(np.linalg.inv(sensors[f"/{frame}"].mount.T_body_sensor) @ camera.mount.T_body_sensor, float)
+
+
+def is_pose(sample: Odometry) -> bool:
+    """Whether position and rotation are finite, and the rotation is valid."""
+    p, q = sample.p_frame_in_world.tolist(), sample.q_world_frame.tolist()
+    return math.isfinite(sum(p)) and 0.5 <= math.hypot(*q) < math.inf
+
+
+class Poses:
+    """The last two poses.
+
+    Args:
+        parameters: Limits of a pose's age and speed.
+    """
+
+    def __init__(self, parameters: TerrainMapParameters) -> None:
+        self._p = parameters
+        self._last: Odometry | None = None
+
+    def add(self, pose: Odometry) -> bool:
+        """Takes a pose; returns whether it jumped from the previous one, or came after a long gap.
+
+        A pose that is not finite, or not newer than the previous one, is ignored.
+        """
+        if not is_pose(pose):
+            return False
+        if self._last is None:
+            self._last = pose
+            return False
+        if pose.t_ns <= self._last.t_ns:
+            return False
+        moved = math.dist(pose.p_frame_in_world.tolist(), self._last.p_frame_in_world.tolist())
+        dt = (pose.t_ns - self._last.t_ns) * 1e-9
+        self._last = pose
+        return dt > self._p.max_gap_s or (moved > self._p.jump_m and moved > self._p.max_speed_mps * dt)
+
+    def at(self, t_ns: int) -> Array | None:
+        """(4, 4) frame to world at a time: the last pose, propagated by its velocity; None if it is too old."""
+        pose = self._last
+        if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
+            return None
+        dt = (t_ns - pose.t_ns) * 1e-9
+        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True)
+        T = np.eye(4)
+        T[:3, 3] = pose.p_frame_in_world
+        if dt and np.isfinite(pose.v_frame_in_world).all() and np.isfinite(pose.angular_rate).all():
+            T[:3, 3] += pose.v_frame_in_world * dt
+            R = R * Rotation.from_rotvec(pose.angular_rate * dt)
+        T[:3, :3] = R.as_matrix()
+        return T

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.terrain_map.plane_fit import seen_height
 from stridetwin.streams.samples import Array
 
 
@@ -62,18 +61,6 @@ class Plane:
     def height(self, xy: Array) -> Array:
         """(...) height, m, at (..., 2) positions in the world."""
         return np.asarray(self.centre[2] + (np.asarray(xy) - self.centre[:2]) @ self.gradient)
-
-    def seen_height(self, x: float, y: float) -> float:
-        """Height, m, toward (x, y), evaluated no farther from the centre than the plane is well observed.
-
-        A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
-        """
-        return seen_height(self.centre, self.gradient, self.spread, x, y)
-
-    def height_sd(self, xy: Array) -> float:
-        """Standard deviation of the height at a (2,) position, m."""
-        j = np.array([1.0, *(np.asarray(xy) - self.centre[:2])])
-        return math.sqrt(j @ self.covariance @ j)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +130,7 @@ class Stairs:
 
     @property
     def up(self) -> Array:
-        """(2,) unit vector of of the direction of ascent."""
+        """(2,) unit vector of the direction of ascent."""
         return np.array([math.cos(self.heading), math.sin(self.heading)])
 
 
@@ -198,7 +185,7 @@ class Change:
     """A change of the ground along a line.
 
     Attributes:
-        kind: `edge`, a height step, or `knee`, a slope break.
+        kind: `edge`, a height step, or `slope_break`, a slope break.
         s: m along the line.
         sd: Standard deviation of `s`, m.
         drop: Height after minus height before, m; 0 at a slope break.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from typing import NamedTuple
 
 from stridetwin.streams.errors import ConfigError, check_numbers
 
@@ -13,6 +14,102 @@ _ORDERED = (
 )  # fmt: skip
 
 
+class TsdfParameters(NamedTuple):
+    """Integration of depth images (`tsdf_integration`), in the form for compiled code."""
+
+    pixel_stride: int = 8
+    """Every eighth pixel in both directions allocates blocks: at 4.5 m these are 6 cm apart, a block is 16 cm wide."""
+    descent_min: float = 0.3
+    """Height over depth of the shallowest line of sight along which distances are converted to heights."""
+    near_m: float = 0.05
+    """Closer voxels are out of view."""
+    free_lambda: float = 0.5
+    """Space with a λ below the negative of this is certainly free."""
+    noise_gate_sd: float = 3.0
+    """Standard deviations of the depth by which a surface may be missed straight above a voxel."""
+
+
+class RayParameters(NamedTuple):
+    """Ray casting (`ray_casting`), in the form for compiled code."""
+
+    weight_min: float = 0.1
+    """Smallest weight of an observed voxel, in frames taken at 1 m."""
+    lambda_max: float = 0.5
+    """Beyond this |λ| the distance is unknown: the surface between two such voxels is taken in the middle."""
+    neighbour_share: float = 0.5
+    """Smallest weight of a column, as a share of its neighbours' weight: flying pixels have less."""
+    weight_floor: float = 0.05
+    """Lower limit of the weight in a column's standard deviation."""
+
+
+class ClusterParameters(NamedTuple):
+    """Plane extraction (`plane_extraction`), in the form for compiled code."""
+
+    valid_share: float = 0.7
+    """Smallest share of valid points in a cell, and of full cells in a large plane."""
+    tilt_gate_sd: float = 2.0
+    """Largest difference in tilt between two merged planes, in standard deviations."""
+    distance_gate_sd: float = 3.0
+    """Largest distance of a column from its plane, or from its neighbour in a strip, in standard deviations."""
+    cells_min: int = 4
+    """Smallest number of cells of a large plane."""
+    strip_variance: float = 4.0
+    """Largest mean squared distance of a strip's columns from their plane, divided by their variance."""
+
+
+class EdgeParameters(NamedTuple):
+    """Edges of steps (`stairs`, `plane_fit`), in the form for compiled code."""
+
+    lanes: int = 28
+    """Lines across an edge along which it is measured in the voxels."""
+    inside_m: float = 0.06
+    """Their start on the upper plane, before its last column."""
+    beyond_m: float = 0.14
+    """Their end beyond it."""
+    gap_m: float = 0.12
+    """Longest unobserved stretch between the last solid and the first free position."""
+    points_min: int = 6
+    """Smallest number of points of an edge."""
+    outlier_m: float = 0.02
+    """Largest distance of a lane's end from the median."""
+    line_m: float = 0.06
+    """Largest distance of a column from the edge's median line."""
+    open_side: float = 0.4
+    """Smallest mean of the unit vectors toward the lower plane: less where that plane surrounds the upper one."""
+    direction_ratio: float = 0.5
+    """Smallest ratio, across to along, at which an edge is long enough to have a direction."""
+    trim_pct: float = 3.0
+    """Share of an edge's points, at either end, outside which it is not measured in the voxels, %."""
+    extent_pct: float = 2.0
+    """Share of a flight's points, at either side, beyond its reported lateral extent, %."""
+    border_m: float = 0.25
+    """Width of a plane's border, half of which is free space, where its height is not evaluated."""
+
+
+class ProfileParameters(NamedTuple):
+    """The ground along a line (`profile`)."""
+
+    step_m: float = 0.02
+    """Distance between samples: a voxel."""
+    half_width_m: float = 0.24
+    """The line is as wide as a person walks, to either side."""
+    lane_m: float = 0.04
+    """Distance between parallel lanes."""
+    lanes_min: int = 4
+    """Smallest number of lanes on a plane, or with a known height, of 13."""
+    samples_min: int = 3
+    """Smallest number of samples on a plane for it to count."""
+    slope_break_m: float = 0.15
+    """Largest distance of a slope break from the gap between two planes."""
+    cosine_min: float = 0.3
+    """Smallest cosine between line and ascent at which the line crosses an edge."""
+    edge_sd_min_m: float = 0.005
+    """Smallest standard deviation of a measured edge."""
+
+
+_GROUPS = ("tsdf", "rays", "clusters", "edges", "profile")
+
+
 @dataclass(frozen=True, kw_only=True)
 class TerrainMapParameters:
     """One set serves every camera, mount and terrain.
@@ -20,13 +117,13 @@ class TerrainMapParameters:
     Attributes:
         voxel_size_m: Edge of a voxel.
         truncation_m: t_δ of eq. (20), as a height over the surface.
-        grid_turn_rad: Angle between grid and world axes, so that edges across the walking direction are oblique to it.
+        grid_rotation_rad: Angle between grid and world axes: edges across the walking direction are oblique to it.
         weight_max: W_max of eq. (22), in frames taken at 1 m.
         range_min_m: Smaller depths are invalid.
         range_max_m: Larger depths are invalid.
         headroom_m: Nothing higher above the camera is mapped.
-        outline_share: Inverse depths that differ by this share within `outline_px` belong to two surfaces.
-        outline_px: Reach of the test, pixels of a 640-pixel image.
+        discontinuity_share: Inverse depths that differ by this share within `discontinuity_px` belong to two surfaces.
+        discontinuity_px: Reach of the test, pixels of a 640-pixel image.
         depth_noise_per_m: Standard deviation of the depth divided by its square, 1/m.
         ahead_m: Distance ahead of the camera at which the top view is centred.
         flat_rad: A plane with a smaller slope is flat.
@@ -66,20 +163,22 @@ class TerrainMapParameters:
         even_sd_m: Standard deviation of an edge inferred from the others of its flight.
         gap_m: Largest distance of an inferred edge from the unobserved gap.
         edge_m: Smallest height step of an edge.
-        knee_rad: Smallest slope change of a slope break.
+        slope_break_rad: Smallest slope change of a slope break.
+        tsdf, rays, clusters, edges, profile: Parameters of the stages.
 
-    All are hand-chosen on twin walks of tuning seeds (below 1000), except building dimensions.
+    All, and those of the stages, are hand-chosen on twin walks of tuning seeds (below 1000), except dimensions of
+    buildings.
     """
 
     voxel_size_m: float = 0.02
     truncation_m: float = 0.04
-    grid_turn_rad: float = 0.35
+    grid_rotation_rad: float = 0.35
     weight_max: float = 12.0
     range_min_m: float = 0.35
     range_max_m: float = 4.5
     headroom_m: float = 0.1
-    outline_share: float = 0.04
-    outline_px: float = 1.0
+    discontinuity_share: float = 0.04
+    discontinuity_px: float = 1.0
     depth_noise_per_m: float = 0.004
     ahead_m: float = 1.6
     flat_rad: float = math.radians(5.0)
@@ -119,11 +218,19 @@ class TerrainMapParameters:
     even_sd_m: float = 0.015
     gap_m: float = 0.05
     edge_m: float = 0.04
-    knee_rad: float = math.radians(4.0)
+    slope_break_rad: float = math.radians(4.0)
+    tsdf: TsdfParameters = field(default_factory=TsdfParameters)
+    rays: RayParameters = field(default_factory=RayParameters)
+    clusters: ClusterParameters = field(default_factory=ClusterParameters)
+    edges: EdgeParameters = field(default_factory=EdgeParameters)
+    profile: ProfileParameters = field(default_factory=ProfileParameters)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""
-        check_numbers("TerrainMapParameters", asdict(self))
+        values = asdict(self)
+        for name in _GROUPS:
+            check_numbers(f"TerrainMapParameters.{name}", values.pop(name)._asdict())
+        check_numbers("TerrainMapParameters", values)
         for low, high in _ORDERED:
             if getattr(self, low) >= getattr(self, high):
                 raise ConfigError("TerrainMapParameters", low, getattr(self, low), f"less than {high}")

@@ -16,50 +16,49 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.parameters import ClusterParameters, TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-_FULL = 0.7
-"""Smallest share of valid points in a cell."""
-_DOUBT = 2.0
-"""Largest difference in tilt between two merged planes, in standard deviations."""
-_SIGMAS = 3.0
-"""Largest distance of a cell's point from its plane, in standard deviations."""
+
+Labels = NDArray[np.int32]
+Points = NDArray[np.float32]
+CELL = 4
+"""Points along the edge of a cell; from above 8 cm, a third of the shortest tread."""
 
 
 @cached(_HERE, error_model="numpy")
-def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
+def cell_sums(points: Points, noise: Points, p: ClusterParameters) -> Array:
     """Sums over the points of each node cell.
 
     Args:
-        places: (n, 2) m, x of each row of points and y of each column.
-        height: (n, n) m, NaN = no point.
-        noise: (n, n) m, standard deviation of a point.
-        cell: Edge of a cell, points.
+        points: (n, m, 3) m, NaN = no point.
+        noise: (n, m) m, standard deviation of a point.
+        p: Smallest share of valid points, and largest distance from the plane.
 
     Returns:
-        (n // cell, n // cell, 11) sums; 0 where the cell is not a node.
+        (n // CELL, m // CELL, 11) sums; 0 where the cell is not a node.
     """
-    rows, columns = height.shape[0] // cell, height.shape[1] // cell
+    rows, columns = noise.shape[0] // CELL, noise.shape[1] // CELL
     found = np.zeros((rows, columns, SUMS))
     for r in range(rows):
         for c in range(columns):
             sums = found[r, c]
-            for i in range(r * cell, (r + 1) * cell):
-                for j in range(c * cell, (c + 1) * cell):
-                    if not math.isnan(height[i, j]):
-                        add_point(sums, places[i, 0], places[j, 1], height[i, j], noise[i, j])
-            if sums[0] < _FULL * cell * cell:
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    if not math.isnan(points[i, j, 2]):
+                        add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+            if sums[0] < p.valid_share * CELL * CELL:
                 sums[:] = 0.0
                 continue
             x, y, z, a, b, d, error = fit(sums)
             variance = sums[10] / sums[0]
-            fits, limit = error <= variance, _SIGMAS * math.sqrt(variance)
-            for i in range(r * cell, (r + 1) * cell):
-                for j in range(c * cell, (c + 1) * cell):
-                    off = a * (places[i, 0] - x) + b * (places[j, 1] - y) + d * (height[i, j] - z)
+            fits, limit = error <= variance, p.distance_gate_sd * math.sqrt(variance)
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    off = a * (points[i, j, 0] - x) + b * (points[i, j, 1] - y) + d * (points[i, j, 2] - z)
                     fits = fits and not abs(off) > limit
             if not fits:
                 sums[:] = 0.0
@@ -79,7 +78,7 @@ def _tilt_variance(s: Array) -> float:
 
 
 @cached(_HERE, error_model="numpy")
-def cluster(found: Array, angle: float) -> NDArray[np.int32]:
+def cluster(found: Array, angle: float, tilt_gate_sd: float) -> NDArray[np.int32]:
     """Merges cells into planes.
 
     See docs/terrain_map.md (6).
@@ -87,6 +86,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     Args:
         found: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
         angle: Largest angle between two merged planes, rad, in addition to what their noise explains.
+        tilt_gate_sd: What it explains, in standard deviations of the tilts' difference.
 
     Returns:
         (R, C) root cell of each cell's plane, as index r * C + c; -1 = none.
@@ -94,12 +94,12 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     rows, columns = found.shape[:2]
     sums = found.reshape(rows * columns, SUMS)
     root = np.full(rows * columns, -1, np.int32)
-    normals, doubt = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
+    normals, tilt_variance = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
     for n in range(len(root)):
         if sums[n, 0] > 0:
             root[n] = n
             _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit(sums[n])
-            doubt[n] = _tilt_variance(sums[n])
+            tilt_variance[n] = _tilt_variance(sums[n])
     edges = np.empty((2 * len(root), 2), np.int32)
     count = 0
     for r in range(rows):
@@ -123,7 +123,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
             if costs[e] < 0.0:
                 costs[e] = np.inf
                 dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
-                if 1.0 - dot * dot <= angle**2 + _DOUBT**2 * (doubt[a] + doubt[b]):
+                if 1.0 - dot * dot <= angle**2 + tilt_gate_sd**2 * (tilt_variance[a] + tilt_variance[b]):
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
                     error = off_plane(common)
@@ -143,7 +143,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
                     sums[b, s] = 0.0
                 root[b] = a
                 _, _, _, normals[a, 0], normals[a, 1], normals[a, 2], _ = fit(sums[a])
-                doubt[a] = _tilt_variance(sums[a])
+                tilt_variance[a] = _tilt_variance(sums[a])
                 best[a] = best[b] = -2 - a  # both are the new plane a
                 merged = True
         if not merged:
@@ -169,51 +169,65 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     return root.reshape(rows, columns)
 
 
-CELL = 4
-"""Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
-_CELLS = 4
-"""Smallest number of cells of a large plane."""
-"""Largest distance of a column from its plane, or from its neighbour in a strip."""
-
-Labels = NDArray[np.int32]
-Heights = NDArray[np.float32]
-
-
-def patches(
-    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float
-) -> tuple[Labels, Array]:
-    """Extracts the planes of the ground from a top view.
+def large_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
+    """Extracts walkable planes of several cells from an organised grid of points.
 
     Args:
-        height: (n, n) m, NaN where unobserved; n is a multiple of `CELL`.
-        noise: (n, n) m, standard deviation of the heights.
-        corner: (2,) m, grid axes, corner of column (0, 0).
-        voxel_m: Edge of a column.
-        steepest: Largest slope of the ground, rad.
-        fewest: Smallest number of columns of a strip.
-        angle: Largest angle between neighbouring cells of one plane, rad.
+        points: (n, m, 3) m, grid axes, NaN = no point; n and m are multiples of `CELL`.
+        noise: (n, m) m, standard deviation of a point.
+        p: Limits of cells and slopes.
 
     Returns:
-        (n, n) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
+        (n, m) number of each point's plane, -1 = none; and (P, 4) planes a x + b y + c z = d.
     """
+    found = cell_sums(points, noise, p.clusters)
+    roots = cluster(found, p.cell_angle_rad, p.clusters.tilt_gate_sd)
+    return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.ramp_rad), p.clusters)
+
+
+def patches(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
+    """Extracts the planes of the ground from a top view, those of strips too; arguments as in `large_planes`.
+
+    Returns:
+        (n, m) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
+    """
+    labels, planes = large_planes(points, noise, p)
+    fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
+    count = _label_strips(points, noise, labels, planes, math.cos(p.ramp_rad), fewest, p.clusters)
+    return labels, plane_sums(points, noise, labels, count)
+
+
+def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> Points:
+    """(n, n, 3) m, middles of columns of (n, n) heights, m, from the column `first` (2,)."""
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
-    places = (along[:, None] + corner).astype(np.float32)
-    found = cell_sums(places, height, noise, CELL)
-    roots = cluster(found, angle)
-    return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
+    places = (along[:, None] + first.astype(float) * voxel_m).astype(np.float32)
+    points = np.empty((*height.shape, 3), np.float32)
+    points[..., 0], points[..., 1], points[..., 2] = places[:, :1], places[:, 1], height
+    return points
+
+
+@cached(_HERE)
+def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Array:
+    """(count, 11) sums over the points of each plane."""
+    sums = np.zeros((count, SUMS))
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            if labels[i, j] >= 0:
+                add_point(sums[labels[i, j]], points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+    return sums
 
 
 @cached(_HERE)
 def _label(
-    places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
+    points: Points, noise: Points, roots: Labels, found: Array, least_up: float, limits: ClusterParameters
 ) -> tuple[Labels, Array]:
-    """Assigns each column to the nearest surrounding plane, and the remaining columns to strips."""
+    """Assigns each point to the nearest walkable plane of the cells around it."""
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
-        if found[n, 0] >= 0.7 * _CELLS * CELL * CELL:
+        if found[n, 0] >= limits.valid_share * limits.cells_min * CELL * CELL:
             x, y, z, a, b, d, _ = fit(found[n])
             if d >= least_up:
                 number[n] = count
@@ -225,7 +239,7 @@ def _label(
         for c in range(columns):
             if roots[r, c] >= 0:
                 cells[r, c] = number[roots[r, c]]
-    labels = np.full(height.shape, -1, np.int32)
+    labels = np.full(noise.shape, -1, np.int32)
     around = np.empty(9, np.int32)
     for r in range(rows):
         for c in range(columns):
@@ -240,40 +254,36 @@ def _label(
                 continue
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
-                    x, y, z = places[i, 0], places[j, 1], height[i, j]
+                    x, y, z = points[i, j]
                     if math.isnan(z):
                         continue
-                    nearest = _SIGMAS * noise[i, j]
+                    nearest = limits.distance_gate_sd * noise[i, j]
                     for k in around[:there]:
                         off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
                         if off < nearest:
                             nearest = off
                             labels[i, j] = k
-    sums = np.zeros((_strips(places, height, noise, labels, planes, count, least_up, fewest), SUMS))
-    for i in range(height.shape[0]):
-        for j in range(height.shape[1]):
-            if labels[i, j] >= 0:
-                add_point(sums[labels[i, j]], places[i, 0], places[j, 1], height[i, j], noise[i, j])
-    return labels, sums
+    return labels, planes[:count]
 
 
-@njit(**INSIDE)
-def _strips(
-    places: Heights, height: Heights, noise: Heights, labels: Labels, planes: Array, count: int, least_up: float,
-    fewest: int,
+@cached(_HERE)
+def _label_strips(
+    points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int,
+    limits: ClusterParameters,
 ) -> int:  # fmt: skip
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
     Returns:
         The new number of planes.
     """
+    count = len(planes)
     n, m = labels.shape
     visited, long = labels >= 0, count
     stack = np.empty((n * m, 2), np.int32)
     sums = np.empty(SUMS)
     for i in range(n):
         for j in range(m):
-            if visited[i, j] or math.isnan(height[i, j]):
+            if visited[i, j] or math.isnan(points[i, j, 2]):
                 continue
             size, head, beside = 1, 0, -1
             stack[0, 0], stack[0, 1] = i, j
@@ -285,7 +295,10 @@ def _strips(
                     for q in range(max(b - 2, 0), min(b + 3, m)):
                         if labels[p, q] >= 0:
                             beside = labels[p, q]
-                        elif not visited[p, q] and abs(height[p, q] - height[a, b]) < _SIGMAS * noise[p, q]:
+                        elif (
+                            not visited[p, q]
+                            and abs(points[p, q, 2] - points[a, b, 2]) < limits.distance_gate_sd * noise[p, q]
+                        ):
                             visited[p, q] = True
                             stack[size, 0], stack[size, 1] = p, q
                             size += 1
@@ -294,15 +307,15 @@ def _strips(
             sums[:] = 0.0
             for s in range(size):
                 p, q = stack[s]
-                add_point(sums, places[p, 0], places[q, 1], height[p, q], noise[p, q])
+                add_point(sums, points[p, q, 0], points[p, q, 1], points[p, q, 2], noise[p, q])
             plane = fit(sums)
-            limit = 4.0 * sums[10] / size
+            limit = limits.strip_variance * sums[10] / size
             if 0 <= beside < long:
                 q = planes[beside]
                 off = 0.0
                 for s in range(size):
                     a, b = stack[s]
-                    off += (q[0] * places[a, 0] + q[1] * places[b, 1] + q[2] * height[a, b] - q[3]) ** 2
+                    off += (q[0] * points[a, b, 0] + q[1] * points[a, b, 1] + q[2] * points[a, b, 2] - q[3]) ** 2
                 if off / size < limit:
                     for s in range(size):
                         labels[stack[s, 0], stack[s, 1]] = beside

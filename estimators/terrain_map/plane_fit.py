@@ -16,7 +16,6 @@ _HERE = Path(__file__).parent
 SUMS = 11
 """n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
 _NEWTON, _EXACT = 40, 1e-9
-_BORDER_M = 0.25
 Plane = tuple[float, float, float, float, float, float, float]
 
 
@@ -180,7 +179,7 @@ def off_height_plane(
 
 
 @cached(_HERE)
-def toward(centre: Array, spread: Array, x: float, y: float) -> tuple[float, float]:
+def toward(centre: Array, spread: Array, x: float, y: float, border_m: float) -> tuple[float, float]:
     """The farthest point from a plane's centre toward (x, y) at which the plane is well observed.
 
     Args:
@@ -188,6 +187,7 @@ def toward(centre: Array, spread: Array, x: float, y: float) -> tuple[float, flo
         spread: (2, 2) m², covariance of its points in plan.
         x: m.
         y: m.
+        border_m: Width of the border where it is not well observed.
     """
     ox, oy = centre[0], centre[1]
     x, y = x - ox, y - oy
@@ -197,18 +197,21 @@ def toward(centre: Array, spread: Array, x: float, y: float) -> tuple[float, flo
     x, y = x / length, y / length
     variance = x * x * spread[0, 0] + 2.0 * x * y * spread[0, 1] + y * y * spread[1, 1]
     half = math.sqrt(3.0 * max(variance, 0.0))  # for uniformly distributed points
-    reach = max(0.0, min(length, half) - _BORDER_M)
+    reach = max(0.0, min(length, half) - border_m)
     return ox + reach * x, oy + reach * y
 
 
 @cached(_HERE)
-def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: float) -> float:
-    """Height of a plane, m, where it is well observed toward (x, y); gradient (2,), the rest as in `toward`."""
-    x, y = toward(centre, spread, x, y)
+def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: float, border_m: float) -> float:
+    """Height of a plane, m, where it is well observed toward (x, y); gradient (2,), the rest as in `toward`.
+
+    A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
+    """
+    x, y = toward(centre, spread, x, y, border_m)
     return centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]
 
 
-def turned(
+def rotated(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Rotates the result of `height_planes` by a (3, 3) rotation about the vertical."""

@@ -1,15 +1,209 @@
-"""The set of planes: new planes vote for existing ones, eq. (23), and label the columns of the ground."""
+"""The known planes, and the label and height of each column of the ground, in a ring buffer that follows the walker."""
 
 from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Plane
-from stridetwin.estimators.terrain_map.height_map import NONE, Surface, forget, overlaps, put_view, sums_of
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_planes, off_height_plane, turned
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, height_planes, off_height_plane, rotated
+from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+
+COLUMNS = SHAPE[0] * EDGE
+"""Columns along an edge of the window; a power of two."""
+NONE = -1
+
+
+class Surface(NamedTuple):
+    """Columns of the window, in the form for compiled code.
+
+    Attributes:
+        label: (X, Y) ring, slot of the column's plane, -1 none. Column (i, j) is stored at (i mod X, j mod Y).
+        height: (X, Y) ring, m; NaN where never observed.
+        noise: (X, Y) ring, m, standard deviation of the height.
+        origin: (2,) lowest column of the window.
+    """
+
+    label: NDArray[np.int32]
+    height: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    origin: NDArray[np.int64]
+
+    @classmethod
+    def empty(cls) -> Surface:
+        """A window without columns."""
+        label, height = np.full((COLUMNS, COLUMNS), NONE, np.int32), np.full((COLUMNS, COLUMNS), np.nan, np.float32)
+        return cls(label, height, np.zeros((COLUMNS, COLUMNS), np.float32), np.zeros(2, np.int64))
+
+    def clear(self) -> None:
+        """Clears all columns."""
+        self.label[:], self.height[:] = NONE, np.nan
+
+    def move(self, origin: NDArray[np.int64]) -> None:
+        """Moves the window's lowest column to (2,) `origin`, and clears the columns outside."""
+        for axis in (0, 1):
+            shift = int(origin[axis] - self.origin[axis])
+            if shift == 0:
+                continue
+            start = self.origin[axis] + COLUMNS if shift > 0 else origin[axis]
+            lines = (start + np.arange(min(abs(shift), COLUMNS))) % COLUMNS
+            at = (lines, slice(None)) if axis == 0 else (slice(None), lines)
+            self.label[at], self.height[at] = NONE, np.nan
+        self.origin[:] = origin
+
+    def at(self, columns: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Label and height of (..., 2) columns; -1 and NaN outside the window."""
+        inside = ((columns >= self.origin) & (columns < self.origin + COLUMNS)).all(axis=-1)
+        i, j = columns[..., 0] % COLUMNS, columns[..., 1] % COLUMNS
+        return np.where(inside, self.label[i, j], NONE), np.where(inside, self.height[i, j], np.float32(np.nan))
+
+
+class TopView(NamedTuple):
+    """The planes seen in the volume, as columns of a square of the ground.
+
+    Attributes:
+        first: (2,) column of the square's corner.
+        labels: (n, n) number of each column's plane, -1 = none.
+        sums: (P, 11) sums over the columns of each plane, see `plane_fit.SUMS`.
+        height: (n, n) m, NaN where unobserved.
+        noise: (n, n) m, standard deviation of the height.
+    """
+
+    first: NDArray[np.int64]
+    labels: NDArray[np.int32]
+    sums: Array
+    height: NDArray[np.float32]
+    noise: NDArray[np.float32]
+
+
+@cached(_HERE)
+def overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(P, slots) columns that each pair of a new and an old plane shares, and (slots,) observed columns of each old."""
+    label, first = surface.label, view.first
+    both, seen = np.zeros((len(view.sums), slots), np.int64), np.zeros(slots, np.int64)
+    for i in range(view.labels.shape[0]):
+        for j in range(view.labels.shape[1]):
+            before = label[(first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)]
+            if before >= 0:
+                if view.labels[i, j] >= 0:
+                    both[view.labels[i, j], before] += 1
+                seen[before] += not math.isnan(view.height[i, j])
+    return both, seen
+
+
+@cached(_HERE)
+def put_view(
+    surface: Surface, view: TopView, slots: NDArray[np.int32], same_m: float, keeps_unobserved: bool
+) -> None:  # fmt: skip
+    """Writes a view into the columns.
+
+    Args:
+        surface: Modified in place.
+        view: The view.
+        slots: Slot of each new plane.
+        same_m: A column without a new plane keeps its old plane if its height has changed by less.
+        keeps_unobserved: Whether an unobserved column keeps its old plane.
+    """
+    label, height = surface.label, surface.height
+    for i in range(view.labels.shape[0]):
+        for j in range(view.labels.shape[1]):
+            p, q = (view.first[0] + i) & (COLUMNS - 1), (view.first[1] + j) & (COLUMNS - 1)
+            z = view.height[i, j]
+            if math.isnan(z):
+                if keeps_unobserved:
+                    continue
+                label[p, q] = NONE
+            elif view.labels[i, j] >= 0:
+                label[p, q] = slots[view.labels[i, j]]
+            elif not abs(z - height[p, q]) < same_m:
+                label[p, q] = NONE
+            height[p, q], surface.noise[p, q] = z, view.noise[i, j]
+
+
+@cached(_HERE)
+def remove_labels(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
+    """Removes the labels marked in `gone`, (slots,), from the ring."""
+    for i in range(label.shape[0]):
+        for j in range(label.shape[1]):
+            if label[i, j] >= 0 and gone[label[i, j]]:
+                label[i, j] = NONE
+
+
+@cached(_HERE)
+def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]:
+    """(slots, 11) sums over the columns of each slot, m, grid axes."""
+    sums, origin = np.zeros((slots, SUMS)), surface.origin
+    for i in range(origin[0], origin[0] + COLUMNS):
+        row = i & (COLUMNS - 1)
+        for j in range(origin[1], origin[1] + COLUMNS):
+            at = row, j & (COLUMNS - 1)
+            slot = surface.label[at]
+            if slot >= 0:
+                add_point(sums[slot], (i + 0.5) * voxel_m, (j + 0.5) * voxel_m, surface.height[at], surface.noise[at])
+    return sums
+
+
+@cached(_HERE)
+def borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDArray[np.int32]:
+    """Columns where a plane ends and a lower one begins.
+
+    Args:
+        surface: The columns.
+        reach: Columns that may lie between them.
+        least_m: Smallest height difference.
+        most_m: Largest height difference.
+
+    Returns:
+        (N, 5) slot of the lower and of the upper plane, the upper plane's last column (i, j), and the side of the
+        lower plane: 0..3 for +i, -i, +j, -j.
+    """
+    label, height, origin = surface.label, surface.height, surface.origin
+    found = np.empty((COLUMNS * 64, 5), np.int32)
+    count = 0
+    for i in range(origin[0] + 1, origin[0] + COLUMNS - 1):
+        for j in range(origin[1] + 1, origin[1] + COLUMNS - 1):
+            upper = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            if upper < 0:
+                continue
+            if (
+                label[(i + 1) & (COLUMNS - 1), j & (COLUMNS - 1)] == upper
+                and label[(i - 1) & (COLUMNS - 1), j & (COLUMNS - 1)] == upper
+                and label[i & (COLUMNS - 1), (j + 1) & (COLUMNS - 1)] == upper
+                and label[i & (COLUMNS - 1), (j - 1) & (COLUMNS - 1)] == upper
+            ):  # most columns
+                continue
+            z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            for side in range(4):
+                di, dj = (side == 0) - (side == 1), (side == 2) - (side == 3)
+                if label[(i + di) & (COLUMNS - 1), (j + dj) & (COLUMNS - 1)] == upper:
+                    continue
+                for step in range(1, reach + 1):
+                    p, q = i + di * step, j + dj * step
+                    if p < origin[0] or p >= origin[0] + COLUMNS or q < origin[1] or q >= origin[1] + COLUMNS:
+                        break
+                    lower = label[p & (COLUMNS - 1), q & (COLUMNS - 1)]
+                    if lower == upper:
+                        break
+                    if lower >= 0:
+                        drop = z - height[p & (COLUMNS - 1), q & (COLUMNS - 1)]
+                        if drop > most_m:
+                            continue  # seen between open treads
+                        if least_m <= drop <= most_m and count < len(found):
+                            found[count, 0], found[count, 1], found[count, 4] = lower, upper, side
+                            found[count, 2], found[count, 3] = i, j
+                            count += 1
+                        break
+    return found[:count]
+
 
 SLOTS = 256
 
@@ -19,6 +213,7 @@ class PlaneSet:
 
     Args:
         parameters: See `TerrainMapParameters`.
+        keeps_unobserved: Whether a column unobserved in a top view keeps its plane.
 
     Attributes:
         surface: The columns; labels are slots.
@@ -26,15 +221,15 @@ class PlaneSet:
         votes: (SLOTS,) score of each.
     """
 
-    def __init__(self, parameters: TerrainMapParameters) -> None:
-        self._p = parameters
+    def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
+        self._p, self._keeps_unobserved = parameters, keeps_unobserved
         self._fewest = round(parameters.strip_area_m2 / parameters.voxel_size_m**2)
-        self.surface = Surface()
+        self.surface = Surface.empty()
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
         self._sums = np.zeros((SLOTS, SUMS))
-        self._told_sums, self._told_votes = self._sums.copy(), self.votes.copy()
-        self._told: dict[int, Plane] = {}
+        self._last_sums, self._last_votes = self._sums.copy(), self.votes.copy()
+        self._last: dict[int, Plane] = {}
         self._next_id = 0
 
     def clear(self) -> None:
@@ -44,30 +239,18 @@ class PlaneSet:
         self.votes[:] = 0.0
         self._sums[:] = 0.0
 
-    def update(
-        self, first: NDArray[np.int64], labels: NDArray[np.int32], sums: Array, height: NDArray[np.float32],
-        noise: NDArray[np.float32],
-    ) -> None:  # fmt: skip
-        """Takes the planes of one top view.
-
-        Args:
-            first: (2,) column of the view's corner.
-            labels: (n, n) number of each column's new plane, -1 = none.
-            sums: (P, 11) over the columns of each new plane.
-            height: (n, n) m, NaN where unobserved.
-            noise: (n, n) m.
-        """
+    def update(self, view: TopView) -> None:
+        """Takes the planes of one top view."""
         s = self.surface
-        common, in_scope = overlaps(s.label, first, labels, height, len(sums), SLOTS)
-        slots = self._pair(common, in_scope, sums)
-        put_view(s.label, s.height, s.noise, first, labels, slots, height, noise, self._p.plane_noise_m)
+        common, in_scope = overlaps(s, view, SLOTS)
+        slots = self._pair(common, in_scope, view.sums)
+        put_view(s, view, slots, self._p.plane_noise_m, self._keeps_unobserved)
         self._vote(slots, in_scope)
         self.refit()
 
     def refit(self) -> None:
         """Recomputes the sums over each plane's columns; removes planes with too few."""
-        s = self.surface
-        self._sums = sums_of(s.label, s.height, s.noise, s.origin, SLOTS, self._p.voxel_size_m)
+        self._sums = sums_of(self.surface, SLOTS, self._p.voxel_size_m)
         few = (self.ids >= 0) & (self._sums[:, 0] < self._fewest)
         self._remove(np.flatnonzero(few))
 
@@ -76,23 +259,23 @@ class PlaneSet:
 
         A plane that has not changed since the last call is the same object.
         """
-        changed = (self._sums != self._told_sums).any(axis=1) | (self.votes != self._told_votes)
-        self._told_sums[:], self._told_votes[:] = self._sums, self.votes
+        changed = (self._sums != self._last_sums).any(axis=1) | (self.votes != self._last_votes)
+        self._last_sums[:], self._last_votes[:] = self._sums, self.votes
         found = {}
         fresh = []
         for slot in np.flatnonzero(self.ids >= 0).tolist():
             id_ = int(self.ids[slot])
-            if changed[slot] or id_ not in self._told:
+            if changed[slot] or id_ not in self._last:
                 fresh.append(slot)
-            found[id_] = self._told.get(id_)
-        self._told = {id_: plane for id_, plane in found.items() if plane is not None}
-        self._told |= self._fitted(np.array(fresh, np.int64), R_world_grid)
-        return {id_: self._told[id_] for id_ in found}
+            found[id_] = self._last.get(id_)
+        self._last = {id_: plane for id_, plane in found.items() if plane is not None}
+        self._last |= self._fitted(np.array(fresh, np.int64), R_world_grid)
+        return {id_: self._last[id_] for id_ in found}
 
     def _fitted(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
         """The planes of these slots by id."""
         sums = self._sums[slots]
-        centres, slopes, covariances, spreads = turned(
+        centres, slopes, covariances, spreads = rotated(
             *height_planes(
                 sums, self._p.plane_sd_m, self._p.slope_sd_rad, self._p.shared_columns, self._p.slope_prior_sd_rad
             ),
@@ -157,4 +340,4 @@ class PlaneSet:
             self.votes[slots] = 0.0
             gone = np.zeros(SLOTS, bool)
             gone[slots] = True
-            forget(self.surface.label, gone)
+            remove_labels(self.surface.label, gone)

@@ -11,19 +11,13 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
-from stridetwin.estimators.terrain_map.height_map import COLUMNS
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_set import PlaneSet
+from stridetwin.estimators.terrain_map.plane_fit import seen_height
+from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
 from stridetwin.estimators.terrain_map.terrains import is_flat
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
-
-_STEP_M = 0.02
-_LANES = np.arange(-0.24, 0.25, 0.04)
-_LEAST_LANES = 4
-_SHORTEST = 3
-"""Fewest samples on a plane for it to count."""
 
 
 def profile(
@@ -41,21 +35,16 @@ def profile(
         heading: rad from x.
         length_m: m.
     """
-    s = np.arange(0.0, length_m, _STEP_M) + _STEP_M / 2
+    limits = p.profile
+    s = np.arange(0.0, length_m, limits.step_m) + limits.step_m / 2
+    lanes = np.arange(-limits.half_width_m, limits.half_width_m + 0.01, limits.lane_m)
     if estimate is None:
         nothing = np.full(len(s), np.nan)
         return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
     forward = np.array([math.cos(heading), math.sin(heading)])
-    surface, turn = planes.surface, R_world_grid[:2, :2]
-    slot, middle = _lanes(
-        surface.label,
-        surface.height,
-        surface.origin,
-        origin @ turn / p.voxel_size_m,
-        forward @ turn / p.voxel_size_m,
-        s,
-        _LANES,
-    )
+    turn = R_world_grid[:2, :2]
+    at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
+    slot, middle = _lanes(planes.surface, at, along, s, lanes, limits.lanes_min)
     plane = np.where(slot >= 0, planes.ids[slot], -1)
     for id_ in _there(plane):
         at = plane == id_
@@ -71,24 +60,23 @@ def _there(plane: NDArray[np.int64]) -> list[int]:
 
 @cached(_HERE)
 def _lanes(
-    label: NDArray[np.int32], height: NDArray[np.float32], first: NDArray[np.int64], origin: Array, forward: Array,
-    s: Array, lanes: Array,
-) -> tuple[NDArray[np.int64], Array]:  # fmt: skip
+    surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array, lanes_min: int
+) -> tuple[NDArray[np.int64], Array]:
     """The ground along a line, by majority over parallel lanes.
 
     Args:
-        label: Ring of slots, see `Surface`.
-        height: Ring of heights, m.
-        first: (2,) lowest column of the window.
+        surface: The columns.
         origin: (2,) start of the line, columns.
         forward: (2,) columns per metre along the line.
         s: (N,) m along it.
         lanes: (L,) m to its left.
+        lanes_min: Smallest number of lanes on a plane, or with a known height.
 
     Returns:
         (N,) slot of the majority plane, -1 where too few lanes have one; (N,) m, median of the lanes' heights, NaN
         where too few are known.
     """
+    label, height, first = surface.label, surface.height, surface.origin
     slot, middle = np.full(len(s), -1), np.full(len(s), math.nan)
     slots, heights = np.empty(len(lanes), np.int32), np.empty(len(lanes), np.float32)
     for n in range(len(s)):
@@ -104,14 +92,14 @@ def _lanes(
             if not math.isnan(z):
                 heights[known] = z
                 known += 1
-        most = _LEAST_LANES - 1
+        most = lanes_min - 1
         for lane in range(len(lanes)):
             count = 0
             for other in range(len(lanes)):
                 count += slots[other] == slots[lane]
             if slots[lane] >= 0 and count > most:
                 slot[n], most = slots[lane], count
-        if known >= _LEAST_LANES:
+        if known >= lanes_min:
             middle[n] = np.median(heights[:known])
     return slot, middle
 
@@ -121,20 +109,20 @@ def _changes(
     p: TerrainMapParameters,
 ) -> tuple[Change, ...]:  # fmt: skip
     found = []
-    for (_, last, one_id), (first, _, other_id) in pairwise(_runs(plane)):
+    for (_, last, one_id), (first, _, other_id) in pairwise(_runs(plane, p.profile.samples_min)):
         end, start, one, other = float(s[last]), float(s[first]), estimate.planes[one_id], estimate.planes[other_id]
-        change = _edge_or_knee(end, start, one, other, estimate, origin, forward, p)
+        change = _edge_or_slope_break(end, start, one, other, estimate, origin, forward, p)
         if change is not None:
             found.append(change)
     return tuple(found)
 
 
-def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+def _runs(plane: NDArray[np.int64], fewest: int) -> list[tuple[int, int, int]]:
     """First and last sample of each run on one plane, and the plane's id; a plane split by another has two runs."""
     known = np.flatnonzero(plane >= 0)
     runs: list[tuple[int, int, int]] = []
     for steps in np.split(known, np.flatnonzero(np.diff(plane[known])) + 1):
-        if len(steps) < _SHORTEST:
+        if len(steps) < fewest:
             continue
         id_ = int(plane[steps[0]])
         if runs and runs[-1][2] == id_:
@@ -144,7 +132,7 @@ def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
     return runs
 
 
-def _edge_or_knee(
+def _edge_or_slope_break(
     end: float, start: float, one: Plane, other: Plane, estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
 ) -> Change | None:  # fmt: skip
@@ -155,12 +143,15 @@ def _edge_or_knee(
     bend = math.atan(slopes[1]) - math.atan(slopes[0])
     if is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
-        drop, bend = other.seen_height(x, y) - one.seen_height(x, y), 0.0
-    if abs(bend) > p.knee_rad and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
+        after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, p.edges.border_m) for q in (other, one))
+        drop, bend = after - before, 0.0
+    if abs(bend) > p.slope_break_rad and abs(drop) < abs(slopes[1] - slopes[0]) * (
+        abs(start - end) / 2 + p.profile.slope_break_m
+    ):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward
         sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
-        return Change(kind="knee", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
+        return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < p.edge_m:
         return None
     for flight in estimate.stairs:
@@ -194,9 +185,9 @@ def _in_flight(
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
             even = flight.start + k * flight.tread
             if flight.steps > 2 and abs(float(flight.edges[k]) - even) > p.uneven_m:
-                return _crossing(flight, even, p.even_sd_m, origin, forward)
-            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), 0.005)
-            return _crossing(flight, float(flight.edges[k]), sd, origin, forward)
+                return _crossing(flight, even, p.even_sd_m, origin, forward, p.profile.cosine_min)
+            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), p.profile.edge_sd_min_m)
+            return _crossing(flight, float(flight.edges[k]), sd, origin, forward, p.profile.cosine_min)
     return None
 
 
@@ -208,14 +199,19 @@ def _next_to_flight(
         return None
     climbs = drop * float(flight.up @ forward) > 0.0
     upper, lower = (other, one) if drop > 0.0 else (one, other)
+    cosine_min = p.profile.cosine_min
     if climbs and lower == flight.planes[-1]:
-        return _crossing(flight, flight.start + flight.steps * flight.tread, p.even_sd_m, origin, forward)
+        return _crossing(
+            flight, flight.start + flight.steps * flight.tread, p.even_sd_m, origin, forward, p.profile.cosine_min
+        )
     if climbs and upper == flight.planes[0]:
-        return _crossing(flight, flight.start - flight.tread, p.even_sd_m, origin, forward)
+        return _crossing(flight, flight.start - flight.tread, p.even_sd_m, origin, forward, cosine_min)
     return None
 
 
-def _crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
+def _crossing(
+    flight: Stairs, edge: float, sd: float, origin: Array, forward: Array, cosine_min: float
+) -> tuple[float, float] | None:
     """Where a line crosses a flight's edge, and its standard deviation; None if the line is parallel to the edge."""
     along = float(flight.up @ forward)
-    return None if abs(along) < 0.3 else ((edge - float(flight.up @ origin)) / along, sd / abs(along))
+    return None if abs(along) < cosine_min else ((edge - float(flight.up @ origin)) / along, sd / abs(along))

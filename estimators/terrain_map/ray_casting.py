@@ -1,4 +1,4 @@
-"""Ray casting: the map seen by the camera, and from straight above."""
+"""Ray casting: the map seen from straight above, and how far the ground extends under an edge."""
 
 from __future__ import annotations
 
@@ -10,25 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.terrain_map.parameters import RayParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, Blocks, slot_of
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-_SEEN = 0.1
-"""Smallest weight of an observed voxel."""
-_NEAR = 0.5
-"""Beyond this |λ| the distance is unknown: the surface between two such voxels is taken in the middle."""
-_SHARE = 0.5
-"""Smallest weight of a column, as a share of its neighbours' weight."""
 _BESIDE = np.ones((5, 5), np.uint8)
-_FEWEST = 0.05
-"""Lower limit of the weight in a column's standard deviation."""
 
 
 @cached(_HERE)
 def from_above(
-    blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
+    blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float, p: RayParameters
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Casts one ray straight down per column of voxels.
 
@@ -39,6 +32,7 @@ def from_above(
         size: Columns along one edge of the view; a multiple of 8.
         top_k: Rays start at this layer.
         voxel_m: Edge of a voxel.
+        p: Smallest weight.
 
     Returns:
         (size, size) height of the surface, m, NaN where unobserved, and the weight of the voxel above it.
@@ -50,7 +44,7 @@ def from_above(
     met = np.zeros(EDGE * EDGE, np.bool_)
     slots, origin = blocks.slots, blocks.origin
     start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)
-    nothing, least = np.float32(0.0), np.float32(_SEEN)
+    nothing, least = np.float32(0.0), np.float32(p.weight_min)
     for bi in range(size // EDGE):
         for bj in range(size // EDGE):
             known[:], met[:] = nothing, False
@@ -94,56 +88,9 @@ def from_above(
 
 
 @cached(_HERE, error_model="numpy")
-def from_camera(
-    blocks: Blocks, intrinsics: Array, shape: tuple[int, int], T_grid_camera: Array, voxel_m: float, range_m: float
-) -> NDArray[np.float32]:
-    """The smoothed depth image I_D^s: the depth at which each pixel's ray meets the surface.
-
-    Args:
-        blocks: Voxels of the map.
-        intrinsics: (4,) fu, fv, pu, pv of the rendered image.
-        shape: (H, W).
-        T_grid_camera: (4, 4) optical frame to grid axes, m.
-        voxel_m: Edge of a voxel.
-        range_m: Rays end at this depth.
-
-    Returns:
-        (H, W) m, 0 = none.
-    """
-    picture = np.zeros(shape, np.float32)
-    R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3] / voxel_m
-    for v in range(shape[0]):
-        for u in range(shape[1]):
-            x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
-            length = math.sqrt(x * x + y * y + 1.0)
-            dx = (R[0, 0] * x + R[0, 1] * y + R[0, 2]) / length
-            dy = (R[1, 0] * x + R[1, 1] * y + R[1, 2]) / length
-            dz = (R[2, 0] * x + R[2, 1] * y + R[2, 2]) / length
-            at, end = 4.0, range_m / voxel_m * length
-            before, before_at, free = 0.0, 0.0, False
-            while at < end:
-                i, j, k = math.floor(c[0] + dx * at), math.floor(c[1] + dy * at), math.floor(c[2] + dz * at)
-                row = slot_of(blocks.slots, blocks.origin, i >> 3, j >> 3, k >> 3)
-                if row < 0:
-                    free = False
-                    at += 0.5 * EDGE
-                    continue
-                here = ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
-                value = blocks.distance[row, here]
-                if blocks.weight[row, here] < _SEEN:
-                    free = False
-                elif value < 0.0:
-                    before, before_at, free = value, at, True
-                elif free:
-                    met = before_at + (at - before_at) * before / (before - value)
-                    picture[v, u] = met * voxel_m / length
-                    break
-                at += 0.7
-    return picture
-
-
-@cached(_HERE, error_model="numpy")
-def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
+def solid_reach(
+    blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float, rays: RayParameters
+) -> Array:
     """How far solid ground extends along lines just under a surface.
 
     Args:
@@ -153,6 +100,7 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
         slope: Slope of the surface along it.
         reach: Length of the search, voxels.
         gap: Longest unobserved stretch between the last solid and the first free position, voxels.
+        rays: Smallest weight, and largest known distance.
 
     Returns:
         (N,) voxels from each start to the first sign change of λ; NaN where unobserved.
@@ -177,14 +125,14 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
                 p, q, r = i + di, j + dj, k + dk
                 row = slot_of(slots, origin, p >> 3, q >> 3, r >> 3)
                 here = ((p & 7) << 6) | ((q & 7) << 3) | (r & 7)
-                if row < 0 or weight[row, here] < _SEEN:
+                if row < 0 or weight[row, here] < rays.weight_min:
                     value = math.nan
                     break
                 value += share * distance[row, here]
             if not math.isnan(value):
                 if value < 0.0:
                     if last_at >= 0.0 and at - last_at <= gap:
-                        inside, outside = min(last, _NEAR), max(value, -_NEAR)
+                        inside, outside = min(last, rays.lambda_max), max(value, -rays.lambda_max)
                         found[n] = last_at + (at - last_at) * inside / (inside - outside)
                     break
                 last_at, last = at, value
@@ -192,9 +140,9 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
     return found
 
 
-def well_seen(
+def column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
-    noise_per_m: float,
+    noise_per_m: float, p: RayParameters,
 ) -> NDArray[np.float32]:  # fmt: skip
     """Standard deviation of the columns' heights.
 
@@ -207,21 +155,22 @@ def well_seen(
         least_m: Lower limit of the standard deviation.
         most_m: Upper limit.
         noise_per_m: Standard deviation of the depth divided by its square, 1/m.
+        p: Limits of the weights.
 
     Returns:
         (n, n) m, standard deviation of the heights.
     """
     beside = np.asarray(cv2.dilate(weight, _BESIDE), np.float32)
-    return _well_seen(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
+    return _column_noise(height, weight, beside, eye_z, least_m, most_m, noise_per_m, p)
 
 
 @cached(_HERE, error_model="numpy")
-def _well_seen(
+def _column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
-    most_m: float, noise_per_m: float,
+    most_m: float, noise_per_m: float, p: RayParameters,
 ) -> NDArray[np.float32]:  # fmt: skip
     noise = np.empty(height.shape, np.float32)
-    share, unseen, fewest = np.float32(_SHARE), np.float32(math.nan), np.float32(_FEWEST)
+    share, unseen, fewest = np.float32(p.neighbour_share), np.float32(math.nan), np.float32(p.weight_floor)
     for i in range(height.shape[0]):
         for j in range(height.shape[1]):
             own = weight[i, j]

@@ -16,22 +16,13 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
-from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.parameters import EdgeParameters, RayParameters, TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import seen_height, toward
-from stridetwin.estimators.terrain_map.ray_casting import brink
+from stridetwin.estimators.terrain_map.ray_casting import solid_reach
 from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
-
-_LANES = 28
-_INSIDE_M = 0.06
-_BEYOND_M = 0.14
-_GAP_M = 0.12
-_FEWEST = 6
-_OUTLIER_M = 0.02
-_ENDS = np.array([3.0, 97.0])
-"""Percentiles of an edge's points between which it is refined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +67,9 @@ def _extent(points: Array, down: Array) -> tuple[float, float, float]:
     return points[:, 0].mean(), points[:, 1].mean(), along.max() - along.min()
 
 
-def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
+def riser(
+    lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float, p: EdgeParameters
+) -> Riser | None:
     """The step between two planes, from their columns.
 
     Args:
@@ -85,15 +78,17 @@ def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, v
         columns: (N, 5) from `surface.borders`, the upper plane's last columns before the lower one.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
+        p: Limits of an edge.
 
     Returns:
         The riser; None if the columns form no edge.
     """
-    if len(columns) < _FEWEST:
+    if len(columns) < p.points_min:
         return None
     down, points, height = _edge(
-        columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread
-    )
+        columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread,
+        p,
+    )  # fmt: skip
     if not len(points):
         return None
     return Riser(lower=lower.id, upper=upper.id, down=down, points=points, found=False, height=height)
@@ -102,7 +97,7 @@ def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, v
 @cached(_HERE)
 def _edge(
     columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
-    centre: Array, gradient: Array, spread: Array,
+    centre: Array, gradient: Array, spread: Array, p: EdgeParameters,
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Edge between two planes from `riser`'s columns: (2,) down across it, its (N, 2) points, m, and its height, m."""
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
@@ -113,41 +108,43 @@ def _edge(
         for axis in range(2):
             ends[n, axis] = turn[axis, 0] * x + turn[axis, 1] * y
             toward[n, axis] = turn[axis, 0] * i + turn[axis, 1] * j
-    down, points = _line(ends, toward)
+    down, points = _line(ends, toward, p)
     if len(points) == 0:
         return down, points, 0.0
     x, y = points[:, 0].mean(), points[:, 1].mean()
-    risen = seen_height(centre, gradient, spread, x, y) - seen_height(low_centre, low_gradient, low_spread, x, y)
-    return down, points, risen
+    lower = seen_height(low_centre, low_gradient, low_spread, x, y, p.border_m)
+    return down, points, seen_height(centre, gradient, spread, x, y, p.border_m) - lower
 
 
 @njit(**INSIDE)
-def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
+def _line(ends: Array, toward: Array, p: EdgeParameters) -> tuple[Array, Array]:
     """(2,) unit vector down across an edge, and its columns (see `_edge`) on the line; none if there is no edge."""
     down = np.array([toward[:, 0].mean(), toward[:, 1].mean()])
-    if math.hypot(down[0], down[1]) < 0.4:  # the lower plane surrounds the upper one: no edge to step over
+    if math.hypot(down[0], down[1]) < p.open_side:  # the lower plane surrounds the upper one: no edge to step over
         return down, ends[:0]
-    down = across(ends, down)
+    down = across(ends, down, p.direction_ratio)
     s = ends[:, 0] * down[0] + ends[:, 1] * down[1]
-    points = ends[np.abs(s - np.median(s)) < 0.06]
-    if len(points) < _FEWEST:
+    points = ends[np.abs(s - np.median(s)) < p.line_m]
+    if len(points) < p.points_min:
         return down, ends[:0]
-    return across(points, down), points
+    return across(points, down, p.direction_ratio), points
 
 
 @njit(**INSIDE)
-def across(points: Array, toward: Array) -> Array:
+def across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
     x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
     turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # the line's, from its scatter
     ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
-    if abs(ahead) < abs(along) * 0.5:  # the edge is too short to have a direction
+    if abs(ahead) < abs(along) * ratio_min:  # the edge is too short to have a direction
         return toward / math.hypot(toward[0], toward[1])
     return math.copysign(1.0, ahead) * np.array([-math.sin(turn), math.cos(turn)])
 
 
-def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
+def refined(
+    edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, p: TerrainMapParameters
+) -> Riser:
     """Refines a riser's edge in the voxels just under the upper plane.
 
     Args:
@@ -156,13 +153,13 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
         down: (2,) unit vector across all edges of the flight.
         blocks: The voxels.
         R_grid_world: (3, 3) world to grid axes.
-        voxel_m: Edge of a voxel.
+        p: Size of a voxel, and limits of an edge.
 
     Returns:
         The riser, unchanged if the voxels show no edge.
     """
-    across_edge, points = _looked_up(
-        edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], voxel_m
+    across_edge, points = _edge_in_voxels(
+        edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], p.voxel_size_m, p.edges, p.rays
     )
     if not len(points):
         return edge
@@ -170,11 +167,12 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
 
 
 @cached(_HERE)
-def _looked_up(
-    points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
-) -> tuple[Array, Array]:
+def _edge_in_voxels(
+    points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float,
+    p: EdgeParameters, rays: RayParameters,
+) -> tuple[Array, Array]:  # fmt: skip
     """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
-    starts = _starts(points, down)
+    starts = _starts(points, down, p)
     at = np.empty((len(starts), 3))
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
@@ -183,33 +181,35 @@ def _looked_up(
         at[n, 2] = (centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]) / voxel_m - 1.0
     slope = gradient[0] * down[0] + gradient[1] * down[1]
     direction = np.array([turn[0, 0] * down[0] + turn[0, 1] * down[1], turn[1, 0] * down[0] + turn[1, 1] * down[1]])
-    reach = brink(blocks, at, direction, slope, (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m) * voxel_m
-    found = _ends(starts, reach, down)
-    return (across(found, down) if len(found) else down), found
+    length, gap = (p.inside_m + p.beyond_m) / voxel_m, p.gap_m / voxel_m
+    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap, rays) * voxel_m, down, p)
+    return (across(found, down, p.direction_ratio) if len(found) else down), found
 
 
 @njit(**INSIDE)
-def _starts(points: Array, down: Array) -> Array:
+def _starts(points: Array, down: Array, p: EdgeParameters) -> Array:
     """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
     s = points[:, 0] * down[0] + points[:, 1] * down[1]
-    low, high = np.percentile(points[:, 1] * down[0] - points[:, 0] * down[1], _ENDS)
-    first = np.median(s) - _INSIDE_M
-    starts = np.empty((_LANES, 2))
-    for n in range(_LANES):
-        aside = low + (high - low) * n / (_LANES - 1)
+    low, high = np.percentile(
+        points[:, 1] * down[0] - points[:, 0] * down[1], np.array([p.trim_pct, 100.0 - p.trim_pct])
+    )
+    first = np.median(s) - p.inside_m
+    starts = np.empty((p.lanes, 2))
+    for n in range(p.lanes):
+        aside = low + (high - low) * n / (p.lanes - 1)
         starts[n, 0] = first * down[0] - aside * down[1]
         starts[n, 1] = first * down[1] + aside * down[0]
     return starts
 
 
 @njit(**INSIDE)
-def _ends(starts: Array, reach: Array, down: Array) -> Array:
+def _ends(starts: Array, reach: Array, down: Array, p: EdgeParameters) -> Array:
     """(N, 2) m, end points of the lanes without outliers; none if too few remain."""
     seen = np.isfinite(reach)
-    if seen.sum() < _FEWEST:
+    if seen.sum() < p.points_min:
         return starts[:0]
-    seen &= np.abs(reach - np.median(reach[seen])) < _OUTLIER_M
-    if seen.sum() < _FEWEST:
+    seen &= np.abs(reach - np.median(reach[seen])) < p.outlier_m
+    if seen.sum() < p.points_min:
         return starts[:0]
     points = starts[seen]
     points[:, 0] += reach[seen] * down[0]
@@ -247,17 +247,10 @@ def angle_between(a: Array, b: Array) -> float:
 _UNKNOWN = math.inf
 _PLACES = (3, 1, 2)
 """Indices of start, tread and rotation in the covariance of `Stairs`."""
-_STEP_ENDS = np.array([2.0, 98.0])
-"""Percentiles of the points that give the lateral extent of a flight's edges."""
 
 
 def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
-    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next.
-
-    Args:
-        risers: Steps between two planes.
-        p: Limits of the treads.
-    """
+    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next."""
     above: dict[int, list[Riser]] = {}
     for r in risers:
         above.setdefault(r.lower, []).append(r)
@@ -287,25 +280,18 @@ def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
 
 
 def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
-    """Fits a flight to a row of risers, with covariance.
-
-    Args:
-        row: Risers from the lowest, see `flights`.
-        planes: Planes by id.
-        id_: Id of the stairs.
-        p: Uncertainties common to a whole edge or plane.
-    """
+    """Fits a flight to a row of risers from the lowest, see `flights`, with covariance."""
     up = -heading_of(row)
     points = np.concatenate([r.points for r in row])
     counts = np.array([len(r.points) for r in row])
     sd = np.array([p.edge_sd_m if r.found else 2.0 * p.voxel_size_m for r in row])
     ground = [planes[row[0].lower], *(planes[r.upper] for r in row)]
-    told, covariance, edges, across = _flight(
+    values, covariance, edges, across = _flight(
         points, counts, sd, up, (0.25 * p.voxel_size_m) ** 2, np.array([q.centre for q in ground]),
         np.array([q.gradient for q in ground]), np.array([q.spread for q in ground]),
-        np.array([q.covariance for q in ground]),
+        np.array([q.covariance for q in ground]), p.edges,
     )  # fmt: skip
-    riser, tread, heading, start, base = told
+    riser, tread, heading, start, base = values
     return Stairs(
         id=id_, planes=(row[0].lower, *(r.upper for r in row)), steps=len(row), riser=riser, tread=tread,
         heading=heading, start=start, base=base, covariance=covariance, edges=edges,
@@ -316,7 +302,7 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
 @cached(_HERE, error_model="numpy")
 def _flight(
     points: Array, counts: NDArray[np.int64], sd: Array, up: Array, least: float, centres: Array, gradients: Array,
-    spreads: Array, covariances: Array,
+    spreads: Array, covariances: Array, p: EdgeParameters,
 ) -> tuple[tuple[float, float, float, float, float], Array, Array, Array]:  # fmt: skip
     """Fits equal steps to the edges and planes of a row.
 
@@ -330,6 +316,7 @@ def _flight(
         gradients: (n + 1, 2).
         spreads: (n + 1, 2, 2).
         covariances: (n + 1, 3, 3).
+        p: Border of a plane, and trimmed ends.
 
     Returns:
         Riser, tread, heading, start and base; their (5, 5) covariance; edges and across, see `Stairs`.
@@ -345,7 +332,7 @@ def _flight(
     heights, height_sd = np.empty(n + 1), np.empty(n + 1)
     for k in range(n + 1):  # each plane where it is well observed toward its edge
         edge = middles[max(k - 1, 0)]
-        x, y = toward(centres[k], spreads[k], edge[0], edge[1])
+        x, y = toward(centres[k], spreads[k], edge[0], edge[1], p.border_m)
         slopes = np.array([1.0, x - centres[k, 0], y - centres[k, 1]])
         heights[k] = centres[k, 2] + slopes[1] * gradients[k, 0] + slopes[2] * gradients[k, 1]
         variance = 0.0
@@ -368,7 +355,7 @@ def _flight(
     start = x * math.cos(heading) + y * math.sin(heading)
     x, y = math.cos(heading), math.sin(heading)
     edges = middles[:, 0] * x + middles[:, 1] * y
-    across = np.percentile(points[:, 1] * x - points[:, 0] * y, _STEP_ENDS)
+    across = np.percentile(points[:, 1] * x - points[:, 0] * y, np.array([p.extent_pct, 100.0 - p.extent_pct]))
     return (riser, values[1], math.atan2(y, x), start, base), full, edges, across
 
 

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
-from stridetwin.estimators.terrain_map.height_map import borders
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet
-from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, refined, riser, stairs
-from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
+from stridetwin.estimators.terrain_map.plane_set import PlaneSet, borders
+from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, riser, stairs
+from stridetwin.estimators.terrain_map.volume import Volume
 from stridetwin.streams.samples import Array
 
 
@@ -50,19 +49,19 @@ class Terrains:
         self._risers: dict[tuple[int, int], _Known] = {}
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
-    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, blocks: Blocks) -> tuple[Terrain, ...]:
+    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, volume: Volume) -> tuple[Terrain, ...]:
         """Levels, ramps and stairs.
 
         Args:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Their columns.
-            blocks: Voxels.
+            volume: Measures the edges.
         """
         p = self._p
         found: list[Terrain] = []
         treads: set[int] = set()
         rows = [tuple(row) for row in flights(self._find_risers(planes, plane_set), p)]
-        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, blocks) for row in rows}
+        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, volume) for row in rows}
         for flight in self._stairs.values():
             found.append(flight)
             treads.update(flight.planes[1:-1])
@@ -77,19 +76,15 @@ class Terrains:
                 found.append(ramp)
         return tuple(found)
 
-    def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], blocks: Blocks) -> Stairs:
+    def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], volume: Volume) -> Stairs:
         down = heading_of(list(row))
-        R_grid_world, voxel_m = self._R_world_grid.T, self._p.voxel_size_m
-        looked_up = [refined(r, planes[r.upper], down, blocks, R_grid_world, voxel_m) for r in row]
-        return stairs(looked_up, planes, min(r.upper for r in row), self._p)
+        risers = [volume.refined(r, planes[r.upper], down) for r in row]
+        return stairs(risers, planes, min(r.upper for r in row), self._p)
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
         """Steps between flat planes, from their columns."""
-        p, surface = self._p, plane_set.surface
-        found = borders(
-            surface.label, surface.height, surface.origin, SLOTS, round(p.hidden_m / p.voxel_size_m), p.riser_min_m,
-            p.riser_max_m,
-        )  # fmt: skip
+        p = self._p
+        found = borders(plane_set.surface, round(p.hidden_m / p.voxel_size_m), p.riser_min_m, p.riser_max_m)
         known: dict[tuple[int, int], _Known] = {}
         for pair, rows in pairs_of(found, plane_set.ids).items():
             lower, upper = planes[pair[0]], planes[pair[1]]
@@ -109,7 +104,7 @@ class Terrains:
     def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
         """The step given by columns of `borders`."""
         p = self._p
-        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
+        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m, p.edges)
         if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:
             return edge
         return None

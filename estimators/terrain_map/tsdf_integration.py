@@ -11,18 +11,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.parameters import TsdfParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-_STRIDE = 8
 _f32 = np.float32
-_STEEPEST = _f32(0.3)
-"""Height over depth of the shallowest line of sight along which distances are converted to heights."""
-_NEAREST = _f32(0.05)
-_AIR = _f32(-0.5)
-"""Largest λ of certainly free space."""
 _NONE, _LEAST = _f32(1e9), _f32(1e-20)
 _ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
 _Corner = tuple[np.float32, np.float32, np.float32]
@@ -32,9 +27,9 @@ _SLAB = EDGE * EDGE
 
 
 @cached(_HERE)
-def touch(
+def allocate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
-    top_m: float, t_ns: int,
+    top_m: float, t_ns: int, p: TsdfParameters,
 ) -> None:  # fmt: skip
     """Allocates the blocks that contain surfaces of a depth image.
 
@@ -47,13 +42,15 @@ def touch(
         band_m: Truncation, as a height.
         top_m: Upper limit of the mapped height, grid axes.
         t_ns: Time of the image.
+        p: Stride and shallowest line of sight.
     """
+    descent_min = float(_f32(p.descent_min))
     R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]
     per_block = 1.0 / (voxel_m * EDGE)
     ray = np.zeros(3)
     last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside the window
-    for v in range(_STRIDE // 2, depth.shape[0], _STRIDE):
-        for u in range(_STRIDE // 2, depth.shape[1], _STRIDE):
+    for v in range(p.pixel_stride // 2, depth.shape[0], p.pixel_stride):
+        for u in range(p.pixel_stride // 2, depth.shape[1], p.pixel_stride):
             d = depth[v, u]
             if d == 0.0:
                 continue
@@ -62,7 +59,7 @@ def touch(
                 ray[a] = R[a, 0] * x + R[a, 1] * y + R[a, 2]
             if c[2] + ray[2] * d > top_m:
                 continue
-            band = band_m / max(abs(ray[2]), float(_STEEPEST))
+            band = band_m / max(abs(ray[2]), descent_min)
             for step in range(-2, 3):
                 at = d + 0.5 * step * band
                 i = math.floor((c[0] + ray[0] * at) * per_block)
@@ -86,7 +83,7 @@ def touch(
 @cached(_HERE, error_model="numpy", fastmath=True)
 def integrate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
-    weight_max: float, noise_per_m: float,
+    weight_max: float, noise_per_m: float, p: TsdfParameters,
 ) -> None:  # fmt: skip
     """Updates every voxel in view by eqs. (19)-(22).
 
@@ -105,6 +102,7 @@ def integrate(
         band_m: Truncation, as a height.
         weight_max: W_max.
         noise_per_m: Standard deviation of the depth divided by its square, 1/m.
+        p: Limits of view and free space.
     """
     height, width = depth.shape
     fu, fv, pu, pv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
@@ -112,12 +110,13 @@ def integrate(
     eye_z = -(R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2])
     radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
-    eye = _Eye(
+    camera = _Pinhole(
         _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
-        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max), _f32(3.0 * noise_per_m),
+        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max),
+        _f32(p.noise_gate_sd * noise_per_m), _f32(p.descent_min), _f32(p.near_m), _f32(-p.free_lambda),
     )  # fmt: skip
-    lattice, sight = _lattice(R * voxel_m, voxel_m), _sight()
-    picture = depth.ravel()
+    lattice, projection = _lattice(R * voxel_m, voxel_m), _projection()
+    image = depth.ravel()
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
             continue
@@ -137,13 +136,13 @@ def integrate(
         ):
             continue
         corner = _f32(x0), _f32(y0), _f32(z0)
-        if _look(picture, eye, lattice, corner, _f32(eye_z - bz), sight):
-            _reach_above(picture, eye, lattice, corner, sight)
-            _blend(blocks.distance[row], blocks.weight[row], eye, sight)
+        if _project(image, camera, lattice, corner, _f32(eye_z - bz), projection):
+            _check_above(image, camera, lattice, corner, projection)
+            _average(blocks.distance[row], blocks.weight[row], camera, projection)
             blocks.solid[row] = False  # it may no longer be solid
 
 
-class _Eye(NamedTuple):
+class _Pinhole(NamedTuple):
     """A pinhole camera: pixels, the vertical in its axes, and the weight of its depth; all 32 bit."""
 
     fu: np.float32
@@ -159,6 +158,9 @@ class _Eye(NamedTuple):
     per_band: np.float32
     weight_max: np.float32
     noise: np.float32
+    descent_min: np.float32
+    near: np.float32
+    free: np.float32
 
 
 class _Lattice(NamedTuple):
@@ -170,27 +172,27 @@ class _Lattice(NamedTuple):
     up: NDArray[np.float32]
 
 
-class _Sight(NamedTuple):
+class _Projection(NamedTuple):
     """(512,) per voxel of a block, and (8,) per slab.
 
     Attributes:
         z: m along the optical axis.
-        falls: Descent of the line of sight per metre.
+        descent: Descent of the line of sight per metre.
         scale: λ per metre of depth.
         pixel: Pixel of the voxel; 0 if it is not in view.
         sdf: (19), m; `_NONE` where unobserved.
         second: Depth of the image at the second lookup, m.
-        told: Number of observed voxels per slab.
+        observed: Number of observed voxels per slab.
         behind: Number of those behind a surface seen from above.
     """
 
     z: NDArray[np.float32]
-    falls: NDArray[np.float32]
+    descent: NDArray[np.float32]
     scale: NDArray[np.float32]
     pixel: NDArray[np.int32]
     sdf: NDArray[np.float32]
     second: NDArray[np.float32]
-    told: NDArray[np.int32]
+    observed: NDArray[np.int32]
     behind: NDArray[np.int32]
 
 
@@ -209,8 +211,8 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 
 
 @njit(**INSIDE)
-def _sight() -> _Sight:
-    return _Sight(
+def _projection() -> _Projection:
+    return _Projection(
         np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
         np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
         np.empty(EDGE, np.int32), np.empty(EDGE, np.int32),
@@ -218,100 +220,92 @@ def _sight() -> _Sight:
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _look(
-    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, above: np.float32, sight: _Sight
-) -> bool:
-    """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
+def _project(
+    image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, above: np.float32,
+    projection: _Projection,
+) -> bool:  # fmt: skip
+    """Evaluates a (H * W) depth image, m, 0 = none, at each voxel of a block; returns whether any voxel is observed.
 
-    Args:
-        picture: (H * W) m, 0 = none.
-        eye: Its camera.
-        lattice: Offsets of the voxels.
-        corner: (3) m, the block's first voxel in the camera's axes.
-        above: Height of the camera over that voxel, m.
-        sight: Modified.
+    The block's first voxel is at `corner` in the camera's axes, m; the camera is `above` m over it.
     """
     x0, y0, z0 = corner
     # Loops without branches or lookups among the sums are vectorised.
     for at in range(VOXELS):
         z = z0 + lattice.z[at]
         per_z = _ONE / z
-        u = np.int32(eye.fu * (x0 + lattice.x[at]) * per_z + eye.pu)
-        v = np.int32(eye.fv * (y0 + lattice.y[at]) * per_z + eye.pv)
-        falls = (above - lattice.up[at]) * per_z
-        steep = abs(falls)
-        inside = (z >= _NEAREST) & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
-        sight.z[at], sight.falls[at] = z, falls
-        sight.scale[at] = (steep if steep > _STEEPEST else _STEEPEST) * eye.per_band
-        sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+        u = np.int32(camera.fu * (x0 + lattice.x[at]) * per_z + camera.pu)
+        v = np.int32(camera.fv * (y0 + lattice.y[at]) * per_z + camera.pv)
+        descent = (above - lattice.up[at]) * per_z
+        steep = abs(descent)
+        inside = (z >= camera.near) & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
+        projection.z[at], projection.descent[at] = z, descent
+        projection.scale[at] = (steep if steep > camera.descent_min else camera.descent_min) * camera.per_band
+        projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
     for at in range(VOXELS):
-        sight.sdf[at] = picture[np.uint64(sight.pixel[at])]
-    told = False
+        projection.sdf[at] = image[np.uint64(projection.pixel[at])]
+    any_observed = False
     for slab in range(EDGE):
-        tellers, behind = _ORIGIN, _ORIGIN
+        observed_count, behind = _ORIGIN, _ORIGIN
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            d = sight.sdf[at]
-            sdf = sight.z[at] - d  # (19)
-            tells = (sight.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * sight.scale[at] <= _ONE)
-            sight.sdf[at] = sdf if tells else _NONE
-            tellers += np.int32(1) if tells else _ORIGIN
-            behind += np.int32(1) if tells & (sdf > _ZERO) & (sight.falls[at] > _ZERO) else _ORIGIN
-        sight.told[slab], sight.behind[slab] = tellers, behind
-        told = told or bool(tellers > _ORIGIN)
-    return told
+            d = projection.sdf[at]
+            sdf = projection.z[at] - d  # (19)
+            is_observed = (projection.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * projection.scale[at] <= _ONE)
+            projection.sdf[at] = sdf if is_observed else _NONE
+            observed_count += np.int32(1) if is_observed else _ORIGIN
+            behind += np.int32(1) if is_observed & (sdf > _ZERO) & (projection.descent[at] > _ZERO) else _ORIGIN
+        projection.observed[slab], projection.behind[slab] = observed_count, behind
+        any_observed = any_observed or bool(observed_count > _ORIGIN)
+    return any_observed
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _reach_above(
-    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight
+def _check_above(
+    image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, projection: _Projection
 ) -> None:  # fmt: skip
     """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
-    Args:
-        picture: As in `_look`.
-        eye: As in `_look`.
-        lattice: As in `_look`.
-        corner: As in `_look`.
-        sight: Modified; its pixels become those of the second lookup.
+    Arguments as in `_project`; the projection's pixels become those of the second lookup.
     """
     x0, y0 = corner[0], corner[1]
     for slab in range(EDGE):
-        if sight.behind[slab] == _ORIGIN:
+        if projection.behind[slab] == _ORIGIN:
             continue
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            sdf, falls = sight.sdf[at], sight.falls[at]
-            behind = (sdf > _ZERO) & (sdf < _NONE) & (falls > _ZERO)
-            up = sdf * falls if behind else _ZERO  # to where the line of sight meets the surface
-            zf = sight.z[at] + eye.up_z * up
+            sdf, descent = projection.sdf[at], projection.descent[at]
+            behind = (sdf > _ZERO) & (sdf < _NONE) & (descent > _ZERO)
+            up = sdf * descent if behind else _ZERO  # to where the line of sight meets the surface
+            zf = projection.z[at] + camera.up_z * up
             per_z = _ONE / zf
-            u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)
-            v = np.int32(eye.fv * (y0 + lattice.y[at] + eye.up_y * up) * per_z + eye.pv)
-            inside = behind & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
-            sight.falls[at] = zf
-            sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+            u = np.int32(camera.fu * (x0 + lattice.x[at] + camera.up_x * up) * per_z + camera.pu)
+            v = np.int32(camera.fv * (y0 + lattice.y[at] + camera.up_y * up) * per_z + camera.pv)
+            inside = behind & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
+            projection.descent[at] = zf
+            projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            sight.second[at] = picture[np.uint64(sight.pixel[at])]
+            projection.second[at] = image[np.uint64(projection.pixel[at])]
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            d, z, sdf, zf = sight.second[at], sight.z[at], sight.sdf[at], sight.falls[at]
-            ends = (zf - d + eye.noise * z * z) * sight.scale[at] < _AIR
+            d, z, sdf, zf = projection.second[at], projection.z[at], projection.sdf[at], projection.descent[at]
+            ends = (zf - d + camera.noise * z * z) * projection.scale[at] < camera.free
             other = _NONE if d == _ZERO else zf - d if ends else sdf
-            sight.sdf[at] = other if sight.pixel[at] != _ORIGIN else sdf
+            projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _blend(distance: NDArray[np.float32], weight: NDArray[np.float32], eye: _Eye, sight: _Sight) -> None:
+def _average(
+    distance: NDArray[np.float32], weight: NDArray[np.float32], camera: _Pinhole, projection: _Projection
+) -> None:
     """Eqs. (20)-(22) for a block's (512,) voxels."""
     for slab in range(EDGE):
-        if sight.told[slab] == _ORIGIN:
+        if projection.observed[slab] == _ORIGIN:
             continue
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
-            sdf, z = sight.sdf[at], sight.z[at]
-            value = sdf * sight.scale[at]
+            sdf, z = projection.sdf[at], projection.z[at]
+            value = sdf * projection.scale[at]
             value = value if value > -_ONE else -_ONE  # (20)
-            new = sight.scale[at] * eye.band / (z if z > _ONE else _ONE)
+            new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]
             total = old + new
             mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
             distance[at] = mixed if sdf < _NONE else distance[at]
-            weight[at] = total if total < eye.weight_max else eye.weight_max  # (22)
+            weight[at] = total if total < camera.weight_max else camera.weight_max  # (22)

@@ -56,17 +56,12 @@ class Blocks(NamedTuple):
 def empty_blocks() -> Blocks:
     """An empty window."""
     return Blocks(
-        slots=np.full(SHAPE, _NONE, np.int32),
-        places=np.zeros((CAPACITY, 3), np.int32),
-        used=np.zeros(CAPACITY, np.bool_),
-        distance=np.zeros((CAPACITY, VOXELS), np.float32),
-        weight=np.zeros((CAPACITY, VOXELS), np.float32),
-        solid=np.zeros(CAPACITY, np.bool_),
-        seen_ns=np.zeros(CAPACITY, np.int64),
-        free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
-        counts=np.array([CAPACITY], np.int64),
-        origin=np.zeros(3, np.int64),
-    )
+        slots=np.full(SHAPE, _NONE, np.int32), places=np.zeros((CAPACITY, 3), np.int32),
+        used=np.zeros(CAPACITY, np.bool_), distance=np.zeros((CAPACITY, VOXELS), np.float32),
+        weight=np.zeros((CAPACITY, VOXELS), np.float32), solid=np.zeros(CAPACITY, np.bool_),
+        seen_ns=np.zeros(CAPACITY, np.int64), free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
+        counts=np.array([CAPACITY], np.int64), origin=np.zeros(3, np.int64),
+    )  # fmt: skip
 
 
 def clear(blocks: Blocks) -> None:
@@ -87,7 +82,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
         stale_ns: A block without a surface, and with none observed since then, is freed.
     """
     blocks.origin[:] = np.floor(centre / block_m).astype(np.int64) - np.array(SHAPE) // 2
-    _leave(blocks, stale_ns)
+    _free_unused(blocks, stale_ns)
     if blocks.counts[0] < CAPACITY // 8:
         rows = np.flatnonzero(blocks.used)
         away = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)
@@ -95,7 +90,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
 
 
 @cached(_HERE)
-def _leave(blocks: Blocks, stale_ns: int) -> None:
+def _free_unused(blocks: Blocks, stale_ns: int) -> None:
     """Frees the blocks outside the window, and those without a surface in them or just below."""
     for row in range(CAPACITY):
         if not blocks.used[row]:

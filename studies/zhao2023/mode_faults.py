@@ -16,9 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import INSOLES
+from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
 from stridetwin.evaluation.truth import true_footprints
-from stridetwin.pipeline.terrain_files import depth_camera
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.faults.sample_faults import Dropout
@@ -128,7 +128,7 @@ def run_case(case: Case) -> dict[str, Any]:
         with recorded(config, case, f"{mount}_{config.name}") as recording:
             poses = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
             for name, fault in faults(mount, begins_s(recording)).items():
-                others = recording.samples([*INSOLES, depth_camera(recording.rig).depth_topic])
+                others = recording.samples([*INSOLES, depth_calibration(recording.rig).depth_topic])
                 samples = heapq.merge(poses, others, key=lambda s: s.t_ns)
                 arriving = fault.inject(samples, recording.rig, case.seed, recording.duration)
                 found[name].append(scored(tell(arriving, recording), recording, sole_m)["proposed"].rows())

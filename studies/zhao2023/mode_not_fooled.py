@@ -16,10 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.evaluation.mode_scores import ScoredMode
 from stridetwin.evaluation.truth import TruePath
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses
+from stridetwin.pipeline.terrain_files import given_poses
 from stridetwin.sim.config import Gait, Gaze, Level, Person, Route, Segment, Stairs, Thing, TwinConfig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
@@ -61,7 +61,7 @@ class Trap:
 
 def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
     """A floor at height 0 with mirror-like patches: without depth, or with that of the mirrored ceiling."""
-    camera = depth_camera(recording.rig)
+    camera = depth_calibration(recording.rig)
     topic, frame = given_poses(recording, camera)
     T_frame_camera = camera_in_frame(recording.rig, camera, frame)
     truth = TruePath.of(recording.block(topic))

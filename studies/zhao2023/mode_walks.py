@@ -20,11 +20,12 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
+from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.evaluation.alignment import Laid
 from stridetwin.evaluation.mode_scores import ModeScores, score_modes
 from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
-from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.pipeline.terrain_files import given_poses, pose_sample
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
@@ -166,7 +167,7 @@ class ForgetfulMap(TerrainMap):
         if isinstance(sample, Depth):
             if not self.due(sample.t_ns):
                 return None
-            self._forget()
+            self.clear()
         return super().update(sample)
 
 
@@ -204,7 +205,7 @@ class Told:
 def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
     """Runs every method on a walk's poses, depth and insoles, and on step estimates from the legs, in time order."""
     rig = recording.rig
-    options = Options(poses_of=given_poses(recording, depth_camera(rig))[1])
+    options = Options(poses_of=given_poses(recording, depth_calibration(rig))[1])
     shared, forgetful = SharedMap(rig, options=options), ForgetfulMap(rig, options=options)
     predictors = {
         m: LocomotionMode(rig, options=options, ground=forgetful)
@@ -231,7 +232,7 @@ def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods
 
 def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
     """Scores of the predictions, by method; `sole_m` is the length of the walker's soles."""
-    truth = TruePath.of(recording.block(given_poses(recording, depth_camera(recording.rig))[0]))
+    truth = TruePath.of(recording.block(given_poses(recording, depth_calibration(recording.rig))[0]))
     there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
     path = told.path[there]
     laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
@@ -250,7 +251,7 @@ def posed(
         poses: Of `POSES`.
         spoil: Change of the samples before any estimator reads them.
     """
-    camera = depth_camera(recording.rig)
+    camera = depth_calibration(recording.rig)
     if poses == "given":
         topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from spoil(iter(recording.samples(topics)))

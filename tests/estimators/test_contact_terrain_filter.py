@@ -8,12 +8,12 @@ from exo_walk import dropped, level_walk, remounted, turned
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
+from stridetwin.estimators.contact_terrain.estimate import beyond_slopes, most_likely, sloping, step_modes
+from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
-from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.contact_terrain.step_class import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.evaluation.step_scores import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
@@ -40,7 +40,7 @@ def ours(walk):
     return ContactTerrain(exo).run(samples)
 
 
-def test_ours_tells_a_level_walk_as_it_is(walk, ours):
+def test_proposed_estimates_a_level_walk_as_level(walk, ours):
     _, _, footprints = walk
     steps = score_steps(footprints, ours)
     assert all(s.told_mode == "LG" for s in steps)
@@ -80,7 +80,7 @@ def test_a_turned_world_has_the_same_slopes(walk, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_same_legs_told_by_another_table_walk_the_same(walk, method):
+def test_the_same_legs_described_by_another_table_walk_the_same(walk, method):
     exo, samples, _ = walk
     plain = table(ContactTerrain(exo, method).run(samples))
     turn = Rotation.from_euler("xyz", [0.4, -1.0, 2.0])
@@ -108,15 +108,15 @@ def test_samples_one_by_one_and_in_another_order_at_one_instant_give_the_same(wa
 
 
 def cell_dead(samples, cell, value):
-    def spoilt(s):
+    def corrupted(s):
         force = s.force.copy()
         force[cell] = value
         return replace(s, force=force)
 
-    return [spoilt(s) if s.topic == "/foot_l/insole" else s for s in samples]
+    return [corrupted(s) if s.topic == "/foot_l/insole" else s for s in samples]
 
 
-def spoilt(samples):
+def corrupted(samples):
     for i, s in enumerate(samples):
         if i % 29 == 0 and isinstance(s, Ahrs):
             yield replace(s, q_world_sensor=np.full(4, np.nan))
@@ -133,7 +133,7 @@ FAULTS = {
     "toe cell dead": lambda s: cell_dead(s, 3, 0.0),
     "ball cell stuck": lambda s: cell_dead(s, 1, 120.0),
     "5 % lost": lambda s: dropped(s, 0.05),
-    "not finite": spoilt,
+    "not finite": corrupted,
     "twice": lambda s: [x for sample in s for x in (sample, sample)],
     "foreign topics": lambda s: [x for sample in s for x in (sample, replace(sample, topic="/other"))],
 }
@@ -143,14 +143,14 @@ FAULTS = {
 def test_faults_leave_the_class_right_or_unknown(walk, fault):
     exo, samples, footprints = walk
     steps = score_steps(footprints, ContactTerrain(exo).run(FAULTS[fault](samples)))
-    told = [s for s in steps if s.told_mode not in ("", "unknown")]
-    assert len(told) >= 0.5 * len(steps)
-    assert all(s.told_mode == "LG" for s in told)
-    assert rms([s.elevation_error for s in told]) < 0.015
+    classified = [s for s in steps if s.told_mode not in ("", "unknown")]
+    assert len(classified) >= 0.5 * len(steps)
+    assert all(s.told_mode == "LG" for s in classified)
+    assert rms([s.elevation_error for s in classified]) < 0.015
 
 
 def sticking(samples, cell):
-    """The left foot's cell tells from mid-stance on what it told then."""
+    """The left foot's cell repeats from mid-stance on its force at that time."""
     value = None
     for s in samples:
         if s.topic == "/foot_l/insole":
@@ -238,7 +238,7 @@ def test_a_more_compliant_exoskeleton_leads_to_larger_standard_deviations(walk, 
 @pytest.mark.parametrize(
     ("group", "changed", "said"),
     [
-        ("classes", {"sure": 1.0}, "sure: 1.0 .* below 1"),
+        ("classes", {"probability_min": 1.0}, "probability_min: 1.0 .* below 1"),
         ("footfall", {"left_n": 90.0}, "left_n: 90.0 .* landed_n"),
         ("ticks", {"hold_s": -0.1}, "hold_s: -0.1"),
     ],
@@ -265,9 +265,9 @@ def test_modes_follow_from_geometry(slope, height, mode):
     beyond = beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
     probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, CLASSES)
     assert sum(probabilities.values()) == pytest.approx(1.0)
-    assert most_likely(probabilities, CLASSES.sure)[0] == mode
+    assert most_likely(probabilities, CLASSES.probability_min)[0] == mode
     between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, CLASSES)
-    assert most_likely(between, CLASSES.sure)[0] == "unknown"
+    assert most_likely(between, CLASSES.probability_min)[0] == "unknown"
 
 
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
@@ -285,8 +285,8 @@ def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
             vector=np.array([0.6, 0.0, 0.0]) + noise[:3], J_vector=J_vector[k % 2], slopes=noise[3:],
             J_slopes=J_slopes[k % 2], sd=sd,
         )  # fmt: skip
-        belief = offsets.judge(step)
-        offsets.learn(belief)
-    assert np.abs(belief.P - belief.P.T).max() <= 1e-12 * np.abs(belief.P).max()
-    assert np.linalg.eigvalsh(belief.P).min() > 0.0
-    assert np.isfinite(belief.values).all()
+        posterior = offsets.posterior(step)
+        offsets.store(posterior)
+    assert np.abs(posterior.P - posterior.P.T).max() <= 1e-12 * np.abs(posterior.P).max()
+    assert np.linalg.eigvalsh(posterior.P).min() > 0.0
+    assert np.isfinite(posterior.values).all()

@@ -61,7 +61,8 @@ def test_angles_come_back_from_attitudes(q, side, seed):
     leg = links(EXO.legs[side])
     poses = forward(leg.table, leg.turns, q)
     R = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
-    found = leg_angles(leg, R, R @ poses[leg.thigh - 1, :3, :3], R @ poses[-1, :3, :3], q[3])
+    thigh, foot = R @ poses[leg.thigh - 1, :3, :3], R @ poses[-1, :3, :3]
+    found = leg_angles(leg, np.array([R, thigh, np.eye(3), foot, np.eye(3)]), 0, q[3])
     assert found == pytest.approx(q, abs=1e-8)
 
 
@@ -89,7 +90,8 @@ def test_another_leg_needs_another_table_alone(q):
     of = EXO.legs["l"]
     leg = links(replace(of, rows=OTHER, thigh=replace(of.thigh, frame=2), knee=replace(of.knee, frame=3)))
     poses = forward(leg.table, leg.turns, q)
-    assert leg_angles(leg, np.eye(3), poses[1, :3, :3], poses[3, :3, :3], q[2]) == pytest.approx(q, abs=1e-8)
+    R = np.array([np.eye(3), np.eye(3), poses[1, :3, :3], np.eye(3), poses[3, :3, :3]])
+    assert leg_angles(leg, R, 1, q[2]) == pytest.approx(q, abs=1e-8)
 
 
 def test_a_file_gives_back_what_was_written():

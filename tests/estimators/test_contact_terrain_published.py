@@ -74,7 +74,7 @@ def test_markers_on_a_slope_give_its_plane(pitch, turn):
     assert plane.centre == pytest.approx(np.array([5.0, -3.0, 1.0]) + 0.06 * forward)
 
 
-def test_a_machine_tells_steps_apart_and_refuses_to_learn_from_one_mode():
+def test_a_machine_classifies_steps_and_refuses_to_learn_from_one_mode():
     rng = np.random.default_rng(0)
     means = {"LG": (0.0, 0.0), "SA": (0.0, 0.16), "SD": (0.0, -0.16), "RA": (0.12, 0.05), "RD": (-0.12, -0.05)}
     modes = np.repeat(list(means), 40)

@@ -1,10 +1,13 @@
 """Feet and head beside each other tell what they tell one after the other."""
 
 import numpy as np
+import pytest
 
+from stridetwin.estimators.base import BACKENDS, PathEstimate
 from stridetwin.evaluation import terrain_ahead as ahead_module
 from stridetwin.pipeline.run import all_paths
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.trajectory import Trajectory
 
 
 def test_two_processes_tell_the_same_as_one(seen, monkeypatch):
@@ -22,3 +25,23 @@ def test_two_processes_tell_the_same_as_one(seen, monkeypatch):
         assert np.array_equal(one.path.p_frame_in_world, other.path.p_frame_in_world)
     assert ahead is not None
     assert "terrain_map" in ahead.scores
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_map_of_either_backend_is_scored_and_predicts_modes(seen, backend):
+    recording = Recording(seen)
+    truth = recording.block("/truth/head/imu/odometry")
+    path = Trajectory(
+        t_ns=truth.t_ns,
+        p_frame_in_world=truth.columns["p_frame_in_world"],
+        q_world_frame=truth.columns["q_world_frame"],
+    )
+    odometry = ahead_module.odometry_of(
+        recording, [PathEstimate(name="truth", frame="head/imu", path=path, leads=True)]
+    )
+    ahead = ahead_module.look_ahead(recording, odometry, backend=backend)
+    scores = ahead.scores["terrain_map"]
+    assert scores["accuracy_rmse_mm"] < 15.0
+    assert scores["completeness_pct"] > 70.0
+    assert ahead.predicted["locomotion_mode"]
+    assert {e.steps[0].mode for e in ahead.predicted["locomotion_mode"]} == {"LG"}

@@ -23,7 +23,7 @@ from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.pipeline import live
 from stridetwin.pipeline.latency import Latency, Times
 from stridetwin.pipeline.live_chain import Fit
-from stridetwin.pipeline.mode_files import predicted_steps, write_modes
+from stridetwin.pipeline.step_files import predicted_steps, write_modes
 from stridetwin.pipeline.terrain_files import pose_sample, write_terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import write_tum

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
-from stridetwin.pipeline.mode_files import COLUMNS, predicted_steps
+from stridetwin.pipeline.step_files import MODE_COLUMNS, predicted_steps
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
@@ -47,7 +47,7 @@ def test_estimate_writes_a_row_a_step(walk, tmp_path, method):
     assert main(["estimate", "locomotion_mode", str(walk), "--method", method, "-o", str(out)]) == 0
     with out.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == MODE_COLUMNS
     assert len(rows) >= 4
     assert {row["mode"] for row in rows} == {"LG"}
     assert np.all(np.diff([float(row["t_s"]) for row in rows]) > 0.0)

@@ -41,5 +41,5 @@ def test_a_short_walk_is_recorded_estimated_and_scored(tmp_path, capsys):
     report = (folder / "report.html").read_text()
     assert all(
         words in report
-        for words in ("How well the estimate did", "Where it went", "What the legs told", "Every stream")
+        for words in ("How well the estimate did", "Where it went", "Terrain from the legs", "Every stream")
     )

@@ -8,7 +8,7 @@ import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.evaluation.step_scores import ScoredStep, displacement_errors, false_steps, score_steps, turned
-from stridetwin.pipeline.step_files import COLUMNS, write_steps
+from stridetwin.pipeline.step_files import STEP_COLUMNS, write_steps
 from stridetwin.streams.samples import Footprint
 from stridetwin.studies.shim2019 import shim_table5
 
@@ -98,7 +98,7 @@ def test_the_table_has_a_row_a_step(tmp_path):
     write_steps([estimate(2), estimate(3, slope_sd=np.inf)], tmp_path / "steps.csv")
     with (tmp_path / "steps.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == STEP_COLUMNS
     assert (rows[0]["foot"], rows[1]["step"], rows[1]["slope_sd_rad"]) == ("l", "3", "inf")
 
 

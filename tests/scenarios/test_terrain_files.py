@@ -92,6 +92,23 @@ def test_the_ground_is_a_mesh_as_well_where_one_is_asked_for(folder, tmp_path, c
     assert COLORS["stairs"] in {tuple(c) for c in rows["rgb"].tolist()}
 
 
+def test_the_published_map_writes_the_same_files_and_all_surfaces(folder, tmp_path, capsys):
+    trimesh = pytest.importorskip("trimesh")
+    arguments = ["--backend", "open3d", "--mesh", "-o", str(tmp_path / "map.json"), "--json"]
+    assert main(["estimate", "terrain_map", str(folder), *arguments]) == 0
+    files = json.loads(capsys.readouterr().out)["files"]
+    assert files == [str(tmp_path / name) for name in ("map.json", "map.ply", "map.glb", "map_mesh.ply")]
+    found = json.loads((tmp_path / "map.json").read_text())
+    stairs = max((t for t in found["terrains"] if t["type"] == "stairs"), key=lambda t: t["steps"])
+    assert stairs["riser_m"] == pytest.approx(RISER, abs=0.02)
+    assert trimesh.load(tmp_path / "map_mesh.ply").area > 3.0  # m²
+
+
+def test_a_backend_goes_with_estimators_that_have_it(folder, tmp_path, capsys):
+    assert main(["estimate", "dvio", str(folder), "--backend", "open3d", "-o", str(tmp_path / "path.txt")]) == 2
+    assert "--backend goes with terrain_map, locomotion_mode" in capsys.readouterr().err
+
+
 def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
     assert main(["estimate", "foot_ins", str(tmp_path), "--mesh", "-o", str(tmp_path / "path.txt")]) == 2
     assert "--mesh goes with terrain_map" in capsys.readouterr().err

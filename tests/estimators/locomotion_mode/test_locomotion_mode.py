@@ -25,18 +25,18 @@ def walk():
 
 
 @pytest.fixture(scope="module")
-def told(walk):
+def predicted(walk):
     mode = predictor()
     return [e for e in (mode.update(s) for s in walk) if e is not None]
 
 
-def last_before(told, t_s):
-    return [e for e in told if e.t_ns < t_s * 1e9][-1]
+def last_before(predicted, t_s):
+    return [e for e in predicted if e.t_ns < t_s * 1e9][-1]
 
 
-def test_every_step_is_told_before_the_foot_lands(told):
+def test_every_step_is_predicted_before_the_foot_lands(predicted):
     for t, x, foot, mode in footprints()[1:]:
-        step = last_before(told, t).steps[0]
+        step = last_before(predicted, t).steps[0]
         assert (step.foot, step.mode) == (foot, mode), t
         assert step.probabilities[mode] > 0.5
         if mode == "SA":
@@ -44,9 +44,9 @@ def test_every_step_is_told_before_the_foot_lands(told):
             assert abs(step.p_foot_in_world[2] - RISER * (1 + math.floor(x / TREAD))) < 0.02
 
 
-def test_the_first_stair_is_known_two_steps_before_with_its_size(told):
+def test_the_first_stair_is_known_two_steps_before_with_its_size(predicted):
     t, *_ = next(p for p in footprints() if p[3] == "SA")
-    estimate = last_before(told, t - 1.2)
+    estimate = last_before(predicted, t - 1.2)
     ahead = [s for s in estimate.steps if s.mode == "SA"]
     assert ahead
     assert abs(ahead[0].t_ns * 1e-9 - t) < 0.3
@@ -59,8 +59,8 @@ def test_the_first_stair_is_known_two_steps_before_with_its_size(told):
     assert abs(change.time_s - (t - estimate.t_ns * 1e-9)) < 0.35
 
 
-def test_estimates_are_finite_probabilities_in_order(told):
-    for e in told:
+def test_estimates_are_finite_probabilities_in_order(predicted):
+    for e in predicted:
         assert len(e.steps) == LocomotionModeParameters().steps
         for k, s in enumerate(e.steps):
             assert s.step == e.step + k + 1
@@ -72,16 +72,16 @@ def test_estimates_are_finite_probabilities_in_order(told):
         assert all(a.t_ns < b.t_ns for a, b in zip(e.steps, e.steps[1:]))
 
 
-def test_the_same_walk_tells_the_same(walk, told):
+def test_the_same_walk_gives_the_same(walk, predicted):
     mode = predictor()
     again = [e for e in (mode.update(s) for s in walk[: len(walk) // 3]) if e is not None]
-    for a, b in zip(told, again):
+    for a, b in zip(predicted, again):
         assert a.t_ns == b.t_ns
         for s, r in zip(a.steps, b.steps):
             assert s.probabilities == r.probabilities
 
 
-def test_spoilt_samples_are_passed_over(walk, told):
+def test_corrupted_samples_are_passed_over(walk, predicted):
     mode, found = predictor(), []
     for sample in walk[: len(walk) // 3]:
         estimate = mode.update(sample)
@@ -90,7 +90,7 @@ def test_spoilt_samples_are_passed_over(walk, told):
         if isinstance(sample, Insole):
             assert mode.update(replace(sample, force=np.full(4, np.nan))) is None
             assert mode.update(sample) is None
-    assert [e.step for e in found] == [e.step for e in told[: len(found)]]
+    assert [e.step for e in found] == [e.step for e in predicted[: len(found)]]
 
 
 def test_a_dead_insole_is_led_along_by_the_other(walk):
@@ -105,11 +105,11 @@ def test_a_dead_insole_is_led_along_by_the_other(walk):
     ]
     right = [p for p in footprints() if p[2] == "r"]
     assert found[-1].step >= 2 * (len(right) - 1)
-    told = [last_before(found, t).steps for t, *_ in right[2:]]
-    assert sum(any(s.mode == p[3] for s in steps[:2]) for steps, p in zip(told, right[2:])) >= len(told) - 1
+    predicted = [last_before(found, t).steps for t, *_ in right[2:]]
+    assert sum(any(s.mode == p[3] for s in steps[:2]) for steps, p in zip(predicted, right[2:])) >= len(predicted) - 1
 
 
-def test_without_poses_nothing_is_told_and_after_a_second_all_begins_anew(walk):
+def test_without_poses_nothing_is_predicted_and_after_a_second_all_begins_anew(walk):
     """Odometry is lost for 1.2 s before the stairs and comes back in a frame that is turned and shifted a little."""
     mode, found, steps = predictor(), [], []
     for s in walk:
@@ -121,10 +121,10 @@ def test_without_poses_nothing_is_told_and_after_a_second_all_begins_anew(walk):
         if estimate is not None:
             found.append(estimate.t_ns * 1e-9)
             steps.append(estimate.step)
-    told = np.array(found)
-    assert not ((told > 3.21) & (told < 4.2)).any()
-    assert (told > 4.3).any()
-    assert steps[int(np.argmax(told > 4.2))] == 0
+    predicted = np.array(found)
+    assert not ((predicted > 3.21) & (predicted < 4.2)).any()
+    assert (predicted > 4.3).any()
+    assert steps[int(np.argmax(predicted > 4.2))] == 0
 
 
 def test_published_takes_the_same_samples(walk):
@@ -135,21 +135,21 @@ def test_published_takes_the_same_samples(walk):
     assert all(np.isfinite(s.p_foot_in_world[:2]).all() for e in found for s in e.steps)
 
 
-def test_published_tells_the_mode_of_the_ground_under_the_print(walk):
+def test_published_predicts_the_mode_of_the_ground_under_the_print(walk):
     """Two prints on one tread are no level walking: the terrain under them is a stair."""
     mode = predictor("published")
     for sample in (s for s in walk if s.t_ns < 4.2e9):
         mode.update(sample)
 
-    def told(here, there):
+    def predicted(here, there):
         forward = np.array([1.0 if there > here else -1.0, 0.0])
         return mode_between(mode.ground, np.array([here, 0.0]), np.array([there, 0.0]), forward, mode.parameters)[0]
 
-    assert told(0.05, 0.20) == "SA"
-    assert told(0.20, 0.05) == "SD"
-    assert told(-0.60, 0.15) == "SA"
-    assert told(0.15, -0.60) == "SD"
-    assert told(-0.90, -0.40) == "LG"
+    assert predicted(0.05, 0.20) == "SA"
+    assert predicted(0.20, 0.05) == "SD"
+    assert predicted(-0.60, 0.15) == "SA"
+    assert predicted(0.15, -0.60) == "SD"
+    assert predicted(-0.90, -0.40) == "LG"
 
 
 @pytest.mark.parametrize("method", ["proposed", "published"])

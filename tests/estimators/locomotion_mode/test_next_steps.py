@@ -9,18 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.foothold import Footing, Line
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
+from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
-from stridetwin.estimators.locomotion_mode.rhythm import Landing, TouchDowns
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, StepFilter, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
     Flight,
-    Piece,
+    Segment,
+    foothold_weights,
     mode_table,
-    pieces,
+    segments_along,
     unseen,
-    weights,
     with_unseen,
 )
 from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp, TerrainEstimate
@@ -36,7 +35,7 @@ def ground(*bounds, slopes=None):
     places = [(-math.inf, 0.0), *bounds, (math.inf, 0.0)]
     slopes = slopes or [0.0] * (len(bounds) + 1)
     return [
-        Piece(
+        Segment(
             start=a[0], start_sd=0.005, end=b[0], end_sd=0.005, drop=a[1], drop_sd=0.0,
             slope=math.radians(slope), slope_sd=0.01, mode="LG" if abs(slope) < 2.5 else "RA" if slope > 0 else "RD",
         )
@@ -49,8 +48,8 @@ def foot_at(s):
     return density / density.sum()
 
 
-def chain(pieces, at, steps=4, length=0.6):
-    return roll_out(foot_at(at), S, pieces, [length] * steps, 0.03, RATIOS, P)
+def chain(segments, at, steps=4, length=0.6):
+    return roll_out(foot_at(at), S, segments, [length] * steps, 0.03, RATIOS, P)
 
 
 @settings(max_examples=30, deadline=None)
@@ -78,37 +77,37 @@ def test_a_step_into_a_pause_says_little():
 @settings(max_examples=30, deadline=None)
 @given(st.floats(1.0, 2.0), st.floats(0.1, 0.9), st.sampled_from([0.15, -0.15]))
 def test_densities_and_probabilities_sum_to_one(edge, at, drop):
-    told = chain(ground((edge, drop), (edge + 0.3, drop)), at)
-    assert np.allclose(told.density.sum(axis=1), 1.0)
-    assert np.allclose(told.modes.sum(axis=1), 1.0)
-    assert np.allclose(told.on.sum(axis=1), 1.0)
-    assert (told.density >= 0).all()
-    means = [moments(d, S)[0] for d in told.density]
+    predicted = chain(ground((edge, drop), (edge + 0.3, drop)), at)
+    assert np.allclose(predicted.density.sum(axis=1), 1.0)
+    assert np.allclose(predicted.modes.sum(axis=1), 1.0)
+    assert np.allclose(predicted.on.sum(axis=1), 1.0)
+    assert (predicted.density >= 0).all()
+    means = [moments(d, S)[0] for d in predicted.density]
     assert all(a < b for a, b in pairwise(means))
 
 
 def test_on_even_ground_steps_are_as_long_as_they_were():
-    told = chain(ground(), 0.5)
-    for k, density in enumerate(told.density, 1):
+    predicted = chain(ground(), 0.5)
+    for k, density in enumerate(predicted.density, 1):
         assert abs(moments(density, S)[0] - 0.5 - 0.6 * k) < 0.02
-        assert told.modes[k - 1][MODES.index("LG")] > 0.999
+        assert predicted.modes[k - 1][MODES.index("LG")] > 0.999
 
 
 def test_stairs_take_a_foot_a_tread_and_no_toe_is_in_a_riser():
     edges = [1.0 + 0.3 * k for k in range(4)]
-    told = chain(ground(*((e, 0.15) for e in edges)), 0.72)
+    predicted = chain(ground(*((e, 0.15) for e in edges)), 0.72)
     for k, edge in enumerate(edges[:3]):
-        s, sd = moments(told.density[k], S)
+        s, sd = moments(predicted.density[k], S)
         assert edge < s + 0.5 * (P.toe_m - P.heel_m) < edge + 0.3
         assert s + P.toe_m < edge + 0.3 + 2 * P.clearance_sd_m
         assert sd < 0.09
-        assert told.modes[k][MODES.index("SA")] > 0.95
+        assert predicted.modes[k][MODES.index("SA")] > 0.95
 
 
 @pytest.mark.parametrize(("slope", "mode"), [(12.0, "RA"), (-12.0, "RD")])
 def test_a_ramp_counts_from_the_first_foot_on_it_and_ends_with_the_first_beyond(slope, mode):
-    told = chain(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), 0.3)
-    most = [MODES[int(m.argmax())] for m in told.modes]
+    predicted = chain(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), 0.3)
+    most = [MODES[int(m.argmax())] for m in predicted.modes]
     assert mode in most
     assert most[-1] == "LG"
     table = mode_table(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), P)
@@ -139,11 +138,11 @@ def way(*edges, seen=lambda s: s == s):
         ([(2.0, 0.72, 0.30), (2.7, -0.72, 0.02)], []),  # a table
         ([(1.5, 0.16, 0.01), (2.5, 2.0, 0.10)], [1.5]),  # a wall on a landing
         ([(0.9, 2.4, 0.02), (1.6, 0.16, 0.01)], [1.6]),  # what lies behind the walker
-        ([(2.9, -2.4, 0.02)], []),  # a brink without room for treads
+        ([(2.9, -2.4, 0.02)], []),  # a drop-off without room for treads
     ],
 )
 def test_what_one_steps_over_and_what_nobody_climbs_is_no_edge(edges, left):
-    made = pieces(way(*edges), None, np.array([1.0, 0.0]), P)
+    made = segments_along(way(*edges), None, np.array([1.0, 0.0]), P)
     assert [m.start for m in made[1:]] == pytest.approx(left, abs=0.005)
 
 
@@ -159,7 +158,7 @@ def sloping(degrees, *, end):
     )  # fmt: skip
     ramp = Ramp(id=7, plane=7, slope=abs(slope), slope_sd=0.001, heading=0.0)
     estimate = TerrainEstimate(t_ns=0, planes={7: plane}, terrains=(ramp,), p_camera_in_world=np.zeros(3))
-    return pieces(profile, estimate, np.array([1.0, 0.0]), P)
+    return segments_along(profile, estimate, np.array([1.0, 0.0]), P)
 
 
 @pytest.mark.parametrize("degrees", [-16.0, -6.5, 6.5])
@@ -179,67 +178,67 @@ def test_a_ramp_between_two_edges_is_none_the_less_a_ramp():
 
 def test_hidden_stairs_down_are_no_brink():
     """Four risers down, the treads hidden on 0.9 m: usual treads fill the gap."""
-    made = pieces(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P)
+    made = segments_along(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P)
     assert len(made) == 5
     assert all(m.drop == pytest.approx(-0.18) for m in made[1:])
 
 
 def test_what_is_seen_afar_says_nothing_of_the_ground_under_the_feet():
     here = P.behind_m
-    assert len(pieces(way(seen=lambda s: s > here + 0.3), None, np.array([1.0, 0.0]), P)) == 1
-    feet, afar = pieces(way(seen=lambda s: s > here + 0.8), None, np.array([1.0, 0.0]), P)
+    assert len(segments_along(way(seen=lambda s: s > here + 0.3), None, np.array([1.0, 0.0]), P)) == 1
+    feet, afar = segments_along(way(seen=lambda s: s > here + 0.8), None, np.array([1.0, 0.0]), P)
     assert feet.end == afar.start == pytest.approx(here + 0.8, abs=0.03)
     assert (feet.slope, feet.mode, afar.drop) == (0.0, "LG", 0.0)
 
 
 def test_hidden_stairs_are_like_those_seen_last():
-    made = pieces(way((2.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
+    made = segments_along(way((2.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
     assert [m.drop for m in made[1:]] == pytest.approx([-0.15] * 5)
     assert np.diff([m.start for m in made[1:]]) == pytest.approx(0.28)
     assert made[1].drop_sd < 0.01
 
 
 def test_hidden_stairs_that_cannot_be_like_those_are_as_anywhere():
-    made = pieces(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.25, tread=0.28))
+    made = segments_along(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.25, tread=0.28))
     assert [m.drop for m in made[1:]] == pytest.approx([-0.18] * 4)
     assert made[1].drop_sd > 0.05
 
 
-def test_the_brink_that_a_walker_has_left_behind_still_tells_where_the_hidden_treads_are():
-    made = pieces(way((-1.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
+def test_the_drop_off_behind_a_walker_still_gives_the_place_of_the_hidden_treads():
+    made = segments_along(way((-1.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
     assert [m.start for m in made] == pytest.approx([-1.0 + 0.28 * k for k in (3, 4)], abs=0.05)
     assert made[1].drop == pytest.approx(-0.15)
 
 
-def test_the_top_of_the_body_tells_on_which_tread_the_foot_stands():
+def test_the_top_of_the_body_identifies_the_tread_under_the_foot():
     """Treads of 0.28 m and 0.15 m down; a body that rises 1.5 m over feet on the level."""
-    footing, line = Footing(P), Line(np.zeros(2), np.array([1.0, 0.0]))
-    height = -0.15 * np.clip(np.ceil((footing.s - 2.0) / 0.28), 0.0, 4.0)
-    wide = np.exp(-0.5 * ((footing.s - 2.3) / 0.2) ** 2)
+    foothold, line = Foothold(P), Line(np.zeros(2), np.array([1.0, 0.0]))
+    height = -0.15 * np.clip(np.ceil((foothold.s - 2.0) / 0.28), 0.0, 4.0)
+    wide = np.exp(-0.5 * ((foothold.s - 2.3) / 0.2) ** 2)
     wide /= wide.sum()
-    assert footing.stood(wide, height, 1.5) is wide  # how tall he is is not known yet
-    level = np.zeros(len(footing.s))
+    assert foothold.after_passing(wide, height, 1.5) is wide  # the height of the walker is not known yet
+    level = np.zeros(len(foothold.s))
     for k in range(8):
         landing = Landing(feet=("lr"[k % 2],), after=True)
-        footing.land(landing, Line(np.array([0.6 * k, 0.0]), line.forward), ground(), level, 1.45, 1.5, 0.0, 0.6)
+        foothold.land(landing, Line(np.array([0.6 * k, 0.0]), line.forward), ground(), level, 1.45, 1.5, 0.0, 0.6)
     for tread in (1, 2, 3):
-        stood = footing.stood(wide, height, 1.52 - 0.15 * tread)
-        assert stood[np.isclose(height, -0.15 * tread)].sum() > 0.9
-    assert footing.stood(wide, None, 1.5) is wide
+        after_passing = foothold.after_passing(wide, height, 1.52 - 0.15 * tread)
+        assert after_passing[np.isclose(height, -0.15 * tread)].sum() > 0.9
+    assert foothold.after_passing(wide, None, 1.5) is wide
 
 
 @pytest.mark.parametrize("degrees", [5.0, 15.0, 60.0, 90.0, 150.0])
 def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
-    footing, east = Footing(P), np.array([1.0, 0.0])
+    foothold, east = Foothold(P), np.array([1.0, 0.0])
     for k in range(4):
         landing = Landing(feet=("lr"[k % 2],), after=True)
         line = Line(np.array([0.6 * k - P.behind_m, 0.0]), east)
-        footing.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
-    ahead, _ = moments(footing.standing(line), footing.s)
+        foothold.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
+    ahead, _ = moments(foothold.standing(line), foothold.s)
     foot = line.origin + ahead * east
     body, turned = line.origin + P.behind_m * east, math.radians(degrees)
     to = np.array([math.cos(turned), math.sin(turned)])
-    s, sd = moments(footing.standing(Line(body - P.behind_m * to, to)), footing.s)
+    s, sd = moments(foothold.standing(Line(body - P.behind_m * to, to)), foothold.s)
     assert s - P.behind_m == pytest.approx((foot - body) @ to, abs=0.03)
     assert sd < 0.15
 
@@ -252,13 +251,13 @@ def test_ground_that_was_not_seen_may_be_any():
     assert chance[3] < 1e-3 < chance[4] == pytest.approx(1.0 - math.exp(-1.02 / P.change_m), rel=0.05)
     blind = unseen(way(seen=lambda s: s < 0.0), np.array([1.2, 1.8, 2.4]), 1.2, P)
     assert blind == pytest.approx([0.0, 1.0 - math.exp(-0.6 / P.change_m), 1.0 - math.exp(-1.2 / P.change_m)])
-    told = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
-    assert told.sum(axis=1) == pytest.approx(1.0)
-    assert told[1, 0] < 0.85
+    predicted = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
+    assert predicted.sum(axis=1) == pytest.approx(1.0)
+    assert predicted[1, 0] < 0.85
 
 
 def test_soles_reach_over_free_edges_and_not_into_risers():
-    up, down = weights(ground((1.0, 0.2)), S, P)[0], weights(ground((1.0, -0.2)), S, P)[0]
+    up, down = foothold_weights(ground((1.0, 0.2)), S, P)[0], foothold_weights(ground((1.0, -0.2)), S, P)[0]
     toes = S + P.toe_m
     assert up[toes > 1.06].max() < 0.05
     assert down[(toes > 1.0) & (toes < 1.03)].min() > 0.8
@@ -278,7 +277,7 @@ def test_equations_16_to_18():
 
 
 def test_touch_downs_of_drifting_and_dead_insoles():
-    touch, told = TouchDowns(P), []
+    touch, predicted = TouchDowns(P), []
     for i in range(1000):
         t = 0.01 * i
         swing = (t % 1.2) < 0.4
@@ -286,16 +285,16 @@ def test_touch_downs_of_drifting_and_dead_insoles():
         foot = touch.update(Insole(topic="/foot_l/insole", t_ns=round(t * 1e9), force=np.full(4, load / 4)))
         assert touch.update(Insole(topic="/foot_r/insole", t_ns=round(t * 1e9), force=np.zeros(4))) is None
         if foot:
-            told.append((foot, round(t, 2)))
-    assert [f for f, _ in told] == ["l"] * len(told)
-    assert [t for _, t in told[1:]] == pytest.approx([0.4 + 1.2 * k for k in range(1, len(told))], abs=0.02)
+            predicted.append((foot, round(t, 2)))
+    assert [f for f, _ in predicted] == ["l"] * len(predicted)
+    assert [t for _, t in predicted[1:]] == pytest.approx([0.4 + 1.2 * k for k in range(1, len(predicted))], abs=0.02)
 
 
-def test_the_first_step_is_heard_although_nobody_knows_what_the_unloaded_insole_tells():
-    touch, told = TouchDowns(P), []
+def test_the_first_step_is_detected_although_the_reading_of_the_unloaded_insole_is_unknown():
+    touch, predicted = TouchDowns(P), []
     for i in range(300):
         t = 0.01 * i
         load = 38.0 + (0.0 if 1.0 < t < 1.5 else 350.0 + 60.0 * math.sin(9.0 * t))
         if touch.update(Insole(topic="/foot_l/insole", t_ns=round(t * 1e9), force=np.full(4, load / 4))):
-            told.append(t)
-    assert told == [pytest.approx(1.5, abs=0.02)]
+            predicted.append(t)
+    assert predicted == [pytest.approx(1.5, abs=0.02)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stridetwin.streams.samples import Insole, Sample
-from tests.estimators.terrain_map.scenes import EYE_M, attitude, depth, flight, picture, pose
+from tests.estimators.terrain_map.scenes import EYE_M, attitude, depth, flight, image, pose
 
 RISER, TREAD, STEPS = 0.15, 0.30, 4
 STEP_M, STEP_S, STAIR_S = 0.55, 0.60, 0.75
@@ -30,7 +30,7 @@ def footprints() -> list[tuple[float, float, str, str]]:
 
 
 def samples() -> list[Sample]:
-    """Everything in time order; a pose before the picture of its instant."""
+    """Everything in time order; a pose before the image of its instant."""
     prints = footprints()
     times = np.array([0.0, 1.0, *(p[0] for p in prints)])
     ahead = [0.05 if p[3] == "SA" else 0.45 * STEP_M for p in prints]
@@ -52,5 +52,5 @@ def samples() -> list[Sample]:
             R = attitude(0.0, 0.5 + 0.05 * np.sin(3.0 * t))
             found.append(pose(t_ns, eye, R))
             if t_ns % PICTURE_NS == 0:
-                found.append(depth(t_ns, picture(BOXES, eye, R, rng)))
+                found.append(depth(t_ns, image(BOXES, eye, R, rng)))
     return found

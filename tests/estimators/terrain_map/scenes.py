@@ -95,7 +95,7 @@ def attitude(heading: float, pitch: float = PITCH) -> Rotation:
     return forward_left_up * optical
 
 
-def picture(
+def image(
     boxes: Sequence[Box], eye: np.ndarray, R: Rotation, rng: np.random.Generator | None, noise_per_m: float = 0.003,
     more: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:  # fmt: skip
@@ -119,7 +119,7 @@ def pose(t_ns: int, eye: np.ndarray, R: Rotation) -> Odometry:
 
 
 def depth(t_ns: int, pixels: np.ndarray) -> Depth:
-    """A picture."""
+    """A image."""
     return Depth(topic="/head/depth", t_ns=t_ns, depth=pixels)
 
 
@@ -129,7 +129,7 @@ def approach(
     terrain_map: TerrainMap | None = None, first_ns: int = 0,
     more: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> tuple[TerrainMap, TerrainEstimate]:  # fmt: skip
-    """Walks from `start` to `end` metres before a place along a heading; the map and what it tells at the end."""
+    """Walks from `start` to `end` metres before a place along a heading; the map and its last estimate."""
     terrain_map = terrain_map or TerrainMap(RIG)
     rng = np.random.default_rng(seed)
     forward = np.array([math.cos(heading), math.sin(heading)])
@@ -139,6 +139,6 @@ def approach(
         R = attitude(heading, pitch + 0.05 * math.sin(1.3 * i))
         t_ns = first_ns + i * PERIOD_NS
         terrain_map.update(pose(t_ns, eye, R))
-        estimate = terrain_map.update(depth(t_ns, picture(boxes, eye, R, rng, more=more))) or estimate
+        estimate = terrain_map.update(depth(t_ns, image(boxes, eye, R, rng, more=more))) or estimate
     assert estimate is not None
     return terrain_map, estimate

@@ -34,7 +34,7 @@ def a_flight(place, heading, guess):
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-40, 40), st.floats(-40, 40), st.floats(-math.pi, math.pi), st.floats(-0.03, 0.03))
-def test_edges_lie_along_the_way_up_that_is_told(x, y, heading, guess):
+def test_edges_lie_along_the_way_up_that_is_estimated(x, y, heading, guess):
     place = np.array([x, y])
     found, up, aside = a_flight(place, heading, guess)
     assert found.up @ up == pytest.approx(1.0, abs=1e-8)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scenes import EYE_M, FLOOR, PERIOD_NS, RIG, Box, approach, attitude, depth, picture, pose, slope
+from scenes import EYE_M, FLOOR, PERIOD_NS, RIG, Box, approach, attitude, depth, image, pose, slope
 
 from stridetwin.estimators.terrain_map import Level, Ramp, Stairs, TerrainMap
 
@@ -30,7 +30,7 @@ def test_a_table_is_no_step():
     terrain_map, estimate = approach([FLOOR, *table], start=2.2, end=1.0)
     assert not estimate.stairs
     assert not estimate.ramps
-    assert all(c.kind != "knee" for c in terrain_map.profile(np.array([-1.0, 0.0]), 0.0).changes)
+    assert all(c.kind != "slope_break" for c in terrain_map.profile(np.array([-1.0, 0.0]), 0.0).changes)
 
 
 def test_a_wall_is_no_ground():
@@ -47,7 +47,7 @@ def test_a_painted_stripe_or_a_shadow_is_nothing_to_depth():
     rng = np.random.default_rng(0)
     for i, x in enumerate(np.linspace(-2.0, -1.0, 10)):
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
-        seen = picture([FLOOR], eye, R, rng)
+        seen = image([FLOOR], eye, R, rng)
         rows = np.abs(_ground_x(eye, R, seen) + 0.1) < 0.06
         seen[rows] = 0.0
         terrain_map.update(pose(i * PERIOD_NS, eye, R))
@@ -69,7 +69,7 @@ def test_a_mirror_like_floor_with_holes_stays_one_level():
     rng = np.random.default_rng(0)
     for i, x in enumerate(np.linspace(-2.0, -1.0, 14)):
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
-        seen = picture([FLOOR], eye, R, rng)
+        seen = image([FLOOR], eye, R, rng)
         blotches = rng.random((30, 40)) < 0.35
         seen[np.kron(blotches, np.ones((8, 8))) > 0] = 0.0
         deep = np.kron(rng.random((30, 40)) < 0.03, np.ones((8, 8))) > 0  # a reflection: twice as far
@@ -108,7 +108,7 @@ def test_a_ramp_is_a_ramp(angle_deg):
     assert abs(terrain.slope - angle) < math.radians(0.5)
     assert abs(terrain.heading) < math.radians(2.0)
     assert terrain.slope_sd < math.radians(1.0)
-    knee = next(c for c in terrain_map.profile(np.array([-1.2, 0.0]), 0.0).changes if c.kind == "knee")
+    knee = next(c for c in terrain_map.profile(np.array([-1.2, 0.0]), 0.0).changes if c.kind == "slope_break")
     assert abs(knee.s - 1.2) < 0.04
     assert abs(knee.bend - angle) < math.radians(1.0)
     assert kind(terrain_map, [-0.5, 0.0]) is Level

@@ -1,4 +1,4 @@
-"""One real picture of a real staircase, the wearer's leg and shoe in it."""
+"""One real image of a real staircase, the wearer's leg and shoe in it."""
 
 import numpy as np
 import pytest

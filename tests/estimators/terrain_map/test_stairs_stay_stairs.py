@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import open3d
 import pytest
-from scenes import EYE_M, FLOOR, RAYS, approach, attitude, flight, picture
+from scenes import EYE_M, FLOOR, RAYS, approach, attitude, flight, image
 
 CASES = {
     "low": dict(riser=0.10, tread=0.32, steps=5),
@@ -66,7 +66,7 @@ def test_the_flight_has_its_measures(name):
     assert np.isfinite(ours.covariance).all()
     assert np.linalg.eigvalsh(ours.covariance).min() > 0
     true = np.arange(ours.steps) * steps["tread"]
-    np.testing.assert_allclose(ours.edges, true, atol=0.018)  # a pixel of this small picture, 2 m away
+    np.testing.assert_allclose(ours.edges, true, atol=0.018)  # a pixel of this small image, 2 m away
 
 
 def _turned(stairs):
@@ -104,14 +104,14 @@ def ransac(points, tolerance=0.06):
 
 @pytest.mark.parametrize("name", [name for name, steps in CASES.items() if steps["steps"] > 2])
 def test_a_naive_ransac_lays_a_slanted_plane_across_them(name):
-    """What goes wrong where points alone vote: the failure that the map avoids (above, with the same last picture)."""
+    """What goes wrong where points alone vote: the failure that the map avoids (above, with the same last image)."""
     steps = CASES[name]
     eye, R = (
         np.array([*(-1.1 * np.array([math.cos(heading(name)), math.sin(heading(name))])), EYE_M]),
         attitude(heading(name)),
     )
     rng = np.random.default_rng(0)
-    depth = picture(flight(**steps), eye, R, rng).ravel()
+    depth = image(flight(**steps), eye, R, rng).ravel()
     points = (eye + R.apply(RAYS) * depth[:, None])[depth > 0]
     end = min(2.0, (steps["steps"] - 1) * steps["tread"])
     on_stairs = points[(points[:, 0] > 0) & (points[:, 0] < end) & (np.abs(points[:, 1]) < 0.7) & (points[:, 2] > 0.05)]

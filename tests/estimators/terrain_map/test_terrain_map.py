@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, picture, pose
+from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, image, pose
 
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY
@@ -19,7 +19,7 @@ EYE = np.array([-1.2, 0.0, EYE_M])
 
 @pytest.fixture(scope="module")
 def seen():
-    return picture(STAIRS, EYE, attitude(0.0), np.random.default_rng(0))
+    return image(STAIRS, EYE, attitude(0.0), np.random.default_rng(0))
 
 
 def known(terrain_map, pixels, t_ns=0, eye=EYE):
@@ -37,7 +37,7 @@ def everything(estimate):
     return np.array(found)
 
 
-def test_one_picture_is_enough(seen):
+def test_one_image_is_enough(seen):
     estimate = known(TerrainMap(RIG), seen)
     ours = max(estimate.stairs, key=lambda s: s.steps)
     assert ours.steps >= 2
@@ -56,19 +56,19 @@ def test_nothing_is_nan():
     assert all((np.linalg.eigvalsh(p.covariance) > 0).all() for p in estimate.planes.values())
 
 
-@pytest.mark.parametrize("spoilt", [0.0, np.nan, np.inf, -1.0, 30.0])
-def test_a_picture_without_depth_says_nothing(seen, spoilt):
+@pytest.mark.parametrize("corrupted", [0.0, np.nan, np.inf, -1.0, 30.0])
+def test_a_image_without_depth_says_nothing(seen, corrupted):
     terrain_map = TerrainMap(RIG)
     before = known(terrain_map, seen)
-    assert known(terrain_map, np.full_like(seen, spoilt), PERIOD_NS) is None
+    assert known(terrain_map, np.full_like(seen, corrupted), PERIOD_NS) is None
     assert terrain_map.estimate is before
 
 
 def test_pixels_that_are_no_depth_are_none(seen):
-    spoilt = seen.copy()
-    spoilt[::7, ::5] = np.nan
-    spoilt[1::7, ::5] = -np.inf
-    estimate = known(TerrainMap(RIG), spoilt)
+    corrupted = seen.copy()
+    corrupted[::7, ::5] = np.nan
+    corrupted[1::7, ::5] = -np.inf
+    estimate = known(TerrainMap(RIG), corrupted)
     assert np.isfinite(everything(estimate)).all()
     assert max(s.steps for s in estimate.stairs) >= 2
 
@@ -82,7 +82,7 @@ def test_a_pose_that_is_not_finite_is_none(seen):
     assert known(terrain_map, seen, PERIOD_NS) is not None
 
 
-def test_a_picture_without_a_pose_of_its_time_says_nothing(seen):
+def test_a_image_without_a_pose_of_its_time_says_nothing(seen):
     terrain_map = TerrainMap(RIG)
     assert terrain_map.update(depth(0, seen)) is None
     terrain_map.update(pose(0, EYE, attitude(0.0)))
@@ -90,7 +90,7 @@ def test_a_picture_without_a_pose_of_its_time_says_nothing(seen):
     assert terrain_map.update(depth(20_000_000, seen)) is not None
 
 
-def test_a_picture_that_is_late_or_comes_twice_says_nothing(seen):
+def test_a_image_that_is_late_or_comes_twice_says_nothing(seen):
     terrain_map = TerrainMap(RIG)
     assert known(terrain_map, seen, PERIOD_NS) is not None
     assert known(terrain_map, seen, PERIOD_NS) is None
@@ -119,10 +119,10 @@ def test_after_a_jump_of_the_pose_the_map_begins_anew(seen):
     assert ours.base == pytest.approx(0.4, abs=0.01)
 
 
-def test_a_wrong_picture_is_refused(seen):
+def test_an_image_of_another_size_is_refused(seen):
     terrain_map = TerrainMap(RIG)
     terrain_map.update(pose(0, EYE, attitude(0.0)))
-    with pytest.raises(StrideTwinError, match=r"picture of \(100, 100\): expected \(240, 320\)"):
+    with pytest.raises(StrideTwinError, match=r"invalid image size \(100, 100\): expected \(240, 320\)"):
         terrain_map.update(depth(0, seen[:100, :100]))
 
 
@@ -139,7 +139,7 @@ def test_parameters_are_checked(field, value):
         TerrainMapParameters(**{field: value})
 
 
-def test_the_mount_tells_where_the_camera_sits(seen):
+def test_the_mount_gives_the_place_of_the_camera(seen):
     """Poses of a body 10 cm behind the camera that looks another way."""
     T = np.eye(4)
     T[:3, :3] = attitude(0.0).as_matrix()
@@ -151,7 +151,7 @@ def test_the_mount_tells_where_the_camera_sits(seen):
     assert ours.start == pytest.approx(0.0, abs=0.02)
 
 
-def test_velocity_carries_a_pose_to_the_picture(seen):
+def test_velocity_propagates_a_pose_to_the_image(seen):
     terrain_map = TerrainMap(RIG)
     moving = replace(pose(0, EYE - [0.04, 0.0, 0.0], attitude(0.0)), v_frame_in_world=np.array([1.0, 0.0, 0.0]))
     terrain_map.update(moving)
@@ -168,24 +168,13 @@ def test_a_long_way_keeps_to_its_memory():
     for i, x in enumerate(np.arange(-2.0, 38.0, 0.5)):
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
         terrain_map.update(pose(i * 400_000_000, eye, R))
-        estimate = terrain_map.update(depth(i * 400_000_000, picture([ground, *steps], eye, R, None)))
+        estimate = terrain_map.update(depth(i * 400_000_000, image([ground, *steps], eye, R, None)))
         held.append(terrain_map.blocks_used)
         assert len(estimate.planes) < 40
     assert max(held) < CAPACITY
     assert max(held[-20:]) < 1.3 * max(held[10:30])
     points, _ = terrain_map.surface_points()
     assert points[:, 0].min() > 37.5 - 9.0
-
-
-def test_the_smoothed_picture_is_what_the_camera_saw(seen):
-    terrain_map = TerrainMap(RIG)
-    for i in range(4):
-        known(terrain_map, picture(STAIRS, EYE, attitude(0.0), np.random.default_rng(i)), i * PERIOD_NS)
-    exact = picture(STAIRS, EYE, attitude(0.0), None)[1::4, 1::4]
-    smoothed = terrain_map.smoothed()
-    both = (smoothed > 0) & (exact > 0) & (exact < 3.0)
-    assert both.mean() > 0.4
-    assert np.median(np.abs(smoothed - exact)[both]) < 0.01
 
 
 def test_the_profile_of_nothing_is_nothing():
@@ -215,5 +204,5 @@ def test_ground_that_is_not_looked_at_stays(ground):
         terrain_map.update(pose(t_ns, eye, R))
         wall = Box(x=(3.0, 3.2), z=(ground, ground + 3.0))
         floor = Box(x=(-5.0, 20.0), z=(ground - 2.0, ground))
-        terrain_map.update(depth(t_ns, picture([floor, wall], eye, R, None)))
+        terrain_map.update(depth(t_ns, image([floor, wall], eye, R, None)))
     assert terrain_map.heights(np.array([[1.5, 0.0]]))[0] == pytest.approx(ground, abs=0.01)

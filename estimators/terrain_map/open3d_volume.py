@@ -1,0 +1,173 @@
+"""The volume of Zhao et al. 2023 as published, with Open3D: eqs. (19)-(22), ray casting, and planes of I_D^s.
+
+The truncation t_δ is a distance along the line of sight, every image has the weight 1, and planes are extracted by
+agglomerative clustering from the smoothed depth image in the camera's view (sections II-E and F). The paper does not
+give sizes of voxels and cells, t_δ or W_max; they are those of `TerrainMapParameters`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.depth_camera import DepthCamera
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_extraction import column_points, large_planes, plane_sums
+from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
+from stridetwin.estimators.terrain_map.stairs import Riser
+from stridetwin.estimators.terrain_map.volume import VIEW, view_corner
+from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.samples import Array
+
+_SMOOTHED = 2
+"""Pixels of the camera's image per pixel of the smoothed image."""
+_GAP = np.ones((7, 7), np.uint8)
+"""Columns of a plane that may lie between two pixels' columns: pixels are 10 cm apart at the end of the range."""
+
+
+class Open3dVolume:
+    """Open3D's `VoxelBlockGrid`."""
+
+    keeps_unobserved = True
+
+    def __init__(self, camera: DepthCamera, parameters: TerrainMapParameters) -> None:
+        try:
+            import open3d
+        except ModuleNotFoundError as error:
+            raise StrideTwinError(
+                "open3d is not installed; the backend open3d needs it: pip install 'stridetwin[open3d]'"
+            ) from error
+        self._o3d: Any = open3d
+        self._camera, self._p = camera, parameters
+        self._K = self._tensor(_matrix(camera.intrinsics))
+        self._shape = camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED
+        self._intrinsics = (camera.intrinsics - np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2) / _SMOOTHED
+        v, u = np.mgrid[: self._shape[0], : self._shape[1]]
+        fu, fv, pu, pv = self._intrinsics
+        self._rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones(self._shape)], axis=-1)
+        self._band = parameters.truncation_m / parameters.voxel_size_m
+        self.clear()
+
+    def clear(self) -> None:
+        """As `Volume`."""
+        float32 = self._o3d.core.float32
+        self._grid = self._o3d.t.geometry.VoxelBlockGrid(
+            ("tsdf", "weight"), (float32, float32), ((1,), (1,)), self._p.voxel_size_m, EDGE, CAPACITY
+        )
+        self._T_grid_camera = np.eye(4)
+        self._in_view: Any = None
+
+    @property
+    def origin(self) -> NDArray[np.int64]:
+        """As `Volume`."""
+        return np.floor(self._T_grid_camera[:2, 3] / self._p.voxel_size_m).astype(np.int64) - COLUMNS // 2
+
+    @property
+    def blocks_used(self) -> int:
+        """As `Volume`."""
+        return int(self._grid.hashmap().size())
+
+    def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
+        """As `Volume`; free space in view is updated too, so that moving objects vanish."""
+        p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
+        image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
+        extrinsic = self._tensor(np.asarray(np.linalg.inv(T_grid_camera), float))
+        limits = 1.0, p.range_max_m, self._band
+        with self._quiet():
+            grid.hashmap().activate(grid.compute_unique_block_coordinates(image, self._K, extrinsic, *limits))
+            rows, self._in_view = self._visible_blocks()
+            grid.integrate(self._in_view, image, self._K, extrinsic, *limits)
+        weight = grid.attribute("weight").numpy()  # a view
+        weight[rows] = np.minimum(weight[rows], p.weight_max)  # (22)
+
+    def _visible_blocks(self) -> tuple[NDArray[np.int32], Any]:
+        """Rows and keys of the blocks that may be in view; those beyond the window are freed."""
+        p, hashmap = self._p, self._grid.hashmap()
+        rows = hashmap.active_buf_indices().numpy()
+        keys, block_m = hashmap.key_tensor().numpy()[rows], EDGE * p.voxel_size_m
+        offset = (keys + 0.5) * block_m - self._T_grid_camera[:3, 3]
+        near = np.abs(offset).max(axis=1) < 0.5 * COLUMNS * p.voxel_size_m
+        if not near.all():
+            for attribute in ("tsdf", "weight"):  # rows are used again as they are
+                self._grid.attribute(attribute).numpy()[rows[~near]] = 0.0
+            hashmap.erase(self._o3d.core.Tensor(keys[~near]))
+        x, y, z = (offset @ self._T_grid_camera[:3, :3]).T
+        radius, (fu, fv, pu, pv), (height, width) = block_m, self._camera.intrinsics, self._camera.shape
+        slope_u, slope_v = max(pu, width - pu) / fu, max(pv, height - pv) / fv
+        seen = (z > 0.0) & (z < p.range_max_m + radius)
+        seen &= (np.abs(x) < slope_u * z + 2.0 * radius) & (np.abs(y) < slope_v * z + 2.0 * radius)
+        return rows[near & seen], self._o3d.core.Tensor(keys[near & seen])
+
+    def smoothed(self) -> NDArray[np.float32]:
+        """(H / 2, W / 2) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
+        if self._in_view is None:
+            return np.zeros(self._shape, np.float32)
+        p, extrinsic = self._p, self._tensor(np.asarray(np.linalg.inv(self._T_grid_camera), float))
+        with self._quiet():
+            cast = self._grid.ray_cast(
+                self._in_view, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],
+                ["depth"], 1.0, p.range_min_m, p.range_max_m, 1.0, self._band,
+            )  # fmt: skip
+        return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
+
+    def top_view(self) -> TopView:
+        """As `Volume`: planes of the smoothed depth image, projected down to the columns of the ground."""
+        p, T = self._p, self._T_grid_camera
+        depth = self.smoothed()
+        points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        points[(depth == 0.0) | (points[..., 2] > T[2, 3] + p.headroom_m)] = np.nan
+        noise = np.hypot(p.plane_noise_m / 3, p.depth_noise_per_m * depth**2).astype(np.float32)
+        labels, planes = large_planes(points, noise, p)
+        return self._from_above(points, noise, labels, planes)
+
+    def _from_above(
+        self, points: NDArray[np.float32], noise: NDArray[np.float32], labels: NDArray[np.int32], planes: Array
+    ) -> TopView:
+        """Projects labelled points down; in each column the highest one counts."""
+        voxel_m, first = self._p.voxel_size_m, view_corner(self._T_grid_camera, self._p)
+        on_plane = labels >= 0
+        points, noise, labels = points[on_plane], noise[on_plane], labels[on_plane]
+        columns = np.floor(points[:, :2] / voxel_m).astype(np.int64) - first
+        order = np.argsort(points[:, 2], kind="stable")
+        order = order[((columns >= 0) & (columns < VIEW)).all(axis=1)[order]]
+        i, j = columns[order].T
+        height, spread = np.full((VIEW, VIEW), np.nan, np.float32), np.zeros((VIEW, VIEW), np.float32)
+        label = np.full((VIEW, VIEW), NONE, np.int32)
+        height[i, j], spread[i, j], label[i, j] = points[order, 2], noise[order], labels[order]
+        view = column_points(height, first, voxel_m)
+        for number, (a, b, c, d) in enumerate(planes):
+            own = cv2.morphologyEx((label == number).astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0
+            gap = own & (label == NONE)
+            view[gap, 2] = ((d - a * view[..., 0] - b * view[..., 1]) / c)[gap]
+            label[gap], spread[gap] = number, self._p.plane_noise_m
+        return TopView(first, label, plane_sums(view, spread, label, len(planes)), view[..., 2].copy(), spread)
+
+    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
+        """As `Volume`: unchanged, because the paper takes stairs from the planes alone."""
+        return edge
+
+    def mesh(self) -> tuple[Array, NDArray[np.int64]]:
+        """As `Volume`, by marching cubes."""
+        made = self._grid.extract_triangle_mesh(weight_threshold=1.0)
+        return made.vertex.positions.numpy().astype(float), made.triangle.indices.numpy().astype(np.int64)
+
+    def _tensor(self, values: Array) -> Any:
+        return self._o3d.core.Tensor(np.ascontiguousarray(values), self._o3d.core.float64)
+
+    @contextmanager
+    def _quiet(self) -> Iterator[None]:
+        """Open3D warns at each growth of its buffers."""
+        with self._o3d.utility.VerbosityContextManager(self._o3d.utility.VerbosityLevel.Error):
+            yield
+
+
+def _matrix(intrinsics: Array) -> Array:
+    fu, fv, pu, pv = intrinsics
+    return np.array([[fu, 0.0, pu], [0.0, fv, pv], [0.0, 0.0, 1.0]])

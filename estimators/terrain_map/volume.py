@@ -1,0 +1,121 @@
+"""The volume into which depth images are integrated, and the planes that are seen in it from above."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, without_discontinuities
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_extraction import column_points, patches
+from stridetwin.estimators.terrain_map.plane_set import TopView
+from stridetwin.estimators.terrain_map.ray_casting import column_noise, from_above
+from stridetwin.estimators.terrain_map.stairs import Riser, refined
+from stridetwin.estimators.terrain_map.tsdf_integration import allocate, integrate
+from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, clear, empty_blocks, roll
+from stridetwin.streams.samples import Array
+
+VIEW = 208
+"""Columns along the edge of the top view."""
+
+
+class Volume(Protocol):
+    """A volume in grid axes: the world's, rotated about the vertical.
+
+    Attributes:
+        keeps_unobserved: Whether a column unobserved in a top view keeps its plane.
+    """
+
+    keeps_unobserved: bool
+
+    @property
+    def origin(self) -> NDArray[np.int64]:
+        """(2,) lowest column of the window."""
+
+    @property
+    def blocks_used(self) -> int:
+        """Number of voxel blocks in use."""
+
+    def clear(self) -> None:
+        """Removes everything."""
+
+    def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
+        """Takes a depth image, (H, W) m, 0 = none, from a (4, 4) camera pose, m."""
+
+    def top_view(self) -> TopView:
+        """The planes, from the last pose."""
+
+    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
+        """A riser with its edge measured in the volume; `down` (2,) points across all edges of its flight."""
+
+    def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
+        """(V, 3) m, grid axes, and (F, 3): vertices and triangles of all surfaces; None if there is no such mesh."""
+
+
+class VoxelVolume:
+    """The proposed volume: truncated distances as heights, and a virtual camera that looks straight down on them."""
+
+    keeps_unobserved = False
+
+    def __init__(self, camera: DepthCamera, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        self._camera, self._R_grid_world, self._p = camera, R_world_grid.T, parameters
+        self._blocks = empty_blocks()
+        self._T_grid_camera: Array | None = None
+
+    @property
+    def origin(self) -> NDArray[np.int64]:
+        """As `Volume`."""
+        return self._blocks.origin[:2] * EDGE
+
+    @property
+    def blocks_used(self) -> int:
+        """As `Volume`."""
+        return int(self._blocks.used.sum())
+
+    def clear(self) -> None:
+        """As `Volume`."""
+        clear(self._blocks)
+
+    def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
+        """As `Volume`."""
+        p, blocks, camera = self._p, self._blocks, self._camera
+        self._T_grid_camera, eye = T_grid_camera, T_grid_camera[:3, 3]
+        below = eye - np.array([0.0, 0.0, p.below_m])
+        roll(blocks, below, EDGE * p.voxel_size_m, t_ns - round(p.stale_s * 1e9))
+        clean = without_discontinuities(depth, p.discontinuity_share, camera.pixels(p.discontinuity_px))
+        top_m = float(eye[2]) + p.headroom_m
+        allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns, p.tsdf)
+        integrate(
+            blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_size_m,
+            p.truncation_m, p.weight_max, p.depth_noise_per_m, p.tsdf,
+        )  # fmt: skip
+
+    def top_view(self) -> TopView:
+        """As `Volume`."""
+        assert self._T_grid_camera is not None
+        p, eye_z = self._p, float(self._T_grid_camera[2, 3])
+        first = view_corner(self._T_grid_camera, p)
+        top = math.floor(eye_z / p.voxel_size_m)
+        height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m, p.rays)
+        noise = column_noise(height, weight, eye_z, p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m, p.rays)
+        labels, sums = patches(column_points(height, first, p.voxel_size_m), noise, p)
+        return TopView(first, labels, sums, height, noise)
+
+    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
+        """As `Volume`."""
+        return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p)
+
+    def mesh(self) -> None:
+        """As `Volume`: none."""
+
+
+def view_corner(T_grid_camera: Array, p: TerrainMapParameters) -> NDArray[np.int64]:
+    """(2,) first column of the top view, ahead of the camera along its axis and the image's up direction."""
+    ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    middle = (T_grid_camera[:2, 3] + p.ahead_m * ahead) / p.voxel_size_m
+    return (np.floor(middle / EDGE).astype(np.int64) - VIEW // EDGE // 2) * EDGE

@@ -1,0 +1,93 @@
+"""The published map with Open3D reconstructs planes, ramps and stairs, stays bounded, and says what it lacks."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, image, pose, slope
+
+from stridetwin.estimators.base import OPEN3D, Options
+from stridetwin.estimators.terrain_map import Level, TerrainMap
+from stridetwin.estimators.terrain_map.open3d_volume import Open3dVolume
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+OPTIONS = Options(backend=OPEN3D)
+FLOOR = flight(0.16, 0.30, 1, start=20.0)
+
+
+def published_map():
+    return TerrainMap(RIG, options=OPTIONS)
+
+
+def test_a_floor_is_one_level_plane_where_it_is():
+    terrain_map, estimate = approach(FLOOR, start=2.0, end=1.0, frames=8, terrain_map=published_map())
+    (plane,) = estimate.planes.values()
+    assert isinstance(estimate.terrain_of(plane.id), Level)
+    assert plane.height(np.array([0.5, 0.0])) == pytest.approx(0.0, abs=0.01)
+    assert plane.slope < math.radians(1.0)
+    heights = terrain_map.heights(np.array([[0.3, 0.1], [0.8, -0.2]]))
+    np.testing.assert_allclose(heights, 0.0, atol=0.015)
+
+
+def test_stairs_have_their_risers_and_treads():
+    terrain_map, estimate = approach(flight(0.16, 0.30, 5), start=2.2, end=1.2, terrain_map=published_map())
+    stairs = max(estimate.stairs, key=lambda s: s.steps)
+    assert stairs.steps >= 3
+    assert stairs.riser == pytest.approx(0.16, abs=0.01)
+    assert stairs.tread == pytest.approx(0.30, abs=0.03)
+    assert abs(stairs.heading) < math.radians(5.0)
+    edges = [c for c in terrain_map.profile(np.array([-1.2, 0.0]), 0.0).changes if c.kind == "edge"]
+    np.testing.assert_allclose([c.s for c in edges[:3]], 1.2 + 0.3 * np.arange(3), atol=0.05)
+    np.testing.assert_allclose([c.drop for c in edges[:3]], 0.16, atol=0.02)
+
+
+def test_a_ramp_has_its_slope():
+    ramp = slope(math.radians(12.0), 0.0, 0.4)
+    estimate = approach(FLOOR, start=2.0, end=1.0, more=ramp, terrain_map=published_map())[1]
+    found = max(estimate.ramps, key=lambda r: estimate.planes[r.plane].area_m2)
+    assert found.slope == pytest.approx(math.radians(12.0), abs=math.radians(1.0))
+
+
+def test_ground_that_left_the_view_stays_and_memory_is_bounded():
+    terrain_map = published_map()
+    held = []
+    for i, x in enumerate(np.arange(0.0, 16.0, 0.4)):
+        eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
+        terrain_map.update(pose(i * PERIOD_NS, eye, R))
+        terrain_map.update(depth(i * PERIOD_NS, image([Box(x=(-5, 40), y=(-5, 5))], eye, R, None)))
+        held.append(terrain_map.blocks_used)
+    assert terrain_map.ground(np.array([x, 0.0])) is not None  # under the feet
+    assert max(held[-10:]) < 1.3 * max(held[15:25])
+
+
+def test_two_runs_are_one():
+    one, other = (approach(FLOOR, start=2.0, end=1.6, frames=4, terrain_map=published_map())[1] for _ in range(2))
+    assert [p.centre.tolist() for p in one.planes.values()] == [p.centre.tolist() for p in other.planes.values()]
+
+
+def test_the_mesh_lies_on_the_ground():
+    terrain_map, _ = approach(FLOOR, start=2.0, end=1.6, frames=5, terrain_map=published_map())
+    vertices, triangles = terrain_map.mesh()
+    assert triangles.max() < len(vertices)
+    assert np.median(np.abs(vertices[:, 2])) < 0.01
+    assert TerrainMap(RIG).mesh() is None
+
+
+def test_a_missing_open3d_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(StrideTwinError, match=r"open3d is not installed; .*stridetwin\[open3d\]"):
+        published_map()
+
+
+def test_an_unknown_backend_is_named():
+    with pytest.raises(ConfigError, match=r"backend: 'cuda' .*numba, open3d"):
+        TerrainMap(RIG, options=Options(backend="cuda"))
+
+
+def test_jumps_clear_the_volume():
+    terrain_map, _ = approach(FLOOR, start=2.0, end=1.6, frames=3, terrain_map=published_map())
+    assert isinstance(terrain_map._volume, Open3dVolume)
+    terrain_map.update(pose(10**12, np.array([50.0, 0.0, EYE_M]), attitude(0.0)))
+    assert terrain_map.blocks_used == 0
+    assert terrain_map.estimate is None
