@@ -70,7 +70,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     scenario = _scenario(arguments)
     folder = arguments.output or Path("runs") / scenario.config.name
     run = run_scenario(
-        scenario, arguments.seed, folder, _how_to_repeat(arguments), progress, pictures=not arguments.no_film
+        scenario, arguments.seed, folder, _how_to_repeat(arguments), progress, film=not arguments.no_film
     )
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
     report = (run.folder / "report.html").absolute().as_uri()

@@ -22,11 +22,11 @@ class CameraView:
 
     Attributes:
         title: Topic and content.
-        pictures: (time in s, grey (H, W) or RGB (H, W, 3)).
+        images: (time in s, grey (H, W) or RGB (H, W, 3)).
     """
 
     title: str
-    pictures: list[tuple[float, NDArray[np.uint8]]]
+    images: list[tuple[float, NDArray[np.uint8]]]
 
 
 def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -38,11 +38,11 @@ def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     return rgb
 
 
-def shown(picture: Image | Depth, width: int) -> NDArray[np.uint8]:
+def scaled(image: Image | Depth, width: int) -> NDArray[np.uint8]:
     """The image scaled to a width; depth as colours."""
-    pixels = picture.pixels if isinstance(picture, Image) else colour_of_depth(picture.depth)
+    pixels = image.pixels if isinstance(image, Image) else colour_of_depth(image.depth)
     height = round(pixels.shape[0] * width / pixels.shape[1])
-    kind = cv2.INTER_AREA if isinstance(picture, Image) else cv2.INTER_NEAREST
+    kind = cv2.INTER_AREA if isinstance(image, Image) else cv2.INTER_NEAREST
     return np.asarray(cv2.resize(pixels, (width, height), interpolation=kind), dtype=np.uint8)
 
 
@@ -52,7 +52,7 @@ def camera_topics(recording: Recording) -> list[str]:
     return [t for t in topics if t in recording.topics]
 
 
-def pictures_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
+def images_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
     """Images of one camera at about a given rate, decoded one at a time."""
     times = recording.image_times(topic)
     step = max(1, round(recording.topics[topic].rate_hz / rate_hz))
@@ -67,7 +67,7 @@ def camera_views(recording: Recording, count: int = 6, width: int = 360) -> list
     for topic in camera_topics(recording):
         info = recording.topics[topic]
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
-        pictures = [(p.t_ns / 1e9, shown(p, width)) for p in recording.images(topic, t_ns=moments)]
+        images = [(p.t_ns / 1e9, scaled(p, width)) for p in recording.images(topic, t_ns=moments)]
         scale = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
-        views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){scale}", pictures=pictures))
+        views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){scale}", images=images))
     return views

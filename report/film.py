@@ -95,8 +95,8 @@ def data_uri(data: bytes, media_type: str) -> str:
     return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def jpeg_uri(picture: NDArray[np.uint8], quality: int = 80) -> str:
+def jpeg_uri(image: NDArray[np.uint8], quality: int = 80) -> str:
     """A grey (H, W) or RGB (H, W, 3) image as a JPEG in a `data:` URI."""
-    pixels = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR) if picture.ndim == 3 else picture
+    pixels = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return data_uri(data.tobytes(), "image/jpeg")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
-from stridetwin.report.svg import Plot, data_range
+from stridetwin.report.plot import ERROR, PALETTE, Plot, joined
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.measure import Measured
@@ -14,8 +12,7 @@ from stridetwin.studies.placement.places import format_value
 from stridetwin.studies.placement.problem_file import Problem
 from stridetwin.studies.placement.significance import front, intervals
 
-_DOT, _BEST, _AS_IT_IS = "#7a8fa8", "#0b6bcb", "#c2410c"
-_VIRIDIS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])  # van der Walt & Smith
+_DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
 _MOST_DOTS = 2000
 
 
@@ -29,36 +26,26 @@ def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
     best = np.full((len(ys), len(xs)), np.nan)
     least = np.full(best.shape, np.inf)
     means = searched.values[..., k].mean(axis=1)
-    for i, place in enumerate(searched.places):
-        if place.values and np.isfinite(losses[i]):
-            at = int(np.searchsorted(ys, place.values[up.name])), int(np.searchsorted(xs, place.values[across.name]))
-            if losses[i] < least[at]:
-                least[at], best[at] = losses[i], means[i]
-    x_edges, y_edges = _edges(xs), _edges(ys)
+    for i in _scored(searched, losses):
+        values = searched.places[i].values
+        at = int(np.searchsorted(ys, values[up.name])), int(np.searchsorted(xs, values[across.name]))
+        if losses[i] < least[at]:
+            least[at], best[at] = losses[i], means[i]
     score = problem.scores[k]
     plot = Plot(
-        width=640.0, height=440.0, x=(x_edges[0], x_edges[-1]), y=(y_edges[0], y_edges[-1]),
-        title=f"{score.name} over {across.name} and {up.name}", x_label=across.name, y_label=up.name,
+        title=f"{score.name} over {across.name} and {up.name}", x_label=across.name, y_label=up.name, height=440
     )  # fmt: skip
-    low, high = float(np.nanmin(best)), float(np.nanmax(best))
-    for r, (y0, y1) in enumerate(pairwise(y_edges)):
-        for c, (x0, x1) in enumerate(pairwise(x_edges)):
-            if np.isfinite(best[r, c]):
-                share = (best[r, c] - low) / (high - low) if high > low else 1.0
-                share = share if score.higher_is_better else 1.0 - share
-                plot.polygon([x0, x1, x1, x0], [y0, y0, y1, y1], _colour(share))
+    plot.heatmap(xs, ys, best, label=score.name, reverse=not score.higher_is_better)
     top = np.unravel_index(np.argmin(least), least.shape)
-    plot.dots([xs[top[1]]], [ys[top[0]]], "#ffffff", radius=5)
-    plot.dots([xs[top[1]]], [ys[top[0]]], "#0f1c2e", radius=3)
-    ends = (high, low) if score.higher_is_better else (low, high)
-    plot.legend(f"{score.name} {ends[1]:.4g}", _colour(0.0), "band")
-    plot.legend(f"{ends[0]:.4g}", _colour(1.0), "band")
-    return plot.svg()
+    plot.dots([xs[top[1]]], [ys[top[0]]], ERROR, size=12, symbol="x", label="best")
+    return plot.html()
 
 
 def profiles(problem: Problem, searched: Measured, losses: Array) -> list[str]:
     """The first weighted score over each value: one dot per place; for a choice the best place with its interval."""
-    return [_profile(knob, problem, searched, losses) for knob in problem.knobs if _scored(searched, losses)]
+    there = _scored(searched, losses)
+    return [(_over_choices if knob.values else _over_numbers)(knob, problem, searched, losses, there)
+            for knob in problem.knobs if there]  # fmt: skip
 
 
 def _scored(searched: Measured, losses: Array) -> list[int]:
@@ -66,32 +53,34 @@ def _scored(searched: Measured, losses: Array) -> list[int]:
     return [i for i, place in enumerate(searched.places) if place.values and np.isfinite(losses[i])]
 
 
-def _profile(knob: Knob, problem: Problem, searched: Measured, losses: Array) -> str:
+def _over_choices(knob: Knob, problem: Problem, searched: Measured, losses: Array, there: list[int]) -> str:
     k = _weighing(problem)
-    score = problem.scores[k]
-    there = _scored(searched, losses)
-    means = searched.values[..., k].mean(axis=1)
-    names = [format_value(value) for value in knob.values]
-    if names:
-        best = [min((i for i in there if searched.places[i].values[knob.name] == value), key=lambda i: losses[i],
-                    default=None) for value in knob.values]  # fmt: skip
-        found = {c: i for c, i in enumerate(best) if i is not None}
-        told_of = dict(zip(found, intervals(np.column_stack([searched.values[i, :, k] for i in found.values()]))))
-        ends = [x for t in told_of.values() for x in (t.mean, t.low, t.high) if x is not None]
-        plot = Plot(width=420.0, height=220.0, x=(-0.5, len(names) - 0.5), y=data_range(ends), title=knob.name,
-                    x_label=knob.name, y_label=score.name, x_names=names)  # fmt: skip
-        for c, told_c in told_of.items():
-            if told_c.low is not None and told_c.high is not None:
-                plot.line([c, c + 1e-6], [told_c.low, told_c.high], _BEST, stroke=3)
-            plot.dots([c], [told_c.mean], _BEST, radius=5)
-        return plot.svg()
-    drawn = sorted(there, key=lambda i: losses[i])[:_MOST_DOTS]
-    x = np.array([searched.places[i].values[knob.name] for i in drawn])
-    plot = Plot(width=420.0, height=220.0, x=data_range(x), y=data_range(means[drawn]), title=knob.name,
-                x_label=knob.name, y_label=score.name)  # fmt: skip
-    plot.dots(x[::-1], means[drawn][::-1], _DOT, radius=1.8)
-    plot.dots(x[:1], means[drawn][:1], _BEST, radius=4.5, label="best")
-    return plot.svg()
+    best: dict[int, int] = {}
+    for i in sorted(there, key=lambda i: losses[i]):
+        best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
+    found = intervals(np.column_stack([searched.values[i, :, k] for i in best.values()]))
+    plot = Plot(
+        title=knob.name, x=(-0.5, len(knob.values) - 0.5), x_label=knob.name, y_label=problem.scores[k].name,
+        x_names=[format_value(value) for value in knob.values],
+    )  # fmt: skip
+    at, means = list(best), [interval.mean for interval in found]
+    ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in found]
+    plot.line(
+        *joined([[(x, low), (x, high)] for x, (low, high) in zip(at, ends)]).T, _BEST, width=3, label="95 % interval"
+    )
+    plot.dots(at, means, _BEST, size=10, label="best place")
+    return plot.html()
+
+
+def _over_numbers(knob: Knob, problem: Problem, searched: Measured, losses: Array, there: list[int]) -> str:
+    k = _weighing(problem)
+    shown = sorted(there, key=lambda i: losses[i])[:_MOST_DOTS]
+    x = [searched.places[i].values[knob.name] for i in shown]
+    means = searched.values[shown, :, k].mean(axis=1)
+    plot = Plot(title=knob.name, x_label=knob.name, y_label=problem.scores[k].name)
+    plot.dots(x, means, _DOT, size=4, label="place")
+    plot.dots(x[:1], means[:1], _BEST, size=9, label="best")
+    return plot.html()
 
 
 def fronts(problem: Problem, searched: Measured, losses: Array) -> list[str]:
@@ -103,36 +92,19 @@ def fronts(problem: Problem, searched: Measured, losses: Array) -> list[str]:
         if not there.any():
             continue
         sides = np.column_stack([problem.scores[i].losses(means[:, i]) for i in pair])
-        ahead = front(np.where(there[:, None], sides, np.inf))
-        ahead.sort(key=lambda i: means[i, 0])
+        best = sorted(front(np.where(there[:, None], sides, np.inf)), key=lambda i: means[i, 0])
         rows = np.flatnonzero(there)
         rows = rows[np.argsort(losses[rows], kind="stable")][:_MOST_DOTS]
-        plot = Plot(
-            width=520.0, height=320.0, x=data_range(means[there, 0]), y=data_range(means[there, k]),
-            title=f"{problem.scores[0].name} and {problem.scores[k].name}", x_label=problem.scores[0].name,
-            y_label=problem.scores[k].name,
-        )  # fmt: skip
-        plot.dots(means[rows, 0], means[rows, k], _DOT, radius=1.8)
-        plot.line(means[ahead, 0], means[ahead, k], _BEST, stroke=1.2)
-        plot.dots(means[ahead, 0], means[ahead, k], _BEST, radius=4, label="front")
+        names = problem.scores[0].name, problem.scores[k].name
+        plot = Plot(title=" and ".join(names), x_label=names[0], y_label=names[1], height=320)
+        plot.dots(means[rows, 0], means[rows, k], _DOT, size=4, label="place")
+        plot.line(means[best, 0], means[best, k], _BEST, width=1.2, label="Pareto front")
+        plot.dots(means[best, 0], means[best, k], _BEST, size=8, label="Pareto front")
         if there[0]:
-            plot.dots(means[:1, 0], means[:1, k], _AS_IT_IS, radius=5, label="as it is")
-        plots.append(plot.svg())
+            plot.dots(means[:1, 0], means[:1, k], _AS_IT_IS, size=10, symbol="diamond", label="unchanged")
+        plots.append(plot.html())
     return plots
 
 
 def _weighing(problem: Problem) -> int:
     return next(i for i, score in enumerate(problem.scores) if score.weight)
-
-
-def _edges(values: Array) -> Array:
-    """(N + 1,) edges half way between (N,) values."""
-    if len(values) == 1:
-        return np.array([values[0] - 0.5, values[0] + 0.5])
-    half = np.diff(values) / 2
-    return np.concatenate([[values[0] - half[0]], values[:-1] + half, [values[-1] + half[-1]]])
-
-
-def _colour(share: float) -> str:
-    rgb = [round(float(np.interp(share, np.linspace(0, 1, 5), _VIRIDIS[:, c]))) for c in range(3)]
-    return "#{:02x}{:02x}{:02x}".format(*rgb)
