@@ -39,6 +39,7 @@ from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 from stridetwin.studies.case import Case
+from stridetwin.studies.tables import table_lines
 
 EARTH_RATE = 7.292115e-5  # rad/s
 
@@ -391,15 +392,18 @@ def _floors(simulation: Simulation, floors: Array) -> dict[str, float]:
     }
 
 
+_COLUMNS = (
+    ("end error", 16, "{mean_end_error_m:.3f}"),
+    ("paper", 16, "{paper:.3f}"),
+    ("west", 16, "{mean_west_error_m:.3f}"),
+    ("north", 16, "{mean_abs_north_error_m:.3f}"),
+    ("common drift", 16, "{mean_end_error_unequal_m:.3f}"),
+)
+
+
 def table(result: dict[str, Any]) -> list[str]:
     """Our figures and the paper's, as lines of text; pairs are left and right."""
-    summary, theirs = result["summary"], result["paper"]["mean_end_error_m"]
-    columns = ("mean_end_error_m", "mean_west_error_m", "mean_abs_north_error_m", "mean_end_error_unequal_m")
-    heads = ("end error", "paper", "west", "north", "drift in common")
-    lines = [f"{len(result['cases'])} runs; m", f"{'':<24}" + "".join(f"{head:^18}" for head in heads)]
-    for method in REPORTED:
-        end, *others = ("{:8.3f}{:8.3f}".format(*summary[c][method]).center(18) for c in columns)
-        paper = "{:8.3f}{:8.3f}".format(*theirs[method]).center(18) if method in theirs else " " * 18
-        lines.append(f"{method:<24}{end}{paper}{''.join(others)}".rstrip())
-    lines += [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
-    return lines
+    summary = {**result["summary"], "paper": result["paper"]["mean_end_error_m"]}
+    rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED]
+    floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
+    return [f"{len(result['cases'])} runs; m", *table_lines(_COLUMNS, rows, 24), *floors]

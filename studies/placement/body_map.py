@@ -23,8 +23,7 @@ from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.free import Free
 from stridetwin.studies.placement.measure import Measured
-from stridetwin.studies.placement.places import Place, scenario_at
-from stridetwin.studies.placement.problem_file import Problem
+from stridetwin.studies.placement.problem_file import Place, Problem, scenario_at
 
 _SIZE = 620
 _BAR = 110  # pixels for the legend

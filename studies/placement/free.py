@@ -6,10 +6,10 @@ Points on the surface of shoe, head or chest: where something can be fixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -20,9 +20,6 @@ from stridetwin.sim.config import Person
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import number, refused, words
 from stridetwin.streams.samples import Array
-
-if TYPE_CHECKING:
-    from stridetwin.sim.wearer.limbs import Shape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
 _OUTSIDE_M = 0.6
@@ -46,14 +43,15 @@ def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
-    away = min(shape.first_touch(origin, -out) for shape in _shapes(surface, person))
+    away = _first_touch(surface, person)(origin, -out)
     if not math.isfinite(away) or away > _OUTSIDE_M:
         raise StrideTwinError(f"the {surface} has no surface at a height of {1e3 * up_m:g} mm in that direction")
     return np.asarray(origin + (off_m - away) * out)
 
 
 @cache
-def _shapes(surface: str, person: Person) -> list[Shape]:
+def _first_touch(surface: str, person: Person) -> Callable[[Array, Array], float]:
+    """From a ray's origin and direction to its distance to the surface; infinite beside it."""
     import mujoco  # a placement's file is read without, to be listed
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
@@ -62,7 +60,8 @@ def _shapes(surface: str, person: Person) -> list[Shape]:
     spec = mujoco.MjSpec()
     add_wearer(spec, person, None)
     model = compile_model(spec)
-    return shapes(model, {model.body(SURFACES[surface]).id})
+    found = shapes(model, {model.body(SURFACES[surface]).id})
+    return lambda origin, out: min(shape.first_touch(origin, out) for shape in found)
 
 
 _DIGITS = 6  # of a number that is chosen: of any unit and size

@@ -1,11 +1,13 @@
-"""Placement files (YAML): what is free, on which walks, by which scores, and how it is searched; checked key by key.
+"""Placement files (YAML): free fields, walks, scores and search; and the places that they describe.
 
-Files that it names lie in its folder or below it; nothing in it says where anything is written.
+Files that it names are in its folder or below it; it does not name the output folder.
 """
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -14,19 +16,31 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path
-from stridetwin.scenarios.campaign.named_files import Base, NamedBase, NamedFiles, Variable, names_files, short_base
+from stridetwin.scenarios.campaign.field_paths import field_path, put
+from stridetwin.scenarios.campaign.named_files import (
+    FILES,
+    Base,
+    NamedBase,
+    NamedFiles,
+    Variable,
+    names_files,
+    short_base,
+)
+from stridetwin.scenarios.campaign.own_scenario import FOLDER
 from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.scenarios.scenario_file import Scenario, scenario_of
+from stridetwin.sim.config import Person
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import OneKey, refused, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, Free, FreeInFile, Knob, Over, free_field, grid_size
-from stridetwin.studies.placement.scores import Score, ScoresInFile
-from stridetwin.studies.placement.sight import Seeing
+from stridetwin.studies.placement.scores import Score, ScoresInFile, Seeing
 
 MOST_PLACES = 100_000
 _SUFFIXES = (".yaml", ".yml")
+AS_IT_IS = "as it is"
+"""Label of the unchanged scenario."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,3 +232,101 @@ def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where)
     if isinstance(said, Among) and names_files(paths):
         said = Among(choice=tuple(files.own_files(list(said.choice), at)))
     return free_field(", ".join(p.text for p in paths), paths, said, at)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Values of all knobs; empty for the unchanged scenario.
+
+    Attributes:
+        values: By the knobs' names.
+    """
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """A text that is equal for equal places."""
+        return json.dumps(self.values, sort_keys=True)
+
+    @property
+    def label(self) -> str:
+        """Its name in tables and figures."""
+        return ", ".join(f"{name} {format_value(value)}" for name, value in self.values.items()) or AS_IT_IS
+
+
+def format_value(value: Any) -> str:
+    """A value as text for tables."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text.removeprefix(f"../{FILES}/")
+
+
+def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
+    """Plain data of a place's scenario file.
+
+    Raises:
+        ConfigError: This scenario lacks a field that is set or free.
+    """
+    plain: dict[str, Any] = json.loads(json.dumps(base.scenario))
+    for variable in (*problem.variables, *base.variables):
+        for path in variable.paths:
+            put(plain, path, json.loads(json.dumps(variable.distribution.at(0.0))), variable.at)
+    if place.values:
+        person = _person(plain, problem.free, base)
+        for free in problem.free:
+            value = free.value(place.values, person)
+            for path in free.paths:
+                put(plain, path, json.loads(json.dumps(value)), free.at)
+    return plain
+
+
+def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Scenario:
+    """A place's scenario.
+
+    Args:
+        problem: The placement problem.
+        base: The scenario.
+        place: The place.
+        folder: Contains the user's parts.
+    """
+    return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
+
+
+def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
+    """The walker; the default person where no field is on a surface."""
+    if all(f.surface is None for f in free):
+        return Person()
+    steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+    return scenario_of({**steps, **{k: plain[k] for k in ("person",) if k in plain}}, Path(base.name)).config.person
+
+
+def check_ends(problem: Problem, folder: Path) -> None:
+    """Checks the unchanged scenarios, then the ends of every range with the other values at their middle.
+
+    Raises:
+        ConfigError: The message names file, field, value and what is valid.
+    """
+    middle = {knob.name: knob.middle for knob in problem.knobs}
+    for base in problem.bases:
+        try:
+            scenario_at(problem, base, Place(), folder)
+        except ConfigError as error:
+            raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
+        for knob in problem.knobs:
+            for end in knob.ends:
+                try:
+                    scenario_at(problem, base, Place(values=middle | {knob.name: end}), folder)
+                except ConfigError as error:
+                    raise _about(knob, end, base, error) from error
+
+
+def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinError:
+    if error.source == knob.at.source:
+        return error
+    return knob.at.error(end, f"what {base.name} can have ({_inner(error)})")
+
+
+def _inner(error: ConfigError) -> str:
+    return f"{error.field}: {error.value!r} is not valid; valid: {error.valid}"

@@ -1,4 +1,4 @@
-"""Which scores there are to place sensors by, and which way each is better."""
+"""Scores of a placement: their names, directions and weights, and when a board counts as seen."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from stridetwin.evaluation.gate.metric_policy import scale_of
-from stridetwin.streams.fields import number, refused, text
+from stridetwin.streams.fields import DEG, number, refused, text
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
@@ -26,6 +26,21 @@ GEOMETRIC = {
     "foot_weight_g": ("", False, "weight of those on one foot"),
 }  # fmt: skip
 """Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seeing:
+    """When a board counts as seen.
+
+    Attributes:
+        least_px: Edge of its squares in the image, at the board's centre, if it were seen face on.
+        incidence_rad: Largest angle between its normal and the line of sight.
+        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
+    """
+
+    least_px: Annotated[float, number(0.1, 1000)] = 4.0
+    incidence_rad: Annotated[float, number(1, 89.9, key="incidence_deg", scale=DEG)] = math.radians(65.0)
+    blur_squares: Annotated[float, number(0.001, 100)] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,7 @@ from stridetwin.scenarios.fields import Where
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.placement.free import Knob
-from stridetwin.studies.placement.places import Place, check_ends, scenario_at
-from stridetwin.studies.placement.problem_file import problems, read_problem
+from stridetwin.studies.placement.problem_file import Place, check_ends, problems, read_problem, scenario_at
 
 GOOD = {
     "placement": "An IMU on the shoe",
