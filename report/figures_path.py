@@ -1,4 +1,4 @@
-"""Figures of a walk's path: side view, plan view, error over time."""
+"""Figures of a walk's path: side view, plan view, error over time; and of steps estimated from the legs."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from markupsafe import Markup
 from stridetwin.estimators.base import FEET
 from stridetwin.evaluation.evaluate import Estimate, Result
 from stridetwin.evaluation.path_scores import CHI2_3_95
-from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint
+from stridetwin.evaluation.step_scores import ScoredStep
+from stridetwin.evaluation.truth import along_way
+from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint, joined
 from stridetwin.scenarios.ground import Layout
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.samples import Array, Block, Footprint
 
 COLORS = {"l": "#0072b2", "r": "#d55e00", "camera": "#aa3377"}
 GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
-_FOOT_M, _HALF_FOOT_M = 0.26, 0.045
+_FOOT_M, _HALF_FOOT_M, _NORMAL_M = 0.26, 0.045, 0.16
+_PLANE, _NORMAL = PALETTE[2], PALETTE[1]
 
 
 def part_of(estimate: Estimate) -> str:
@@ -155,3 +158,55 @@ def _bound_mm(result: Result) -> Array | None:
     if covariance is None:
         return None
     return np.asarray(1e3 * np.sqrt(CHI2_3_95 * np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]))
+
+
+def steps_from_aside(
+    layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet"
+) -> Markup:
+    """Side view: the true ground along the route, and the estimated plane and normal of each footprint.
+
+    Args:
+        layout: True ground; None draws the footprints alone.
+        steps: Steps of one walk; missed ones are left out.
+        title: Title of the figure.
+    """
+    true, estimated, slopes = _step_positions(steps)
+    s = true[:, 0] if layout is None else along_way(true, layout)
+    heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
+    error = estimated - true
+    at = np.column_stack([s + error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading), estimated[:, 2]])
+    profile = layout.profile if layout else ()
+    span_s = data_range(s, at[:, 0], include=(float(s[0]) - 0.8, float(s[-1]) + 0.8), margin=0.0)
+    floor = min((strip.z0 for strip in profile), default=float(true[:, 2].min())) - 0.1
+    span_z = data_range(true[:, 2], at[:, 1], include=(floor, float(at[:, 1].max()) + 0.3), margin=0.0)
+    plot = Plot(title=title, x=span_s, y=span_z, x_label="along the route, m", y_label="height, m", to_scale=True)
+    draw_profile(plot, profile, span_s, span_z[0])
+    along = np.column_stack([np.cos(slopes), np.sin(slopes)])
+    up = along[:, ::-1] * [-1.0, 1.0]
+    foot = at + 0.4 * _FOOT_M * along
+    heel, toe = at - 0.1 * _FOOT_M * along, at + 0.9 * _FOOT_M * along
+    plot.line(*joined(np.stack([heel, toe], axis=1)).T, _PLANE, width=2.4, label="estimated plane")
+    plot.line(*joined(np.stack([foot, foot + _NORMAL_M * up], axis=1)).T, _NORMAL, width=1.4, label="its normal")
+    return plot.html()
+
+
+def steps_from_above(layout: Layout | None, steps: Sequence[ScoredStep], title: str = "The path from above") -> Markup:
+    """Plan view: the ground, the true footprints, and the path through the estimated ones."""
+    true, estimated, _ = _step_positions(steps)
+    x = data_range(true[:, 0], estimated[:, 0])
+    y = data_range(true[:, 1], estimated[:, 1], margin=0.1)
+    plot = Plot(title=title, x=x, y=y, x_label="x, m", y_label="y, m", to_scale=True)
+    draw_slabs(plot, layout, x, y)
+    plot.dots(true[:, 0], true[:, 1], INK, size=5, label="true footprints")
+    plot.line(estimated[:, 0], estimated[:, 1], _PLANE, label="estimated from the legs")
+    return plot.html()
+
+
+def _step_positions(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
+    """(N, 3) true and estimated positions of the estimated steps, both in the true world, and (N,) estimated slopes.
+
+    The first estimated position is aligned with the true one; headings are those of the AHRS.
+    """
+    seen = [s for s in steps if s.seen]
+    true, estimated = np.array([s.place for s in seen]), np.array([s.told_place for s in seen])
+    return true, estimated - estimated[0] + true[0], np.array([s.told_slope for s in seen])

@@ -17,7 +17,7 @@ from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead
 from stridetwin.evaluation.truth import along_way, edges
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
 from stridetwin.report.figures_path import draw_profile, outline
-from stridetwin.report.film import data_uri
+from stridetwin.report.images import data_uri
 from stridetwin.report.plot import ERROR, INK, MUTED, PALETTE, Plot, Range, data_range, faint, joined
 from stridetwin.streams.samples import Array
 

@@ -17,10 +17,10 @@ from stridetwin.evaluation.alignment import Laying
 from stridetwin.evaluation.evaluate import Result, true_frames
 from stridetwin.evaluation.terrain_ahead import Ahead
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
-from stridetwin.report.camera_views import camera_topics, images_of, scaled
 from stridetwin.report.figures_path import outline, part_of
 from stridetwin.report.figures_streams import curves_of, scalar_topics
 from stridetwin.report.figures_terrain import WORDS, ellipse
+from stridetwin.report.images import camera_topics, images_of, scaled
 from stridetwin.scenarios.ground import Layout, from_metadata
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name

@@ -15,10 +15,17 @@ from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.step_scores import StepResult
 from stridetwin.evaluation.terrain_ahead import Ahead
 from stridetwin.evaluation.truth import FOOTPRINTS, true_footprints
-from stridetwin.report.camera_views import camera_views
 from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
-from stridetwin.report.figures_path import by_part, error_over_time, label_of, part_of, plan_view, side_view
-from stridetwin.report.figures_steps import steps_from_above, steps_from_aside
+from stridetwin.report.figures_path import (
+    by_part,
+    error_over_time,
+    label_of,
+    part_of,
+    plan_view,
+    side_view,
+    steps_from_above,
+    steps_from_aside,
+)
 from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.figures_terrain import (
     ground_errors,
@@ -27,8 +34,8 @@ from stridetwin.report.figures_terrain import (
     lead_times,
     mode_ribbon,
 )
-from stridetwin.report.film import Film, data_uri, jpeg_uri
 from stridetwin.report.html import boxes, multiples, page, rendered, section, table
+from stridetwin.report.images import Film, camera_views, data_uri, jpeg_uri
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.injected import from_metadata as injected_faults
 from stridetwin.sim.config import TwinConfig

@@ -68,7 +68,7 @@ def run_scenario(
     Raises:
         StrideTwinError: Any usage error.
     """
-    from stridetwin.report.film import FPS, HEIGHT, WIDTH, make_film
+    from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.report.run_report import ReportData, render_report
 

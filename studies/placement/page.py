@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.report.film import data_uri
 from stridetwin.report.html import multiples, page, rendered, section, table
+from stridetwin.report.images import data_uri
 from stridetwin.report.plot import ERROR, PALETTE, Plot, joined
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import BodyImage

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.evaluation.step_scores import ScoredStep
-from stridetwin.report.figures_steps import steps_from_aside
+from stridetwin.report.figures_path import steps_from_aside
 from stridetwin.report.html import boxes, page, section
 from stridetwin.report.plot import INK, PALETTE, Plot, joined
 from stridetwin.scenarios.scenario_file import load_scenario

@@ -9,8 +9,8 @@ from plots import figures
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.norms import level_norm, reference, speed_group
 from stridetwin.pipeline.run import all_paths
-from stridetwin.report.camera_views import colour_of_depth
 from stridetwin.report.figures_gait import level_strides
+from stridetwin.report.images import colour_of_depth
 from stridetwin.report.plot import library
 from stridetwin.report.rerun_file import recording_id, write_rerun
 from stridetwin.report.run_report import travelled

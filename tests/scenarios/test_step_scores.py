@@ -8,7 +8,7 @@ from stridetwin.cli.score import score_table
 from stridetwin.evaluation.gate.compare import Rules, compare_scores
 from stridetwin.evaluation.gate.score_table import table_of
 from stridetwin.evaluation.step_scores import ScoredStep, step_scores
-from stridetwin.report.figures_steps import steps_from_above, steps_from_aside
+from stridetwin.report.figures_path import steps_from_above, steps_from_aside
 from stridetwin.sim.config import Level, Ramp, Route
 from stridetwin.sim.world.route import lay_out
 
