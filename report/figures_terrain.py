@@ -31,7 +31,7 @@ _ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 _LINE_M = 0.2
 _CLEAR_M = 0.06
 _LEAST_CLEAR = 0.3  # of the cells across the route
-_EDGE_MM = 140.0  # an estimated edge farther from every true one is none of them
+_EDGE_MM = 140.0  # an estimated edge farther than this from every true one matches none
 
 
 def ellipse(middle: Array, covariance: Array) -> Array:

@@ -84,9 +84,9 @@ def read_history(file: Path) -> list[dict[str, Any]]:
             lines.append(json.loads(text))
             _check(lines[-1], Where(source=f"{file}: line {number}"))
         except (ValueError, RecursionError) as error:
-            raise StrideTwinError(f"{file}: line {number}: {error}; valid: {_WRITTEN}") from None
+            raise StrideTwinError(f"{file}: line {number}: {error}; expected {_WRITTEN}") from None
     if not lines:
-        raise StrideTwinError(f"{file}: no line in it; valid: {_WRITTEN}")
+        raise StrideTwinError(f"{file}: no line in it; expected {_WRITTEN}")
     return lines
 
 

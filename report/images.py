@@ -130,7 +130,7 @@ def _open(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
     with _silent_stderr():
         writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), FPS, size)
     if not writer.isOpened():
-        raise StrideTwinError("OpenCV cannot write WebM films here; valid: a build with FFmpeg and VP8")
+        raise StrideTwinError("OpenCV cannot write WebM films here; expected a build with FFmpeg and VP8")
     return writer
 
 

@@ -32,11 +32,11 @@ VARIANTS = {
 WRONG = 0.01
 NAMES = {
     "none": "no exoskeleton",
-    "carried": "motors carry themselves",
-    "late": "helped by felt modes",
-    "predicted": "helped by predicted modes",
-    "known": "helped by true modes",
-    "wrong": f"helped by true modes, {WRONG:.0%} of them wrong",
+    "carried": "motors compensate their own inertia",
+    "late": "assisted by modes from the legs",
+    "predicted": "assisted by predicted modes",
+    "known": "assisted by true modes",
+    "wrong": f"assisted by true modes, {WRONG:.0%} of them wrong",
 }
 _MAKES: Mapping[str, Callable[[TwinConfig, int], Made]] = {
     "none": bare_walk,
@@ -85,8 +85,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
         mean = float(np.mean(work)) if work else None
         summary[way] = {"walks": len(results), "fell": fell, "work_j": mean, "modes": modes}
     if ended and {"late", "predicted", "known"} <= set(ways):
-        late, told, best = (summary[way]["work_j"] for way in ("late", "predicted", "known"))
-        summary["predicted"]["gain_share"] = (late - told) / (late - best) if late > best else None
+        late, predicted, best = (summary[way]["work_j"] for way in ("late", "predicted", "known"))
+        summary["predicted"]["gain_share"] = (late - predicted) / (late - best) if late > best else None
     return {"summary": summary, "paper": {}}
 
 
@@ -114,20 +114,20 @@ def table(result: dict[str, Any]) -> list[str]:
     """As lines of text."""
     summary = result["summary"]
     lines = [
-        f"{len(result['cases'])} walks of {SCENARIO}; positive work of hips and knees a step, J, beside that without "
-        "an exoskeleton; r.m.s. of the cuffs' forces, N",
-        f"{'':<40}{'fell':>6}{'J a walk':>10}" + "".join(f"{mode:>22}" for mode in MODES),
+        f"{len(result['cases'])} walks of {SCENARIO}; positive work of hips and knees per step, J, and its change "
+        "against no exoskeleton; RMS of the cuffs' forces, N",
+        f"{'':<40}{'fell':>6}{'J per walk':>12}" + "".join(f"{mode:>22}" for mode in MODES),
     ]
     for way, of in summary.items():
         cells = "".join(_cell(of["modes"].get(mode)) for mode in MODES)
         work = "-" if of["work_j"] is None else f"{of['work_j']:.0f}"
-        lines.append(f"{NAMES[way]:<40}{of['fell']:>6}{work:>10}{cells}")
+        lines.append(f"{NAMES[way]:<40}{of['fell']:>6}{work:>12}{cells}")
     if "carried" in summary:
         rest = {mode: of.get("rest_more_than_none_pct") for mode, of in summary["carried"]["modes"].items()}
         cells = "".join(f"{'' if rest.get(mode) is None else f'{rest[mode]:+.1f} %':>16}{'':>6}" for mode in MODES)
-        lines.append(f"{'helped without any loss':<40}{'':>16}{cells}")
+        lines.append(f"{'assisted without any loss':<40}{'':>18}{cells}")
     if (share := summary.get("predicted", {}).get("gain_share")) is not None:
-        lines.append(f"of what the truth gains over what is felt, a whole walk, prediction gains {share:.0%}")
+        lines.append(f"prediction gains {share:.0%} of what true modes gain over modes from the legs, over whole walks")
     return lines
 
 

@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--as", dest="stem", default=None, help="name of the files, default NAME")
     parser.add_argument("-o", "--output", type=Path, default=RESULTS)
-    parser.add_argument("--options", default="", help="of the run, to be told beside its table")
+    parser.add_argument("--options", default="", help="of the run, shown beside its table")
     parser.add_argument("--at", default="", metavar="COMMIT", help="of the code that made the rows, where not this one")
     asked = parser.parse_args()
     study, stem = experiment(asked.name), asked.stem or asked.name
@@ -52,18 +52,18 @@ def main() -> None:
         parser.error(f"no rows (seed_*.json) in {asked.folder}")
     other = [case["seed"] for case in cases if not asked.at and case["key"] != _key(asked.name, case, asked.folder)]
     if other:
-        parser.error(f"{len(other)} rows are of another version of the code, such as seed {other[0]}; say --at")
+        parser.error(f"{len(other)} rows are of another version of the code, such as seed {other[0]}; give --at")
     result = {"experiment": asked.name, **study.collect(cases), "cases": cases}
     asked.output.mkdir(parents=True, exist_ok=True)
     command = f"stridetwin experiment {asked.name} {asked.options}".strip()
     table = "\n".join(line.rstrip() for line in study.table(result))
-    files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
+    files_of = f"one line per case: [{stem}.csv]({stem}.csv); all rows: [{stem}.tar.xz]({stem}.tar.xz)"
     there = f"\n\n{len(cases)} of {len(study.seeds)} cases." if len(cases) < len(study.seeds) else ""
     words = STUDIES[asked.name].description
     words = words[0].upper() + words[1:]
     at = f", at commit {asked.at}" if asked.at else ""
     page = next((page for begin, page in EXPLAINED.items() if asked.name.startswith(begin)), OF_MODES)
-    words += f"; [what the lines mean](../{page})."
+    words += f"; [explanation of the lines](../{page})."
     text = f"# {stem}\n\n{words}\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
     (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
@@ -90,10 +90,10 @@ def _pack(files: list[Path], archive: Path) -> None:
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
     """The values of a case, and for walks with predicted steps the number of correct ones."""
-    stepped = {name: told for name, told in case.get("methods", {}).items() if "steps" in told}
+    stepped = {name: rows for name, rows in case.get("methods", {}).items() if "steps" in rows}
     row = _values(case if not stepped else {k: v for k, v in case.items() if not isinstance(v, dict)})
-    for method, told in stepped.items():
-        steps = ModeScores.of(told).steps
+    for method, rows in stepped.items():
+        steps = ModeScores.of(rows).steps
         turns = [s for s in steps if s.transition]
         row |= {
             f"{method}_steps": len(steps),

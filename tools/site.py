@@ -172,5 +172,5 @@ def _unescaped(text: str) -> str:
 def _first_line(file: Path) -> str:
     if file.suffix != ".py":
         return ""
-    told = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return told.split("\n")[0].replace("|", r"\|").replace("<", "&lt;")
+    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return text.split("\n")[0].replace("|", r"\|").replace("<", "&lt;")

@@ -28,7 +28,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "tutorial.md"
 _BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
-_HARM = 'raise ImportError("this is none of the project\'s")\n'
+_HARM = 'raise ImportError("this package is not part of the project")\n'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -223,8 +223,8 @@ class Simulation:
             rate, force = self.ideal[foot]
             per_sample = math.sqrt(imu.rate_hz)
             noises[foot] = rng.normal(0.0, imu.gyroscope_noise_density * per_sample, rate.shape)
-            felt = force + rng.normal(0.0, imu.accelerometer_noise_density * per_sample, force.shape)
-            columns = {"angular_rate": rate + k * force + noises[foot], "specific_force": felt}
+            measured = force + rng.normal(0.0, imu.accelerometer_noise_density * per_sample, force.shape)
+            columns = {"angular_rate": rate + k * force + noises[foot], "specific_force": measured}
             blocks[foot] = Block(topic=imu.topic, kind=Imu, t_ns=self.t_ns[1:], columns=columns)
         return blocks, noises
 
@@ -292,14 +292,14 @@ class Simulation:
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0
-        seen = facing & np.all(_in_picture(in_camera, camera), axis=1)
+        seen = facing & np.all(_in_image(in_camera, camera), axis=1)
         own, others = self._mounted(foot, t_ns), self._mounted(other, t_ns)
         relative = own.rotation.inv().apply(others.p_body_in_world - own.p_body_in_world)
         in_camera = in_camera[seen]
         return t_ns[seen], relative[seen], points, in_camera[..., :2] / in_camera[..., 2:], in_camera[..., 2]
 
 
-def _in_picture(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_]:
+def _in_image(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_]:
     """(N, M) whether each point (N, M, 3) in the camera frame projects into its image."""
     fu, fv, pu, pv = camera.intrinsics
     depth = in_camera[..., 2]

@@ -102,7 +102,7 @@ class Knob:
             raise self.at.error({"between": [self.low, self.high]}, "a step too, as the method is sweep")
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
         if count > _MOST_STEPS:
-            raise self.at.error(self.step, f"steps of which there are {_MOST_STEPS} at most")
+            raise self.at.error(self.step, f"at most {_MOST_STEPS} steps")
         return [self._rounded(self.low + i * self.step) for i in range(count)]
 
     def at_share(self, u: float) -> float:
@@ -260,9 +260,9 @@ def free_field(name: str, paths: tuple[FieldPath, ...], said: Between | Among | 
         return Free(paths=paths, knobs=(Knob(name=short(name), values=said.choice, at=at),), fixed={}, at=at)
     if isinstance(said, Between):
         return Free(paths=paths, knobs=(said.knob(short(name), at),), fixed={}, at=at)
-    told = {key: getattr(said, key) for key in _COORDINATES}
-    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in told.items() if isinstance(v, Between))
-    fixed = {"off_mm": 0.0} | {key: v for key, v in told.items() if not isinstance(v, Between)}
+    place = {key: getattr(said, key) for key in _COORDINATES}
+    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in place.items() if isinstance(v, Between))
+    fixed = {"off_mm": 0.0} | {key: v for key, v in place.items() if not isinstance(v, Between)}
     return Free(paths=paths, knobs=knobs, surface=said.over, fixed=fixed, at=at)
 
 

@@ -93,7 +93,7 @@ def held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StrideTwinError(f"{folder}: another placement works there; valid: a folder of its own") from None
+            raise StrideTwinError(f"{folder}: another placement uses it; expected a folder of its own") from None
         for left in folder.glob(f"{HIDDEN}*"):
             shutil.rmtree(left, ignore_errors=True)
         yield

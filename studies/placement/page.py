@@ -37,22 +37,22 @@ def placement_page(
     chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
     if result["walks_of_table"] != result["walks"]:
-        lead += f" The table is of {len(result['walks_of_table'])} other walks than the search has seen."
+        lead += f" The table is from {len(result['walks_of_table'])} walks that the search has not seen."
     sections = [
         section("Places", lead, _table(problem, result)),
-        section("What is more than chance", "Pairs of the table, walk by walk, corrected for their number.",
+        section("Significance", "Pairs of places, compared walk by walk, corrected for their number (Holm).",
                 rendered("list", words=result["words"])),
     ]  # fmt: skip
     if image is not None:
         tag = Markup('<img src="{}" alt="{}" style="max-width:100%">')
         sections.append(section("On the body", image.words, tag.format(data_uri(image.png, "image/png"), image.words)))
     if drawn := value_map(problem, searched, losses):
-        sections.append(section("Over two values", "The other values at their best.", drawn))
+        sections.append(section("Score over two values", "The other values are the best ones.", drawn))
     if drawn_over := profiles(problem, searched, losses):
-        sections.append(section("Over each value", "Every place.", multiples(drawn_over)))
+        sections.append(section("Score over each value", "One dot per place.", multiples(drawn_over)))
     if pairs := fronts(problem, searched, losses):
-        lead = "On the front no place is better in one score without being worse in the other."
-        sections.append(section("What one score costs in another", lead, multiples(pairs)))
+        lead = "No place on the Pareto front can be improved in one score without a loss in the other."
+        sections.append(section("Trade-offs between scores", lead, multiples(pairs)))
     return page("Placement", problem.description, chips, sections, "Drawn by stridetwin place.")
 
 

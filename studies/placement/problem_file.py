@@ -79,7 +79,7 @@ class Problem:
         bases: Scenarios.
         variables: Set at every place.
         free: What is chosen.
-        scores: By which places are told apart; the search makes their weighted sum small.
+        scores: By which places are compared; the search minimises their weighted sum.
         seeds: Of the walks of each scenario, the same at every place.
         seeing: When a board counts as seen.
         search: How places are found; None for a sweep over all.
@@ -134,7 +134,7 @@ class PlacementFile(BaseModel):
         scenarios: Scenarios, by name of the catalogue or path in the placement's folder.
         set: Paths into the scenarios, each with a value at every place.
         free: Paths into the scenarios, each with what there is to choose.
-        scores: By which places are compared; the search makes their weighted sum small.
+        scores: By which places are compared; the search minimises their weighted sum.
         seeds: Of the walks of each scenario: how many, from 0 on, or a list of them.
         seeing: When a board counts as seen.
         method: `sweep` over all places, or a search.
@@ -163,14 +163,14 @@ def find_problem(name: str) -> Path:
     """The file of a placement: of the catalogue, or a path.
 
     Raises:
-        StrideTwinError: There is none; the message lists those there are.
+        StrideTwinError: There is none; the message lists the valid ones.
     """
     if name in problems():
         return problems()[name]
     path = Path(name)
     if path.suffix.lower() in _SUFFIXES or path.parent != Path("."):
         return path
-    raise StrideTwinError(f"there is no placement {name!r}; valid: {suggest(name, problems())}, or a .yaml file")
+    raise StrideTwinError(f"invalid placement {name!r}: expected {suggest(name, problems())}, or a .yaml file")
 
 
 def read_problem(path: Path) -> Problem:
@@ -188,7 +188,7 @@ def read_problem(path: Path) -> Problem:
     common = files.variables(file.set, where.key("set"))
     for variable in (*common, *(v for base in bases for v in base.variables)):
         if variable.varies:
-            raise variable.at.error("a distribution", "one value; what is to be chosen stands in free")
+            raise variable.at.error("a distribution", "one value; free variables belong in free")
     problem = Problem(
         path=path,
         description=file.placement,
@@ -222,8 +222,8 @@ def check_budget(problem: Problem, at: Where) -> None:
     combinations = math.prod(len(knob.values) for knob in problem.knobs if knob.values)
     least = max(combinations, problem.search.starts)
     if problem.search.budget < least:
-        told = f"{combinations} combinations of choices, {problem.search.starts} starts"
-        raise at.error(problem.search.budget, f"{least} or more ({told})")
+        why = f"{combinations} combinations of choices, {problem.search.starts} starts"
+        raise at.error(problem.search.budget, f"{least} or more ({why})")
 
 
 def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where) -> Free:
@@ -329,4 +329,4 @@ def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinEr
 
 
 def _inner(error: ConfigError) -> str:
-    return f"{error.field}: {error.value!r} is not valid; valid: {error.valid}"
+    return f"{error.field}: invalid {error.value!r}: expected {error.valid}"

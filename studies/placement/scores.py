@@ -115,7 +115,7 @@ def _short(node: object) -> object:
 
 
 def _scores(items: tuple[_Weighed, ...]) -> tuple[Score, ...]:
-    """Scores, each once, of which the first counts where no weights are given."""
+    """Scores, each once; without weights only the first counts."""
     scores: list[Score] = []
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):

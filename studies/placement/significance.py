@@ -106,7 +106,7 @@ def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[st
     if walks < 2:
         return ["One walk: no difference can be tested for significance."]
     if walks < LEAST_WALKS:
-        return [f"{walks} walks are too few to call any difference significant; valid: {LEAST_WALKS} or more seeds."]
+        return [f"{walks} walks are too few to test significance; expected {LEAST_WALKS} or more seeds."]
     words = []
     for first in sorted({pair.first for pair in pairs}):
         own = [p for p in pairs if p.first == first]

@@ -50,7 +50,7 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
         ({"free": {"a b": {"choice": [1, 2]}}}, "keys with dots between"),
         ({"free": {"sensors.foot_imu.part": {"choice": ["../x.yaml", "D455"]}}}, "a file in the placement's folder"),
         ({"scenarios": ["../level.yaml"]}, "a file in the placement's folder"),
-        ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*what is to be chosen"),
+        ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*free variables belong in free"),
         ({"method": {"optimise": {"budget": 10}}}, "sweep, as there is nothing but choices"),
         (
             {"method": {"optimise": {"budget": 1, "starts": 2}}, "free": NUMBER},
