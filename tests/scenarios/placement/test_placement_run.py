@@ -191,4 +191,4 @@ def test_where_only_the_place_as_it_is_has_a_score_its_page_is_made_without_figu
     told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert [row["label"] for row in told["table"]] == ["as it is"]
     assert told["failed"] == told["tried"] == 8
-    assert "Over each value" not in (tmp_path / "out" / "placement.html").read_text()
+    assert "Score over each value" not in (tmp_path / "out" / "placement.html").read_text()
