@@ -1,13 +1,18 @@
-"""Makes pages of the site from files outside docs/, as a hook of mkdocs (see mkdocs.yml).
+"""A hook of mkdocs (see mkdocs.yml): pages of the site from files outside docs/, and equations as MathML.
 
 Links in the pages are those of the tree, so that they also work on a code host. The site begins with the README, and
 ends with the changelog; any other file or folder that a page links becomes a page under `source/`. Pages of
 docs/results enter the navigation automatically.
+
+Pages hold LaTeX between `$` and `$$`, which code hosts render by themselves. pymdownx.arithmatex marks it, and the hook
+replaces it with MathML, which browsers render without a script or a network. A `tag` becomes the number at the right,
+and the anchor `equation-n`.
 """
 
 from __future__ import annotations
 
 import ast
+import html
 import os.path
 import re
 from collections.abc import Iterator
@@ -27,6 +32,10 @@ TOP = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md
 _FENCE = re.compile(r"^( *)(`{3,})[^\n]*\n.*?^\1\2`* *$", re.M | re.S)
 _CODE = re.compile(r"(?<!`)(`+)(?!`)(?:.(?!\n\n))+?(?<!`)\1(?!`)", re.S)
 _LINK = re.compile(r"(!?\[(?:[^\[\]]|\[[^\[\]]*\])*\]\()([^()\s]+)(\))")
+_INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
+_BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.S)
+_TAG = re.compile(r"\\tag\{(\d+)\}")
+_ROW = "display:flex;align-items:center;overflow-x:auto"
 _LANGUAGES = {".py": "python", ".yml": "yaml", ".yaml": "yaml", ".cff": "yaml", ".sh": "bash", ".xml": "xml"}
 
 
@@ -53,6 +62,31 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return "".join(
         text if fenced else _unescaped(relinked(text, place, uri)) for fenced, text in parts(markdown)
     )  # fmt: skip
+
+
+def on_page_content(page_html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Replaces the equations of a page by MathML."""
+    from latex2mathml.converter import convert
+
+    inlined = _INLINE.sub(lambda match: convert(html.unescape(match.group(1))), page_html)
+    return _BLOCK.sub(_numbered, inlined)
+
+
+def numbers(markdown: str) -> list[int]:
+    """The numbers of the equations of a page, in order."""
+    return [int(number) for number in _TAG.findall(markdown)]
+
+
+def _numbered(match: re.Match[str]) -> str:
+    """An equation on a line of its own, with its number at the right."""
+    from latex2mathml.converter import convert
+
+    latex = html.unescape(match.group(1))
+    formula = convert(_TAG.sub("", latex).strip(), display="block")
+    number = _TAG.search(latex)
+    if number is None:
+        return f'<div style="{_ROW}">{formula}</div>'
+    return f'<div id="equation-{number[1]}" style="{_ROW}">{formula}<span>({number[1]})</span></div>'
 
 
 def navigation(nav: Any) -> Any:
