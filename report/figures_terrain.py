@@ -22,8 +22,10 @@ from stridetwin.report.plot import ERROR, INK, MUTED, PALETTE, Plot, Range, data
 from stridetwin.streams.samples import Array
 
 WORDS = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ramp up", "RD": "ramp down"}
-_HEX = {kind: "#" + "".join(f"{c:02x}" for c in rgb) for kind, rgb in zip(KINDS, KIND_COLORS)}
-_PALE = 0.45
+_PALE = (255 - 0.45 * (255 - np.array(KIND_COLORS, float))).astype(np.uint8)  # of the mapped ground
+_HEX, _PALE_HEX = (
+    {kind: "#" + bytes(rgb).hex() for kind, rgb in zip(KINDS, colors)} for colors in (KIND_COLORS, _PALE)
+)
 _TRUE_STEP = "#46546a"
 _ROW_M, _MOST_ROWS = 10.0, 8
 _WITHIN_95 = 2.448  # standard deviations that contain 95 % of a normal density in the plane
@@ -87,8 +89,12 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
     plot = Plot(
         title=f"The ground from above, row {number + 1}", x=span, y=(-HALF_WIDTH_M, HALF_WIDTH_M), to_scale=True,
         x_label="along the route, m" if last else "", y_label="left of the route, m" if number == 0 else "left, m",
+        legend=number == 0,
     )  # fmt: skip
     seen = ahead.seen
+    for kind in np.unique(seen.kind[np.isfinite(seen.height)]).tolist() if number == 0 else ():
+        name = KINDS[kind]
+        plot.key(f"mapped: {WORDS.get(name, 'unknown class')}", _PALE_HEX[name])
     inside = (seen.s > span[0]) & (seen.s < span[1])
     if inside.any():
         a, b = float(seen.s[inside][0]) - CELL_M / 2, float(seen.s[inside][-1]) + CELL_M / 2
@@ -116,9 +122,8 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
 
 def _class_image(kind: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
     """A PNG of (S, L) kinds, the left of the route on top, as a data URI."""
-    pale = 255 - _PALE * (255 - np.array(KIND_COLORS, float))
     bgra = np.zeros((*kind.shape, 4), np.uint8)
-    bgra[..., :3] = pale[kind][..., ::-1]
+    bgra[..., :3] = _PALE[kind][..., ::-1]
     bgra[..., 3] = 255
     bgra[~known] = 0
     png = cv2.imencode(".png", np.ascontiguousarray(bgra[:, ::-1].transpose(1, 0, 2)))[1]

@@ -80,6 +80,7 @@ class Plot:
         x_names: Labels at x = 0, 1, 2 and so on instead of numbers.
         y_names: Labels by y instead of numbers.
         hover: Plotly's `hovermode`.
+        legend: Whether there is one.
     """
 
     title: str
@@ -92,6 +93,7 @@ class Plot:
     x_names: Sequence[str] = ()
     y_names: Mapping[float, str] = field(default_factory=dict)
     hover: str = "closest"
+    legend: bool = True
     _traces: list[dict[str, Any]] = field(default_factory=list)
     _layout: dict[str, Any] = field(default_factory=dict)
 
@@ -155,11 +157,9 @@ class Plot:
              "sizey": y[1] - y[0], "sizing": "stretch", "layer": "below"}
         )  # fmt: skip
 
-    def note(self, x: float, y: float, words: str) -> None:
-        """Text that begins at a point of the data."""
-        self._layout.setdefault("annotations", []).append(
-            {"x": x, "y": y, "text": words, "showarrow": False, "xanchor": "left", "font": {"size": 11}}
-        )
+    def key(self, label: str, color: str) -> None:
+        """An entry of the legend for a colour of an image."""
+        self._add(label, x=[None], y=[None], mode="markers", marker={"color": color, "symbol": "square", "size": 11})
 
     @property
     def drawn(self) -> bool:
@@ -204,7 +204,7 @@ class Plot:
         if scaled:
             x_axis["constrain"] = "domain"
             y_axis |= {"scaleanchor": "x", "constrain": "domain"}
-        return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover}
+        return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover, "showlegend": self.legend}
 
 
 def _numbers(values: ArrayLike) -> dict[str, str]:
