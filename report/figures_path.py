@@ -163,13 +163,7 @@ def _bound_mm(result: Result) -> Array | None:
 def steps_from_aside(
     layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet"
 ) -> Markup:
-    """Side view: the true ground along the route, and the estimated plane and normal of each footprint.
-
-    Args:
-        layout: True ground; None draws the footprints alone.
-        steps: Steps of one walk; missed ones are left out.
-        title: Title of the figure.
-    """
+    """Side view: the true ground along the route, and the estimated plane and normal of each footprint of one walk."""
     true, estimated, slopes = _step_positions(steps)
     s = true[:, 0] if layout is None else along_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)

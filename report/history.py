@@ -30,14 +30,7 @@ _MOST_WALKS = 1_000_000_000
 def history_line(
     label: str, rows: Sequence[Mapping[str, Any]], means: Mapping[str, Scores], comparison: Comparison | None
 ) -> dict[str, Any]:
-    """The history entry of a run.
-
-    Args:
-        label: Its version or commit.
-        rows: The walks' rows.
-        means: Estimator to mean scores.
-        comparison: Comparison with the baseline, if there was one.
-    """
+    """The history entry of a run: its version or commit, the walks' rows, and the mean scores by estimator."""
     if comparison is not None and comparison.regressions:
         verdict = WORSE
     elif failures(rows):

@@ -176,13 +176,7 @@ def recording_id(recording: Recording) -> str:
 
 
 def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahead: Ahead | None = None) -> None:
-    """Writes the file.
-
-    Args:
-        path: File to write, `.rrd`.
-        recording: The walk.
-        results: Scored estimates.
-        ahead: Maps and predicted steps, or None.
+    """Writes a walk with its scored estimates, maps and predicted steps as `.rrd`.
 
     Raises:
         StrideTwinError: The file cannot be written.

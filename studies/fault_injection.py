@@ -43,14 +43,7 @@ class InjectedFault:
     walk: Callable[[TwinConfig], TwinConfig] = lambda config: config
 
     def inject(self, samples: Iterable[Sample], rig: Rig, seed: int, duration_s: float) -> Samples:
-        """The samples as they reach the estimator.
-
-        Args:
-            samples: Of the walk, in time order.
-            rig: The estimator's.
-            seed: Of the walk.
-            duration_s: Of the walk.
-        """
+        """The samples of a walk, in time order, as they reach the estimator with this rig."""
         planned = plan_faults(self.faults, rig, seed, duration_s)
         return self.samples(_one_by_one(a.item for a in arrivals(samples, planned)))
 

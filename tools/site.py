@@ -90,14 +90,7 @@ def _numbered(match: re.Match[str]) -> str:
 
 
 def navigation(nav: Any) -> Any:
-    """A navigation with the pages of docs/results in the section `Results`, and without missing pages.
-
-    Args:
-        nav: As in mkdocs.yml: pages, and sections of pages by their titles.
-
-    Returns:
-        The same form; None if it is empty.
-    """
+    """A navigation of mkdocs.yml with the pages of docs/results in the section `Results`, and without missing pages."""
     if isinstance(nav, str):
         return nav if nav in TOP.values() or (DOCS / nav).is_file() else None
     if isinstance(nav, list):
@@ -131,13 +124,7 @@ def links(markdown: str) -> list[str]:
 
 
 def relinked(text: str, place: str, uri: str) -> str:
-    """A page's text with the links of the site.
-
-    Args:
-        text: Without fenced code.
-        place: The page in the tree.
-        uri: The page on the site.
-    """
+    """A page's text without fenced code, with the links of the site; `place` is in the tree, `uri` on the site."""
 
     def link(match: re.Match[str]) -> str:
         before, target, after = match.groups()

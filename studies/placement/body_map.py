@@ -63,15 +63,7 @@ class _Dot:
 
 
 def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, best: Place) -> BodyImage | None:
-    """The map; None if no place moves a sensor.
-
-    Args:
-        problem: Its first scenario has the wearer.
-        folder: Contains the user's parts.
-        searched: All places.
-        losses: (P,) mean loss of each, infinite if missing.
-        best: The place whose sensors are drawn.
-    """
+    """The map, with the losses (P,) of all places and the sensors of the best one; None if no place moves a sensor."""
     dots = _dots(problem, folder, searched, losses)
     if not dots:
         return None
@@ -137,14 +129,9 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, tuple[Mount, bool]]]:
 def _panel(
     config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
-    """A view of the dots on one body, from their side.
+    """A view of the dots on one opaque body; the best and the worst loss of all dots span the colours.
 
-    Args:
-        config: Wearer and sensors.
-        body: The opaque body; the others are translucent.
-        dots: Dots on it.
-        view_deg: Azimuth relative to that side, and elevation, deg.
-        span: Best and worst loss of all dots, the range of the colours.
+    The view is given by azimuth, relative to the dots' side, and elevation, deg.
     """
     model, data = _standing(config, body)
     T = data.body(body)

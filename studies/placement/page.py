@@ -25,15 +25,7 @@ _MOST_DOTS = 2000
 def placement_page(
     problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], image: BodyImage | None
 ) -> str:
-    """The page.
-
-    Args:
-        problem: The placement problem.
-        searched: All places.
-        losses: (P,) mean loss of each.
-        result: Result of `run_placement`.
-        image: The body map.
-    """
+    """The page of a placement: the losses (P,) of all places, the result of `run_placement`, and the body map."""
     chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
     if result["walks_of_table"] != result["walks"]:

@@ -283,14 +283,7 @@ def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
 
 
 def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Scenario:
-    """A place's scenario.
-
-    Args:
-        problem: The placement problem.
-        base: The scenario.
-        place: The place.
-        folder: Contains the user's parts.
-    """
+    """A place's scenario; the folder contains the user's parts."""
     return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
 
 

@@ -96,13 +96,7 @@ def compared(losses: Array) -> list[Pair]:
 
 
 def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[str]:
-    """The comparison of the places as text; the best one comes first.
-
-    Args:
-        pairs: Result of `compared`.
-        names: Names of the places.
-        walks: Number of walks.
-    """
+    """The comparison of the places as text, the best one first, from the result of `compared` over that many walks."""
     if walks < 2:
         return ["One walk: no difference can be tested for significance."]
     if walks < LEAST_WALKS:

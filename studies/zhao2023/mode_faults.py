@@ -141,9 +141,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """`mode_figures`, and the predicted probabilities.
 
-    Returns:
-        Also `probability_right` and `probability_wrong`, the mean probability of right and wrong predictions; `wrong`,
-        `sure_and_wrong` and `untold`, numbers of steps: predicted wrongly, with more than `SURE`, and not predicted.
+    Also the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly (`wrong`), with
+    more than `SURE` (`sure_and_wrong`), and not predicted (`untold`).
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]

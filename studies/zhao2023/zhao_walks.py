@@ -139,11 +139,7 @@ VARIANTS = {
 
 
 def run_case(variant: tuple[str, PredictionSetup], case: Case) -> dict[str, Any]:
-    """One walk.
-
-    Args:
-        variant: A name in `TRIALS`, or "" for a walk of the generality test; and how its steps are predicted.
-        case: Seed and options.
+    """One walk of the generality test (""), or of the trial of this name, with the condition or the walker.
 
     Returns:
         What `predicted_walk` does, and the condition, or `subject`, `height_group` and `turn` of a trial.
