@@ -130,7 +130,7 @@ def run_case(case: Case) -> dict[str, Any]:
 def _result(fault: InjectedFault, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
     """Figures of one fault, or `error`, the message with which the filter refuses.
 
-    `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (one foot relative to the other).
+    `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each other).
     """
     rig = fault.calibration(walk.shoes.rig)
     estimator = _UncertaintyLog(rig, true_start(truth))
