@@ -99,7 +99,7 @@ class Knob:
         if self.values:
             return list(self.values)
         if self.step is None:
-            raise self.at.error({"between": [self.low, self.high]}, "a step too, as the method is sweep")
+            raise self.at.error({"between": [self.low, self.high]}, "a step, as the method is sweep")
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
         if count > _MOST_STEPS:
             raise self.at.error(self.step, f"at most {_MOST_STEPS} steps")
@@ -194,7 +194,7 @@ class Between(_Keys):
     step: Annotated[float, number(1e-9, 1e6)] | None = None
 
     def knob(self, name: str, at: Where) -> Knob:
-        """What there is to choose."""
+        """Its scalar to choose."""
         return Knob(name=name, low=self.between[0], high=self.between[1], step=self.step, at=at)
 
 
@@ -230,7 +230,7 @@ class Over(_Keys):
     off_mm: _Coordinate = 0.0
 
     def checked(self) -> Over:
-        """Itself, if something is free."""
+        """Itself; refused if no coordinate is free."""
         if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
             raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
         return self

@@ -206,7 +206,7 @@ def read_problem(path: Path) -> Problem:
         if (count := grid_size(problem.knobs)) > MOST_PLACES:
             raise where.key("free").error(f"{count} places", f"up to {MOST_PLACES} places")
     elif all(knob.values for knob in problem.knobs):
-        raise where.key("method").error("optimise", "sweep, as there is nothing but choices")
+        raise where.key("method").error("optimise", "sweep, as all free variables are choices")
     check_budget(problem, where.key("method").key("optimise").key("budget"))
     return problem
 

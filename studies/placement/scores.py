@@ -16,14 +16,14 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
 GEOMETRIC = {
-    "visibility_pct": ("foot_camera", True, "time in which one shoe's camera sees the other's whole board, either way"),
-    "sharp_pct": ("foot_camera", True, "the same, and it hardly blurs"),
-    "occlusion_pct": ("foot_camera", False, "of the time with a board in view, that in which limbs hide some of it"),
-    "square_px": ("foot_camera", True, "edge of a board's square while it is seen, mean"),
-    "ahead_pct": ("head_camera", True, "ground 0.5 to 2.5 m ahead on the route that the depth camera sees"),
-    "own_body_pct": ("head_camera", False, "of its image that the walker's own body fills"),
-    "weight_g": ("", False, "weight of all sensors that are on"),
-    "foot_weight_g": ("", False, "weight of those on one foot"),
+    "visibility_pct": ("foot_camera", True, "share of the time in which either shoe's camera sees the other's whole board"),
+    "sharp_pct": ("foot_camera", True, "the same, with little motion blur"),
+    "occlusion_pct": ("foot_camera", False, "share of the time with a board in view in which limbs occlude it"),
+    "square_px": ("foot_camera", True, "mean edge of a board's square in the image while it is seen"),
+    "ahead_pct": ("head_camera", True, "share of the ground 0.5 to 2.5 m ahead that the depth camera sees"),
+    "own_body_pct": ("head_camera", False, "share of its image covered by the walker's own body"),
+    "weight_g": ("", False, "weight of all enabled sensors"),
+    "foot_weight_g": ("", False, "weight of the sensors on one foot"),
 }  # fmt: skip
 """Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
 
