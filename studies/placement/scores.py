@@ -16,7 +16,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
 GEOMETRIC = {
-    "visibility_pct": ("foot_camera", True, "share of the time in which either shoe's camera sees the other's whole board"),
+    "visibility_pct": ("foot_camera", True, "share of the time in which a shoe's camera sees the other's whole board"),
     "sharp_pct": ("foot_camera", True, "the same, with little motion blur"),
     "occlusion_pct": ("foot_camera", False, "share of the time with a board in view in which limbs occlude it"),
     "square_px": ("foot_camera", True, "mean edge of a board's square in the image while it is seen"),

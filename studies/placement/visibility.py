@@ -322,6 +322,6 @@ def _weight_g(sensor_rig: SensorRig, body: str | None = None) -> float:
         if sensor.group in _WITHIN or body not in (None, sensor.calibration.mount.body):
             continue
         if not sensor.part.mass_kg:
-            raise StrideTwinError(f"the part of {topic}, {sensor.part.name}, has no mass_g, which the weight score needs")
+            raise StrideTwinError(f"the part of {topic}, {sensor.part.name}, has no mass_g, which weight needs")
         total += 1e3 * sensor.part.mass_kg * _CELLS.get(sensor.group, 1)
     return total
