@@ -49,7 +49,7 @@ class _Cell(Formatter):
         if isinstance(value, list):
             return " ".join(format(v, format_spec) for v in value)
         if value is None:
-            return format("-", format_spec.split(".")[0])
+            return format("-", format_spec.split(".")[0].lstrip("+"))
         return str(value) if isinstance(value, str) else format(value, format_spec)
 
 
