@@ -83,7 +83,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
             continue
         for curves in curves_of(block):
             values = curves.values[inside]
-            name, quantity = curves.title.split(": ", 1)
+            quantity = curves.title.split(": ", 1)[1]
             span = data_range(values)
             plot = Plot(
                 title=curves.title, x=window, y=span, x_label="time, s", y_label=quantity, height=220, hover="x"
@@ -91,7 +91,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
             _shade(plot, [f for f in faults if f.topic == topic], window, span)
             for column, label, color in zip(values.T, curves.labels, PALETTE):
                 plot.line(t[inside], column, color, label=label, width=1.2)
-            figures.append(Markup("<figcaption>{}</figcaption>{}").format(name, plot.html()))
+            figures.append(plot.html())
     return figures
 
 

@@ -87,9 +87,10 @@ class _Prints:
 
 def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool) -> Markup:
     plot = Plot(
-        title=f"The ground from above, row {number + 1}", x=span, y=(-HALF_WIDTH_M, HALF_WIDTH_M), to_scale=True,
+        title="The ground from above" if number == 0 else f"The ground from above, row {number + 1}", x=span,
+        y=(-HALF_WIDTH_M, HALF_WIDTH_M), to_scale=True,
         x_label="along the route, m" if last else "", y_label="left of the route, m" if number == 0 else "left, m",
-        legend=number == 0,
+        continued=number > 0,
     )  # fmt: skip
     seen = ahead.seen
     for kind in np.unique(seen.kind[np.isfinite(seen.height)]).tolist() if number == 0 else ():

@@ -49,6 +49,11 @@ def table(
     return rendered("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
 
 
+def preformatted(lines: Iterable[str]) -> Markup:
+    """A text table, which scrolls sideways where it is too wide."""
+    return Markup('<pre class="table">{}</pre>').format("\n".join(lines))
+
+
 def boxes(bodies: Iterable[str]) -> Markup:
     """A box around each HTML body that is not empty."""
     return Markup("").join(Markup('<div class="card">{}</div>').format(Markup(body)) for body in bodies if body)
@@ -56,8 +61,7 @@ def boxes(bodies: Iterable[str]) -> Markup:
 
 def multiples(figures: Iterable[str]) -> Markup:
     """Small figures side by side."""
-    drawn = Markup("").join(Markup("<figure>{}</figure>").format(Markup(figure)) for figure in figures)
-    return Markup('<div class="multiples">{}</div>').format(drawn)
+    return Markup('<div class="multiples">{}</div>').format(Markup("").join(map(Markup, figures)))
 
 
 def rendered(template: str, **values: Any) -> Markup:

@@ -69,7 +69,7 @@ class Plot:
     Traces with equal labels have one entry in the legend, which shows and hides them together.
 
     Attributes:
-        title: Name of the figure for screen readers.
+        title: Above the figure.
         x: First range of the x axis; None shows all data.
         y: First range of the y axis; None shows all data.
         x_label: Title of the axis, with the unit.
@@ -80,7 +80,7 @@ class Plot:
         x_names: Labels at x = 0, 1, 2 and so on instead of numbers.
         y_names: Labels by y instead of numbers.
         hover: Plotly's `hovermode`.
-        legend: Whether there is one.
+        continued: It continues the figure above: without title and legend.
     """
 
     title: str
@@ -93,7 +93,7 @@ class Plot:
     x_names: Sequence[str] = ()
     y_names: Mapping[float, str] = field(default_factory=dict)
     hover: str = "closest"
-    legend: bool = True
+    continued: bool = False
     _traces: list[dict[str, Any]] = field(default_factory=list)
     _layout: dict[str, Any] = field(default_factory=dict)
 
@@ -170,10 +170,11 @@ class Plot:
         """The figure as an element of a page of `report.html`."""
         figure = {"data": self._traces, "layout": self._axes() | self._layout, "aspect": self._aspect}
         text = json.dumps(figure, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+        caption = Markup("") if self.continued else Markup("<figcaption>{}</figcaption>").format(self.title)
         return Markup(
-            '<div class="plot" role="figure" aria-label="{}" style="height:{}px">'
-            '<script type="application/json">{}</script></div>'
-        ).format(self.title, self.height, Markup(text))
+            '<figure>{}<div class="plot" role="img" aria-label="{}" style="height:{}px">'
+            '<script type="application/json">{}</script></div></figure>'
+        ).format(caption, self.title, self.height, Markup(text))
 
     def _add(self, label: str, **trace: Any) -> None:
         first = bool(label) and all(t.get("name") != label for t in self._traces)
@@ -204,7 +205,7 @@ class Plot:
         if scaled:
             x_axis["constrain"] = "domain"
             y_axis |= {"scaleanchor": "x", "constrain": "domain"}
-        return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover, "showlegend": self.legend}
+        return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover, "showlegend": not self.continued}
 
 
 def _numbers(values: ArrayLike) -> dict[str, str]:

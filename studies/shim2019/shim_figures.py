@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.evaluation.step_scores import ScoredStep
 from stridetwin.report.figures_path import steps_from_aside
-from stridetwin.report.html import boxes, page, section
+from stridetwin.report.html import boxes, page, preformatted, section
 from stridetwin.report.plot import INK, PALETTE, Plot, joined
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.world.route import lay_out
@@ -36,7 +35,7 @@ def report(result: dict[str, Any]) -> str:
         *(section(f"Figure 22, {m}", lead_22, boxes(_figure_22(cases[0], m)), "stack") for m in METHODS),
         section("Figure 23", lead_23, boxes(averages), "stack"),
         section("Figure 24", lead_24, boxes([_figure_24(cases, m) for m in METHODS]), "plots"),
-        section("Tables 5 to 7", lead_tables, Markup("<pre>{}</pre>").format("\n".join(table(result))), ""),
+        section("Tables 5 to 7", lead_tables, preformatted(table(result)), ""),
     ]
     return page(
         "Slope and step height from the legs",

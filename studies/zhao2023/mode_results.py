@@ -14,7 +14,7 @@ from scipy.stats import t as student_t
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, told_and_right
 from stridetwin.evaluation.norms import reference, reference_rows
-from stridetwin.report.html import boxes, page, section
+from stridetwin.report.html import boxes, page, preformatted, section
 from stridetwin.report.html import table as html_table
 from stridetwin.report.plot import INK, MUTED, PALETTE, Plot
 from stridetwin.studies.catalogue import STUDIES
@@ -293,14 +293,14 @@ def report(result: dict[str, Any]) -> str:
     lead_calibration = "Predicted probability and share of correct predictions, by tenths, with the number of steps."
     lead_confusion = "Steps by true mode and by the last mode predicted before touch-down."
     sections = [
-        section("Accuracy", "Ours, the published method, and the paper.", _lines(overall(result))),
+        section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall(result))),
         _conditions(result),
         _cells(result),
         section("Confusion matrix", lead_confusion, _confusion(result["summary"][ours]["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
-            boxes([_lines(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
+            boxes([preformatted(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
             "stack",
         ),
         section("Lead time", lead_lead, _lead(steps)),
@@ -314,10 +314,6 @@ def report(result: dict[str, Any]) -> str:
         sections,
         "The results of every walk are in JSON files beside this page.",
     )
-
-
-def _lines(lines: Sequence[str]) -> Markup:
-    return Markup("<pre>{}</pre>").format("\n".join(lines))
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:

@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 _FIGURE = re.compile(
-    r'<div class="plot" role="figure" aria-label="([^"]*)"[^>]*><script type="application/json">(.*?)</script>', re.S
+    r'<div class="plot" role="img" aria-label="([^"]*)"[^>]*><script type="application/json">(.*?)</script>', re.S
 )
 
 

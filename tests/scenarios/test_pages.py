@@ -26,7 +26,7 @@ def test_a_table_sets_numbers_to_the_right_and_escapes_its_cells():
 
 def test_boxes_leave_out_what_is_empty():
     assert boxes(["<i></i>", ""]) == '<div class="card"><i></i></div>'
-    assert multiples(["<i></i>"]) == '<div class="multiples"><figure><i></i></figure></div>'
+    assert multiples(["<i></i>"]) == '<div class="multiples"><i></i></div>'
 
 
 def test_a_template_without_one_of_its_values_is_an_error():
