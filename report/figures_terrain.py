@@ -89,7 +89,7 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
     plot = Plot(
         title="The ground from above" if number == 0 else f"The ground from above, row {number + 1}", x=span,
         y=(-HALF_WIDTH_M, HALF_WIDTH_M), to_scale=True,
-        x_label="along the route, m" if last else "", y_label="left of the route, m" if number == 0 else "left, m",
+        x_label="along the route, m" if last else "", y_label="left, m",
         continued=number > 0,
     )  # fmt: skip
     seen = ahead.seen
@@ -261,8 +261,9 @@ def lead_times(ahead: Ahead) -> str:
         return ""
     t, lead = np.array([s.t_s for s in steps]), np.array([s.lead_s for s in steps])
     half = 0.3 * float(np.median(np.diff(t))) if len(steps) > 1 else 0.2
+    top = 1.1 * max(1.0, float(lead.max()))
     plot = Plot(
-        title="Lead time", x=(t[0] - 0.6, t[-1] + 0.6), y=(0.0, 1.1 * max(1.0, float(lead.max()))), height=250,
+        title="Lead time", x=(t[0] - 0.6, t[-1] + 0.6), y=(0.0, top), height=250,
         x_label="touch-down, s", y_label="lead time, s",
     )  # fmt: skip
     for mode in MODES:
@@ -271,5 +272,5 @@ def lead_times(ahead: Ahead) -> str:
     changes = np.array([s.transition for s in steps])
     if changes.any():
         plot.dots(t[changes], lead[changes], INK, label="changes the mode")
-    _draw_crosses(plot, np.array([(s.t_s, 0.0) for s in steps if not s.right]).reshape(-1, 2))
+    _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.right]).reshape(-1, 2))
     return plot.html()
