@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import FEET
 from stridetwin.evaluation.norms import level_norm, speed_group
 from stridetwin.report.figures_path import COLORS
-from stridetwin.report.plot import MUTED, Plot, faint, joined
+from stridetwin.report.plot import MUTED, Plot, faint
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
@@ -109,7 +109,7 @@ def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[
     """Every stride of a foot as one curve over the cycle, from (times, values) by foot."""
     for foot, (t_ns, values) in curves.items():
         own = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
-        plot.line(*joined(own).T, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
+        plot.curves(own, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
 
 
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
@@ -133,7 +133,7 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
             paths += [part[:: max(1, len(part) // 60)] for part in np.split(ahead[inside], breaks) if len(part)]
         if paths:
-            plot.line(*joined(paths).T, COLORS[foot], width=0.8, label=f"{FEET[foot]} foot")
+            plot.curves(paths, COLORS[foot], width=0.8, label=f"{FEET[foot]} foot")
     return plot.html() if plot.drawn else ""
 
 

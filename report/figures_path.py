@@ -12,7 +12,7 @@ from stridetwin.evaluation.evaluate import Estimate, Result
 from stridetwin.evaluation.path_scores import CHI2_3_95
 from stridetwin.evaluation.step_scores import ScoredStep
 from stridetwin.evaluation.truth import along_way
-from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint, joined
+from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint
 from stridetwin.scenarios.ground import Layout
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.samples import Array, Block, Footprint
@@ -119,9 +119,9 @@ def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -
     colors = dict(zip((r.estimate.name for r in results), PALETTE * len(results)))
     for own in by_part(results).values():
         truth = paths[results.index(own[0])][:, 0]
-        plot.line(*truth, INK, width=3.0, label="truth")
+        plot.line(truth[0], truth[1], INK, width=3.0, label="truth")
     for result, path in zip(results, paths):
-        plot.line(*path[:, 1], colors[result.estimate.name], label=label_of(result.estimate))
+        plot.line(path[0, 1], path[1, 1], colors[result.estimate.name], label=label_of(result.estimate))
 
 
 def _positions(result: Result) -> Array:
@@ -179,8 +179,8 @@ def steps_from_aside(
     up = along[:, ::-1] * [-1.0, 1.0]
     foot = at + 0.4 * _FOOT_M * along
     heel, toe = at - 0.1 * _FOOT_M * along, at + 0.9 * _FOOT_M * along
-    plot.line(*joined(np.stack([heel, toe], axis=1)).T, _PLANE, width=2.4, label="estimated plane")
-    plot.line(*joined(np.stack([foot, foot + _NORMAL_M * up], axis=1)).T, _NORMAL, width=1.4, label="its normal")
+    plot.curves(np.stack([heel, toe], axis=1), _PLANE, width=2.4, label="estimated plane")
+    plot.curves(np.stack([foot, foot + _NORMAL_M * up], axis=1), _NORMAL, width=1.4, label="its normal")
     return plot.html()
 
 

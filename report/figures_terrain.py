@@ -18,7 +18,7 @@ from stridetwin.evaluation.truth import along_way, edges
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
 from stridetwin.report.figures_path import draw_profile, outline
 from stridetwin.report.images import data_uri
-from stridetwin.report.plot import ERROR, INK, MUTED, PALETTE, Plot, Range, data_range, faint, joined
+from stridetwin.report.plot import ERROR, INK, MUTED, PALETTE, Plot, Range, data_range, faint
 from stridetwin.streams.samples import Array
 
 WORDS = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ramp up", "RD": "ramp down"}
@@ -105,7 +105,7 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
     there = (s > span[0]) & (s < span[1])
     plot.line(s[there], left[there], MUTED, width=1.0, label="true path of the camera")
     edges_here = [([at, low], [at, high]) for at, low, high in seen.edges if span[0] < at < span[1]]
-    plot.line(*joined(edges_here).T, INK, width=1.6, label="mapped edge")
+    plot.curves(edges_here, INK, width=1.6, label="mapped edge")
     shown = [i for i, true in enumerate(prints.true) if span[0] < true[:, 0].mean() < span[1]]
     plot.areas([prints.true[i] for i in shown], "#ffffff", stroke=_TRUE_STEP, label="true footprint")
     predicted = [found for i in shown if (found := prints.predicted[i]) is not None]
@@ -114,7 +114,7 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
     for mode in MODES:
         own = [np.vstack([place, place[:1]]) for place, _, m in predicted if m == mode]
         if own:
-            plot.line(*joined(own).T, _HEX[mode], width=2.0, label=f"predicted one step before: {WORDS[mode]}")
+            plot.curves(own, _HEX[mode], width=2.0, label=f"predicted one step before: {WORDS[mode]}")
     steps = ahead.modes.steps if ahead.modes else []
     wrong = [prints.true[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].right]
     _draw_crosses(plot, np.reshape(wrong, (-1, 2)))
@@ -162,7 +162,7 @@ def ground_from_aside(ahead: Ahead) -> Markup:
     for at in ahead.seen.edges[:, 0]:
         ends = true_heights(profile, np.array([at - 0.1, at + 0.1]))
         edges_here.append([(at, ends.min() - 0.05), (at, ends.max() + 0.05)])
-    plot.line(*joined(edges_here).T, INK, width=1.2, label="mapped edge")
+    plot.curves(edges_here, INK, width=1.2, label="mapped edge")
     for number, name in enumerate(KINDS):
         own = np.where((kind == number) & shown, height, np.nan)
         if np.isfinite(own).any():
@@ -227,9 +227,9 @@ def mode_ribbon(ahead: Ahead) -> str:
         true = np.array([step.mode == mode for step in steps])
         plot.bars(touched[:-1][true], touched[1:][true], 3.0, 3.8, _HEX[mode], label=WORDS[mode])
         own = np.array([(a, min(b, end)) for a, b, m, _ in runs if m == mode]).reshape(-1, 2)
-        plot.bars(*own.T, 2.0, 2.8, _HEX[mode], label=WORDS[mode])
+        plot.bars(own[:, 0], own[:, 1], 2.0, 2.8, _HEX[mode], label=WORDS[mode])
     wrong = np.array([(a, min(b, end)) for a, b, _, right in runs if not right]).reshape(-1, 2)
-    plot.bars(*wrong.T, 1.86, 1.98, ERROR, label="wrong")
+    plot.bars(wrong[:, 0], wrong[:, 1], 1.86, 1.98, ERROR, label="wrong")
     _draw_crosses(plot, np.array([(step.t_s, 2.4) for step in steps if not step.right]).reshape(-1, 2))
     plot.line(t[t < end], 1.6 * p[t < end], INK, width=1.0, label="probability")
     return plot.html()

@@ -17,7 +17,7 @@ from stridetwin.evaluation.gate.metric_policy import scale_of
 from stridetwin.evaluation.gate.score_table import checked_scores, is_text
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.report.html import multiples, page, section, table
-from stridetwin.report.plot import PALETTE, Plot, data_range, joined
+from stridetwin.report.plot import PALETTE, Plot, data_range
 from stridetwin.scenarios.fields import Where
 from stridetwin.streams.errors import StrideTwinError
 
@@ -128,7 +128,7 @@ def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
     )  # fmt: skip
     walks = np.array([line["walks_digest"] for line in lines])
     same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
-    plot.line(*joined([np.column_stack([places, values])[part] for part in same_walks]).T, PALETTE[0])
+    plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])
     marked = tuple(f"{own} {metric}:" for own in (name, name.removesuffix("_l").removesuffix("_r")))
     worse = np.array([any(words.startswith(marked) for words in line["regressions"]) for line in lines])
     there = np.isfinite(values)

@@ -107,6 +107,11 @@ class Plot:
         line = {"color": color, "width": width, "dash": dash}
         self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
 
+    def curves(self, parts: Iterable[ArrayLike], color: str, *, label: str = "", width: float = 1.6) -> None:
+        """Separate curves of one kind, (N, 2) each."""
+        points = joined(parts)
+        self.line(points[:, 0], points[:, 1], color, label=label, width=width)
+
     def band(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = "") -> None:
         """The area between two curves."""
         xs = np.asarray(x, float)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from stridetwin.report.html import multiples, page, rendered, section, table
 from stridetwin.report.images import data_uri
-from stridetwin.report.plot import ERROR, PALETTE, Plot, joined
+from stridetwin.report.plot import ERROR, PALETTE, Plot
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import BodyImage
 from stridetwin.studies.placement.free import Knob
@@ -125,9 +125,7 @@ def _over_choices(knob: Knob, problem: Problem, searched: Measured, losses: Arra
     )  # fmt: skip
     at, means = list(best), [interval.mean for interval in found]
     ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in found]
-    plot.line(
-        *joined([[(x, low), (x, high)] for x, (low, high) in zip(at, ends)]).T, _BEST, width=3, label="95 % interval"
-    )
+    plot.curves([[(x, low), (x, high)] for x, (low, high) in zip(at, ends)], _BEST, width=3, label="95 % interval")
     plot.dots(at, means, _BEST, size=10, label="best place")
     return plot.html()
 
@@ -143,7 +141,7 @@ def _over_numbers(knob: Knob, problem: Problem, searched: Measured, losses: Arra
     return plot.html()
 
 
-def fronts(problem: Problem, searched: Measured, losses: Array) -> list[str]:
+def fronts(problem: Problem, searched: Measured, losses: Array) -> list[Markup]:
     """The first score against each of the others: all places and the Pareto front."""
     means, plots = searched.values.mean(axis=1), []
     for k in range(1, len(problem.scores)):

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.evaluation.step_scores import ScoredStep
 from stridetwin.report.figures_path import steps_from_aside
 from stridetwin.report.html import boxes, page, preformatted, section
-from stridetwin.report.plot import INK, PALETTE, Plot, joined
+from stridetwin.report.plot import INK, PALETTE, Plot
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.world.route import lay_out
 from stridetwin.studies.shim2019.shim_table5 import CASES, table
@@ -46,7 +47,7 @@ def report(result: dict[str, Any]) -> str:
     )
 
 
-def _figure_22(case: dict[str, Any], method: str) -> list[str]:
+def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
     """Side views of one trial."""
     figures = []
     for walk, title in SHOWN.items():
@@ -72,7 +73,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
             sd = [np.std(own) for own in values if own]
             plot.dots(at + 0.24 * k - 0.36, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
         else:
-            plot.line(*joined([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)]).T, INK, label="true")
+            plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)], INK, label="true")
     return plot.html()
 
 
@@ -90,7 +91,7 @@ def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
         own = np.flatnonzero(modes == mode)
         if len(own):
             own = own[np.unique(np.linspace(0, len(own) - 1, min(len(own), DOTS)).astype(int))]
-            plot.dots(*points[own].T, color, size=4, label=mode)
+            plot.dots(points[own, 0], points[own, 1], color, size=4, label=mode)
     return plot.html()
 
 

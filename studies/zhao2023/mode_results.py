@@ -295,7 +295,7 @@ def report(result: dict[str, Any]) -> str:
     sections = [
         section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall(result))),
         _conditions(result),
-        _cells(result),
+        _table_2(result),
         section("Confusion matrix", lead_confusion, _confusion(result["summary"][ours]["confusion"])),
         section(
             "Figure 4",
@@ -347,7 +347,7 @@ def _conditions(result: dict[str, Any]) -> str:
     )
 
 
-def _cells(result: dict[str, Any]) -> str:
+def _table_2(result: dict[str, Any]) -> str:
     """Table II, in the paper's layout."""
     ours, theirs = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
     if not ours:
