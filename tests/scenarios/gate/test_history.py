@@ -50,7 +50,7 @@ def test_a_line_that_is_none_is_one_error(tmp_path, capsys, text):
     assert main(["history", str(file), "-o", str(tmp_path / "page.html")]) == 2
     told = capsys.readouterr().err
     assert f"error: {file}: line 2: " in told
-    assert "valid: lines that `stridetwin score --history` has written" in told
+    assert "lines that `stridetwin score --history` has written" in told
     assert len(told) < len(str(file)) + 650
 
 
