@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from stridetwin.report.svg import Plot
+from benchmarks.svg_plot import SvgPlot
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import FLOOR, Noise
 from stridetwin.sim.parts.kinds import ImuPart
@@ -136,7 +136,7 @@ def plot(results: dict[str, dict[str, dict[str, Any]]]) -> str:
     deviation = {n: np.log10(np.degrees(r["gyroscope"]["deviation"]) * 3600) for n, r in results.items()}
     every = np.concatenate(list(deviation.values()))
     low, high = float(every.min()) - 0.1, float(every.max()) + 0.1
-    axes = Plot(
+    axes = SvgPlot(
         width=900, height=380, x=(float(tau[0]), float(tau[-1])), y=(low, high),
         title="Allan deviation of the simulated gyroscopes", x_label="averaging time, log10 of seconds",
         y_label="Allan deviation, log10 of deg/h",
@@ -144,8 +144,8 @@ def plot(results: dict[str, dict[str, dict[str, Any]]]) -> str:
     for (name, y), color in zip(deviation.items(), COLORS):
         r = results[name]["gyroscope"]
         axes.line(np.log10(r["tau_s"]), np.log10(np.degrees(r["model"]) * 3600), color, stroke=1.2, dash="5 4")
-        axes.dots(np.log10(r["tau_s"]), y, color, radius=2.2, label=name)
-    return axes.svg().replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg" font-family="sans-serif"', 1)
+        axes.dots(np.log10(r["tau_s"]), y, color, label=name)
+    return axes.svg()
 
 
 def main() -> int:

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.svg_plot import SvgPlot
 from stridetwin.evaluation.norms import level_norm, reference, speed_group
-from stridetwin.report.svg import Plot, data_range
+from stridetwin.report.plot import data_range
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
@@ -275,13 +276,12 @@ def draw(case: Case, folder: Path) -> None:
             x, mean, sd = level_norm(case.group, quantity)
             bands = [(x, mean - k * sd, mean + k * sd, color) for k, color in ((2, "#e6ebf1"), (1, "#c9d5e3"))]
         low_high = [edge for _, low, high, _ in bands for edge in (low, high)]
-        plot = Plot(width=480, height=280, x=(0.0, 100.0), y=data_range(curve, *low_high), title=quantity,
+        plot = SvgPlot(width=480, height=280, x=(0.0, 100.0), y=data_range(curve, *low_high), title=quantity,
                     x_label="share of the gait cycle, %", y_label=f"{quantity}, {name}")  # fmt: skip
         for x, low, high, color in bands:
             plot.band(x, low, high, color)
         plot.line(_CYCLE, curve, "#b3261e")
-        text = plot.svg().replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
-        (folder / f"{name}_{quantity}.svg").write_text(text, encoding="utf-8")
+        (folder / f"{name}_{quantity}.svg").write_text(plot.svg(), encoding="utf-8")
 
 
 def cases(terrain: str, speeds: list[float], bodies: list[str], manners: list[str], seed: int) -> list[Case]:

@@ -38,7 +38,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Image
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.zhao2023.odometry_walks import dvio, figures, follow, odometry_samples, time_of, true_path
+from stridetwin.studies.zhao2023.odometry_walks import figures, follow, odometer, odometry_samples, time_of, true_path
 
 WALKS = ("dvio_walk", "dvio_stairs", "dvio_white")
 VOCABULARY_WALKS, VOCABULARY_SEED, VOCABULARY_EVERY = ("stroll", "room"), 900, 15
@@ -157,7 +157,7 @@ def one_walk(recording: Recording, environment: Environment, vocabulary: Path, m
     mount = "head" if "/head/color" in recording.topics else "chest"
     found: dict[str, Any] = {}
     if "proposed" in methods:
-        ride = follow(dvio("proposed", recording.rig, mount), odometry_samples(recording, mount))
+        ride = follow(odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
         found["proposed"] = figures(ride, true_path(recording, mount))
     with TemporaryDirectory() as temporary:
         folder, file = Path(temporary) / "walk", Path(temporary) / "settings.yaml"

@@ -29,6 +29,12 @@ class ExperimentOptions(Options):
     ] = "dynamic"
     resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False
     keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings of the walks in the folder.")] = False
+    estimators: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimators", metavar="NAME", help="Also run an installed estimator of the same kind; may be repeated."
+        ),
+    ] = None
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the cases (default runs/NAME).")
     ] = None
@@ -54,6 +60,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         physics=arguments.physics,
         resume=arguments.resume,
         keep=arguments.keep,
+        estimators=tuple(arguments.estimators or ()),
     )
     result = run_experiment(arguments.experiment, options, progress)
     return Outcome(data=result, lines=study.table(result))

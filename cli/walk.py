@@ -76,7 +76,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
         folder,
         _how_to_repeat(arguments),
         progress,
-        pictures=not arguments.no_film,
+        film=not arguments.no_film,
         backend=arguments.backend or "",
     )
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}

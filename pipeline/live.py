@@ -41,7 +41,7 @@ class Session:
         record: Recording to write; None writes none.
         budget_s: Latency budget; None uses the estimator's.
         window_s: Reordering window; None uses the estimator's.
-        skip_pictures_s: Images that have waited longer are skipped; None skips none.
+        skip_images_s: Images that have waited longer are skipped; None skips none.
     """
 
     asked: Request | None
@@ -50,7 +50,7 @@ class Session:
     record: Path | None = None
     budget_s: float | None = None
     window_s: float | None = None
-    skip_pictures_s: float | None = None
+    skip_images_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +246,7 @@ class _Live:
 
     def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
         """Whether an image has waited longer than allowed; other samples are never skipped."""
-        most_s, is_image = self._session.skip_pictures_s, isinstance(arrival.sample, Image | Depth)
+        most_s, is_image = self._session.skip_images_s, isinstance(arrival.sample, Image | Depth)
         return most_s is not None and is_image and now_ns - arrival.since_ns > most_s * 1e9
 
     def _warn(self, receiver: Receiver) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import FEET
 from stridetwin.evaluation.norms import level_norm, speed_group
 from stridetwin.report.figures_path import COLORS
-from stridetwin.report.svg import Plot, data_range
+from stridetwin.report.plot import MUTED, Plot, faint
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
@@ -65,79 +67,57 @@ def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
     return np.interp(at, t_ns, values)
 
 
-def joint_figures(recording: Recording, strides: list[Stride]) -> list[str]:
+def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
     """Hip, knee and ankle over the gait cycle, with the norm band at that speed."""
     if "/truth/joints" not in recording.topics or not strides:
         return []
     block = recording.block("/truth/joints")
-    names = list(block.constants["names"])
+    angles = dict(zip(block.constants["names"], np.degrees(block.columns["position"]).T))
     group = speed_group(float(np.mean([s.speed_mps for s in strides])))
     figures = []
     for joint, title in _JOINTS.items():
-        curves = [
-            (
-                s.foot,
-                over_cycle(s, block.t_ns, np.degrees(block.columns["position"][:, names.index(f"{joint}_{s.foot}")])),
-            )
-            for s in strides
-            if f"{joint}_{s.foot}" in names
-        ]
         x, mean, sd = level_norm(group, f"{joint}_deg")
-        span = data_range(mean - 2 * sd, mean + 2 * sd, *(c for _, c in curves))
-        plot = Plot(
-            width=400,
-            height=260,
-            x=(0, 100),
-            y=span,
-            title=f"{title} over the gait cycle",
-            x_label="gait cycle, %",
-            y_label=f"{title}, °",
-        )
-        plot.band(x, mean - 2 * sd, mean + 2 * sd, "#e4ebf3")
-        plot.band(x, mean - sd, mean + sd, "#cfdae7", label="people")
-        for foot, curve in curves:
-            plot.line(_CYCLE, curve, COLORS[foot], stroke=0.9)
-        figures.append(plot.svg())
+        plot = Plot(title=f"{title} over the gait cycle", x=(0, 100), x_label="gait cycle, %", y_label=f"{title}, °")
+        for within, opacity in ((2, 0.1), (1, 0.2)):
+            plot.band(x, mean - within * sd, mean + within * sd, faint(MUTED, opacity), label=f"people, ±{within} SD")
+        curves = {f: (block.t_ns, angles[f"{joint}_{f}"]) for f in FEET if f"{joint}_{f}" in angles}
+        _draw_strides(plot, strides, curves)
+        figures.append(plot.html())
     return figures
 
 
 def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
     """Vertical load of one foot over the gait cycle, in body weights; empty without its truth."""
-    curves = []
+    loads = {}
     for foot in FEET:
         topic = f"/truth/foot_{foot}/wrench"
-        if topic in recording.topics:
+        if topic in recording.topics and any(s.foot == foot for s in strides):
             block = recording.block(topic)
             load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
-            curves += [(foot, over_cycle(s, block.t_ns, load)) for s in strides if s.foot == foot]
-    if not curves:
+            loads[foot] = block.t_ns, load
+    if not loads:
         return ""
     plot = Plot(
-        width=400,
-        height=260,
-        x=(0, 100),
-        y=data_range(*(c for _, c in curves), include=(0, 1.25)),
-        title="Vertical ground reaction",
-        x_label="gait cycle, %",
-        y_label="Ground reaction, body weights",
-    )
-    for foot, curve in curves:
-        plot.line(_CYCLE, curve, COLORS[foot], stroke=0.9)
-    return plot.svg()
+        title="Vertical ground reaction", x=(0, 100), x_label="gait cycle, %",
+        y_label="vertical ground reaction, body weights",
+    )  # fmt: skip
+    _draw_strides(plot, strides, loads)
+    return plot.html()
+
+
+def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[NDArray[np.int64], Array]]) -> None:
+    """Every stride of a foot as one curve over the cycle, from (times, values) by foot."""
+    for foot, (t_ns, values) in curves.items():
+        own = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
+        plot.curves(own, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
 
 
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
     """Path of the centre of pressure under each foot, in the frame of the footprint it belongs to."""
     plot = Plot(
-        width=400,
-        height=260,
-        x=(-0.04, 0.30),
-        y=(-0.11, 0.11),
-        title="Centre of pressure",
-        x_label="ahead of the heel, m",
-        y_label="Centre of pressure, m left of the foot's axis",
-    )
-    drawn = False
+        title="Centre of pressure", x_label="ahead of the heel, m", y_label="centre of pressure left of the axis, m",
+        x=(-0.04, 0.30), y=(-0.11, 0.11),
+    )  # fmt: skip
     for foot in FEET:
         topic = f"/truth/foot_{foot}/cop"
         prints = [p for p in footprints if p.foot == foot]
@@ -145,16 +125,16 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
             continue
         block = recording.block(topic)
         of_print = np.searchsorted([p.t_ns for p in prints], block.t_ns, side="right") - 1
+        paths = []
         for i, p in enumerate(prints[:-1]):
             rows = np.flatnonzero(of_print == i)
             ahead = _in_footprint(block.columns["p_in_world"][rows], p)
             inside = (np.abs(ahead[:, 1]) < _SOLE_M[1]) & (ahead[:, 0] > -0.05) & (ahead[:, 0] < _SOLE_M[0])
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
-            for part in np.split(ahead[inside], breaks):
-                kept = part[:: max(1, len(part) // 60)]
-                plot.line(kept[:, 0], kept[:, 1], COLORS[foot], stroke=0.8)
-            drawn = drawn or bool(inside.any())
-    return plot.svg() if drawn else ""
+            paths += [part[:: max(1, len(part) // 60)] for part in np.split(ahead[inside], breaks) if len(part)]
+        if paths:
+            plot.curves(paths, COLORS[foot], width=0.8, label=f"{FEET[foot]} foot")
+    return plot.html() if plot.drawn else ""
 
 
 def _in_footprint(points_in_world: Array, footprint: Footprint) -> Array:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
-from stridetwin.report.svg import Plot, data_range
+from stridetwin.report.plot import ERROR, PALETTE, Plot, data_range, faint
 from stridetwin.scenarios.injected import Injected, from_metadata
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import (
@@ -25,8 +26,6 @@ from stridetwin.streams.samples import (
     Sample,
 )
 
-_COLORS = ("#0b6bcb", "#d9480f", "#2b8a3e", "#7048a8")
-_SPOILED = "#dc354526"
 _DEG = 180.0 / np.pi
 WINDOW_S = 6.0
 
@@ -73,8 +72,8 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
     return []
 
 
-def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[str]:
-    """One small plot for each curve of each topic, over the same window, s; injected faults are shaded."""
+def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[Markup]:
+    """One small figure for each curve of each topic, over the same window, s; injected faults are shaded."""
     figures, faults = [], from_metadata(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
@@ -84,25 +83,25 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
             continue
         for curves in curves_of(block):
             values = curves.values[inside]
-            plot = Plot(width=380, height=180, x=window, y=data_range(values), title=curves.title)
-            _shade(plot, [f for f in faults if f.topic == topic])
-            for k, label in enumerate(curves.labels):
-                plot.line(t[inside], values[:, k], _COLORS[k], label=label, stroke=1.2)
-            figures.append(f"<figure><figcaption>{curves.title}</figcaption>{plot.svg()}</figure>")
+            quantity = curves.title.split(": ", 1)[1]
+            span = data_range(values)
+            plot = Plot(
+                title=curves.title, x=window, y=span, x_label="time, s", y_label=quantity, height=220, hover="x"
+            )  # fmt: skip
+            _shade(plot, [f for f in faults if f.topic == topic], window, span)
+            for column, label, color in zip(values.T, curves.labels, PALETTE):
+                plot.line(t[inside], column, color, label=label, width=1.2)
+            figures.append(plot.html())
     return figures
 
 
-def _shade(plot: Plot, faults: list[Injected]) -> None:
-    """Shades the times of faults, and names each kind where it first appears."""
-    (left, right), (low, high) = plot.x, plot.y
-    least, first = 0.004 * (right - left), dict[str, float]()
+def _shade(plot: Plot, faults: list[Injected], window: tuple[float, float], span: tuple[float, float]) -> None:
+    """Shades the times of faults; the legend names their kinds."""
+    least = 0.004 * (window[1] - window[0])
     for fault in faults:
-        begin, end = max(fault.from_s, left), min(max(fault.until_s, fault.from_s + least), right)
+        begin, end = max(fault.from_s, window[0]), min(max(fault.until_s, fault.from_s + least), window[1])
         if begin < end:
-            plot.band([begin, end], [low, low], [high, high], _SPOILED)
-            first.setdefault(fault.kind, begin)
-    for i, (kind, begin) in enumerate(first.items()):
-        plot.note(begin, high - (0.08 + 0.1 * i) * (high - low), f" {kind}", anchor="start")
+            plot.bars(begin, end, *span, faint(ERROR), label=f"fault: {fault.kind}")
 
 
 def scalar_topics(recording: Recording) -> list[str]:

@@ -2,54 +2,57 @@
 
 from __future__ import annotations
 
-import base64
 import math
-from collections.abc import Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import cv2
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.evaluation.map_scores import true_heights
-from stridetwin.evaluation.mode_scores import ScoredMode, first_steps, told_by_step
+from stridetwin.evaluation.mode_scores import first_steps, told_by_step
 from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead
 from stridetwin.evaluation.truth import along_way, edges
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
-from stridetwin.report.figures_path import GROUND, INK, outline
-from stridetwin.report.svg import Plot, data_range, wide_and_narrow
+from stridetwin.report.figures_path import draw_profile, outline
+from stridetwin.report.images import data_uri
+from stridetwin.report.plot import ERROR, INK, MUTED, PALETTE, Plot, Range, data_range, faint
 from stridetwin.streams.samples import Array
 
 WORDS = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ramp up", "RD": "ramp down"}
-WRONG = "#e03131"
-_HEX = {kind: "#" + "".join(f"{c:02x}" for c in rgb) for kind, rgb in zip(KINDS, KIND_COLORS)}
-_PALE = 0.45
-_TRUE_STEP, _PATH = "#ffffff", "#5b6b7f"
-_ROW_M, _NARROW_ROW_M, _MOST_ROWS = 12.0, 5.0, 8
-WITHIN_95 = 2.448
-"""Standard deviations that contain 95 % of a normal density in the plane."""
+_PALE = (255 - 0.45 * (255 - np.array(KIND_COLORS, float))).astype(np.uint8)  # of the mapped ground
+_HEX, _PALE_HEX = (
+    {kind: "#" + bytes(rgb).hex() for kind, rgb in zip(KINDS, colors)} for colors in (KIND_COLORS, _PALE)
+)
+_TRUE_STEP = "#46546a"
+_ROW_M, _MOST_ROWS = 10.0, 8
+_WITHIN_95 = 2.448  # standard deviations that contain 95 % of a normal density in the plane
+_ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 _LINE_M = 0.2
 _CLEAR_M = 0.06
 _LEAST_CLEAR = 0.3  # of the cells across the route
+_EDGE_MM = 140.0  # an estimated edge farther than this from every true one matches none
 
 
-def ground_from_above(ahead: Ahead) -> str:
+def ellipse(middle: Array, covariance: Array) -> Array:
+    """(25, 2) the ellipse that contains 95 % of a normal density in the plane."""
+    variances, axes = np.linalg.eigh(covariance)
+    half = _WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray(middle[:2] + (np.column_stack([np.cos(_ROUND), np.sin(_ROUND)]) * half) @ axes.T)
+
+
+def ground_from_above(ahead: Ahead) -> Markup:
     """The ground along the route by class, with edges, the true path, true and predicted footprints (one step ahead).
 
     The route is unrolled and cut into rows, true to scale.
     """
     prints = _Prints(ahead)
     span = (max(float(ahead.seen.s[0]), prints.first - 0.6), min(float(ahead.seen.s[-1]), prints.last + 0.8))
-    found = []
-    for width, name, most in ((1120.0, "wide", _ROW_M), (420.0, "narrow", _NARROW_ROW_M)):
-        rows = max(1, min(_MOST_ROWS if name == "wide" else 2 * _MOST_ROWS, math.ceil((span[1] - span[0]) / most)))
-        bounds = np.linspace(*span, rows + 1)
-        found += [
-            _row(ahead, prints, width, (a, b), first=k == 0, last=k == rows - 1).svg(name)
-            for k, (a, b) in enumerate(zip(bounds[:-1].tolist(), bounds[1:].tolist()))
-        ]
-    return "".join(found)
+    count = max(1, min(_MOST_ROWS, math.ceil((span[1] - span[0]) / _ROW_M)))
+    rows = pairwise(np.linspace(*span, count + 1).tolist())
+    return Markup("").join(_row(ahead, prints, row, k, last=k == count - 1) for k, row in enumerate(rows))
 
 
 class _Prints:
@@ -62,79 +65,70 @@ class _Prints:
         self.heading = way.heading(self.s)
         self._origin = way.point(self.s)
         self.true = [self.unrolled(i, outline(f)) for i, f in enumerate(ahead.footprints)]
-        self.told: list[tuple[Array, Array, Array, str] | None] = [None] * len(self.true)
+        self.predicted: list[tuple[Array, Array, str] | None] = [None] * len(self.true)
         for i, first in enumerate(first_steps(ahead.footprints, ahead.estimates), 2):
             if first is None:
                 continue
             estimate, step = first
             laid = ahead.laid.at(estimate.t_ns)
             shift = laid.to_true(step.p_foot_in_world[:2]) - ahead.footprints[i].p_foot_in_world[:2]
-            turn = self._turn(i) @ laid.rotation
+            rotation = self._rotation(i) @ laid.rotation
             place = self.unrolled(i, outline(ahead.footprints[i]) + shift)
-            self.told[i] = place, place[:4].mean(axis=0), turn @ step.covariance @ turn.T, step.mode
+            self.predicted[i] = place, rotation @ step.covariance @ rotation.T, step.mode
 
     def unrolled(self, i: int, xy: Array) -> Array:
         """(N, 2) m along the route and to the left of it, for points near the i-th footprint."""
-        return np.asarray((xy - self._origin[i]) @ self._turn(i).T + [self.s[i], 0.0])
+        return np.asarray((xy - self._origin[i]) @ self._rotation(i).T + [self.s[i], 0.0])
 
-    def _turn(self, i: int) -> Array:
+    def _rotation(self, i: int) -> Array:
         c, s = math.cos(self.heading[i]), math.sin(self.heading[i])
         return np.array([[c, s], [-s, c]])
 
 
-def _row(ahead: Ahead, prints: _Prints, width: float, span: tuple[float, float], *, first: bool, last: bool) -> Plot:
-    wide = width > 600
-    metre = (width - 58.0) / (span[1] - span[0])
-    height = 2 * HALF_WIDTH_M * metre + 28.0 + (40.0 if last else 24.0)
+def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool) -> Markup:
     plot = Plot(
-        width=width, height=height, x=span, y=(-HALF_WIDTH_M, HALF_WIDTH_M), title="The ground from above",
-        x_label="along the way, m" if last else "",
-        y_label=("left of the way, m" if wide else "left, m") if first else "",
+        title="The ground from above" if number == 0 else f"The ground from above, row {number + 1}", x=span,
+        y=(-HALF_WIDTH_M, HALF_WIDTH_M), to_scale=True,
+        x_label="along the route, m" if last else "", y_label="left, m",
+        continued=number > 0,
     )  # fmt: skip
     seen = ahead.seen
-    some = (seen.s > span[0]) & (seen.s < span[1])
-    if some.any():
-        a, b = float(seen.s[some][0]) - CELL_M / 2, float(seen.s[some][-1]) + CELL_M / 2
-        plot.image((a, b), plot.y, _picture(seen.kind[some], np.isfinite(seen.height[some])))
+    for kind in np.unique(seen.kind[np.isfinite(seen.height)]).tolist() if number == 0 else ():
+        name = KINDS[kind]
+        plot.key(f"mapped: {WORDS.get(name, 'unknown class')}", _PALE_HEX[name])
+    inside = (seen.s > span[0]) & (seen.s < span[1])
+    if inside.any():
+        a, b = float(seen.s[inside][0]) - CELL_M / 2, float(seen.s[inside][-1]) + CELL_M / 2
+        uri = _class_image(seen.kind[inside], np.isfinite(seen.height[inside]))
+        plot.image((a, b), (-HALF_WIDTH_M, HALF_WIDTH_M), uri)
     s, left = _path(ahead)
     there = (s > span[0]) & (s < span[1])
-    plot.line(s[there], left[there], _PATH, stroke=1.0)
-    for at, low, high in seen.edges:
-        if span[0] < at < span[1]:
-            plot.line([at, at], np.clip([low, high], *plot.y), INK, stroke=1.4)
+    plot.line(s[there], left[there], MUTED, width=1.0, label="true path of the camera")
+    edges_here = [([at, low], [at, high]) for at, low, high in seen.edges if span[0] < at < span[1]]
+    plot.curves(edges_here, INK, width=1.6, label="mapped edge")
+    shown = [i for i, true in enumerate(prints.true) if span[0] < true[:, 0].mean() < span[1]]
+    plot.areas([prints.true[i] for i in shown], "#ffffff", stroke=_TRUE_STEP, label="true footprint")
+    predicted = [found for i in shown if (found := prints.predicted[i]) is not None]
+    ellipses = [ellipse(p.mean(axis=0), covariance) for p, covariance, _ in predicted if np.isfinite(covariance).all()]
+    plot.areas(ellipses, faint(MUTED, 0.2), label="its 95 % ellipse")
+    for mode in MODES:
+        own = [np.vstack([place, place[:1]]) for place, _, m in predicted if m == mode]
+        if own:
+            plot.curves(own, _HEX[mode], width=2.0, label=f"predicted one step before: {WORDS[mode]}")
     steps = ahead.modes.steps if ahead.modes else []
-    for i, true in enumerate(prints.true):
-        if not span[0] < true[:, 0].mean() < span[1]:
-            continue
-        told = prints.told[i]
-        if told is not None and np.isfinite(told[2]).all():
-            plot.ellipse(told[1], told[2], WITHIN_95, "#ffffff66")
-        plot.polygon(true[:, 0], true[:, 1], _TRUE_STEP, stroke="#46546a")
-        if told is not None:
-            ends = np.vstack([told[0], told[0][:1]])
-            plot.line(ends[:, 0], ends[:, 1], _HEX[told[3]], stroke=1.8, dash="3 2")
-        if i >= 2 and i - 2 < len(steps) and not steps[i - 2].right:
-            x, y = true.mean(axis=0).tolist()
-            _cross(plot, x, y, 0.08, 0.08)
-    if first:
-        for kind in _there(ahead):
-            plot.legend(WORDS[kind] if wide else kind, _HEX[kind], "band")
-        if wide:
-            plot.legend("edge", INK)
-            plot.legend("footprint", "#46546a")
-            plot.legend("told a step before", _HEX["LG"], "3 2")
-    return plot
+    wrong = [prints.true[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].right]
+    _draw_crosses(plot, np.reshape(wrong, (-1, 2)))
+    return plot.html()
 
 
-def _picture(kind: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
+def _class_image(kind: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
     """A PNG of (S, L) kinds, the left of the route on top, as a data URI."""
-    pale = 255 - _PALE * (255 - np.array(KIND_COLORS, float))
     bgra = np.zeros((*kind.shape, 4), np.uint8)
-    bgra[..., :3] = pale[kind][..., ::-1]
-    bgra[..., 3] = np.where(known, 255, 0)
+    bgra[..., :3] = _PALE[kind][..., ::-1]
+    bgra[..., 3] = 255
     bgra[~known] = 0
     png = cv2.imencode(".png", np.ascontiguousarray(bgra[:, ::-1].transpose(1, 0, 2)))[1]
-    return "data:image/png;base64," + base64.b64encode(png.tobytes()).decode("ascii")
+    return data_uri(png.tobytes(), "image/png")
 
 
 def _path(ahead: Ahead) -> tuple[Array, Array]:
@@ -145,60 +139,38 @@ def _path(ahead: Ahead) -> tuple[Array, Array]:
     return s, np.asarray(off[:, 1] * np.cos(heading) - off[:, 0] * np.sin(heading))
 
 
-def _there(ahead: Ahead) -> list[str]:
-    """The modes that occur in ground or steps."""
-    known = set(np.unique(ahead.seen.kind[np.isfinite(ahead.seen.height)]).tolist())
-    steps = {m for s in (ahead.modes.steps if ahead.modes else []) for m in (s.mode, s.told)}
-    return [mode for i, mode in enumerate(MODES) if i in known or mode in steps]
+def _draw_crosses(plot: Plot, at: Array) -> None:
+    """(N, 2) marks for errors."""
+    if len(at):
+        plot.dots(at[:, 0], at[:, 1], ERROR, size=10, symbol="x", label="wrong")
 
 
-def _cross(plot: Plot, x: float, y: float, half_x: float, half_y: float) -> None:
-    """A mark for an error."""
-    for up in (1, -1):
-        plot.line([x - half_x, x + half_x], [y - up * half_y, y + up * half_y], WRONG, stroke=2.4)
-
-
-def ground_from_aside(ahead: Ahead) -> str:
+def ground_from_aside(ahead: Ahead) -> Markup:
     """Heights along the route: true ground, mapped ground by class, estimated edges."""
     s, height, kind = _middle(ahead)
-    strips = ahead.layout.profile
-    prints = _Prints(ahead)
+    profile, prints = ahead.layout.profile, _Prints(ahead)
     span = (prints.first - 0.6, prints.last + 0.8)
     shown = (s > span[0]) & (s < span[1])
-    true = true_heights(strips, s)
+    true = true_heights(profile, s)
     span_z = data_range(true[shown], height[shown], include=(float(true[shown].min()) - 0.12,))
-
-    def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=280, x=span, y=span_z, title="The ground from aside", x_label="along the way, m",
-            y_label="z, m",
-        )  # fmt: skip
-        for strip in strips:
-            ends = np.clip([strip.s0, strip.s1], *span)
-            if ends[1] > ends[0]:
-                z = np.interp(ends, [strip.s0, strip.s1], [strip.z0, strip.z1])
-                plot.polygon(np.r_[ends, ends[::-1]], np.r_[z, span_z[0], span_z[0]], GROUND[strip.terrain])
-        for at in ahead.seen.edges[:, 0]:
-            if span[0] < at < span[1]:
-                ends = true_heights(strips, np.array([at - 0.1, at + 0.1]))
-                plot.line([at, at], [ends.min() - 0.05, ends.max() + 0.05], INK, stroke=1.2)
-        for number, name in enumerate(KINDS):
-            own = np.where((kind == number) & shown, height, np.nan)
-            if np.isfinite(own).any():
-                plot.line(s, own, _HEX[name], stroke=2.4, label=_label(name, width))
-        if width > 600:
-            plot.legend("edge", INK)
-            plot.legend("true ground", GROUND["stair"], "band")
-        return plot
-
-    return wide_and_narrow(draw)
+    plot = Plot(
+        title="The ground from the side", x=span, y=span_z, x_label="along the route, m", y_label="height, m",
+        height=280,
+    )  # fmt: skip
+    draw_profile(plot, profile, span, span_z[0])
+    edges_here = []
+    for at in ahead.seen.edges[:, 0]:
+        ends = true_heights(profile, np.array([at - 0.1, at + 0.1]))
+        edges_here.append([(at, ends.min() - 0.05), (at, ends.max() + 0.05)])
+    plot.curves(edges_here, INK, width=1.2, label="mapped edge")
+    for number, name in enumerate(KINDS):
+        own = np.where((kind == number) & shown, height, np.nan)
+        if np.isfinite(own).any():
+            plot.line(s, own, _HEX[name], width=2.4, label=f"mapped: {WORDS.get(name, 'unknown class')}")
+    return plot.html()
 
 
-def _label(kind: str, width: float) -> str:
-    return (WORDS.get(kind, "not known") if width > 600 else kind).strip()
-
-
-def ground_errors(ahead: Ahead) -> str:
+def ground_errors(ahead: Ahead) -> Markup:
     """Errors of the mapped heights, and of the edges' positions, along the route."""
     s, height, _ = _middle(ahead)
     prints = _Prints(ahead)
@@ -207,24 +179,20 @@ def ground_errors(ahead: Ahead) -> str:
     away = np.abs(s[:, None] - jumps).min(axis=1) if len(jumps) else np.full(len(s), math.inf)
     off = np.where((away > _CLEAR_M) & (s > span[0]) & (s < span[1]),
                    1e3 * (height - true_heights(ahead.layout.profile, s)), np.nan)  # fmt: skip
-    told = ahead.seen.edges[:, 0]
-    told = told[(told > span[0]) & (told < span[1])]
-    nearest = np.abs(told[:, None] - jumps).argmin(axis=1) if len(jumps) else np.zeros(0, int)
-    place = 1e3 * (told - jumps[nearest]) if len(jumps) else np.zeros(0)
-    known = np.abs(place) < 140.0
+    mapped = ahead.seen.edges[:, 0]
+    mapped = mapped[(mapped > span[0]) & (mapped < span[1])]
+    nearest = np.abs(mapped[:, None] - jumps).argmin(axis=1) if len(jumps) else np.zeros(0, int)
+    place = 1e3 * (mapped - jumps[nearest]) if len(jumps) else np.zeros(0)
+    known = np.abs(place) < _EDGE_MM
     top = max(10.0, float(np.nanmax(np.abs(np.r_[off, place[known]]), initial=0.0))) * 1.1
-
-    def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=200, x=span, y=(-top, top), title="Errors of the mapped ground",
-            x_label="along the way, m", y_label="told less true, mm",
-        )  # fmt: skip
-        plot.line(span, (0.0, 0.0), "#b8c3d0", stroke=1.0)
-        plot.line(s, off, "#0b6bcb", stroke=1.4, label="height")
-        plot.dots(told[known], place[known], INK, radius=3.0, label="edge along the way")
-        return plot
-
-    return wide_and_narrow(draw)
+    plot = Plot(
+        title="Errors of the mapped ground", x=span, y=(-top, top), x_label="along the route, m",
+        y_label="estimated minus true, mm", height=240,
+    )  # fmt: skip
+    plot.line(s, off, PALETTE[0], width=1.4, label="height")
+    if known.any():
+        plot.dots(mapped[known], place[known], INK, label="position of an edge along the route")
+    return plot.html()
 
 
 def _middle(ahead: Ahead) -> tuple[Array, Array, NDArray[np.uint8]]:
@@ -243,51 +211,40 @@ def _middle(ahead: Ahead) -> tuple[Array, Array, NDArray[np.uint8]]:
 def mode_ribbon(ahead: Ahead) -> str:
     """Over time: the true mode of each step, the prediction of the next one with its probability, and the errors."""
     steps = ahead.modes.steps if ahead.modes else []
-    told = [e for e in ahead.estimates if e.steps]
-    if not steps or not told:
+    estimates = [e for e in ahead.estimates if e.steps]
+    if not steps or not estimates:
         return ""
-    runs = told_runs(ahead)
+    runs = prediction_runs(ahead)
     begin, end = min(runs[0][0], steps[0].t_s), steps[-1].t_s + 0.3
-    t = np.array([e.t_ns * 1e-9 for e in told])
-    p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in told])
-    shown = t < end
-
-    def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=210, x=(begin, end), y=(-0.08, 3.9), title="Modes over time", x_label="time, s",
-            y_names={3.4: "true", 2.4: "told", 1.6: "1", 0.8: "p", 0.0: "0"},
-        )  # fmt: skip
-        for low in (0.0, 1.6):
-            plot.line((begin, end), (low, low), "#e6ebf1", stroke=1.0)
-        before = begin
-        for step in steps:
-            _bar(plot, before, step.t_s, 3.0, 3.8, _HEX[step.mode])
-            before = step.t_s
-        for a, b, mode, right in runs:
-            _bar(plot, a, min(b, end), 2.0, 2.8, _HEX[mode])
-            if not right:
-                _bar(plot, a, min(b, end), 1.86, 1.98, WRONG)
-        for step in wrong_steps(steps):
-            _cross(plot, step.t_s, 2.4, 0.006 * (end - begin), 0.3)
-        plot.line(t[shown], 1.6 * p[shown], INK, stroke=1.0)
-        for kind in _there(ahead):
-            plot.legend(WORDS[kind] if width > 600 else kind, _HEX[kind], "band")
-        plot.legend("wrong", WRONG)
-        return plot
-
-    return wide_and_narrow(draw)
+    t = np.array([e.t_ns * 1e-9 for e in estimates])
+    p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in estimates])
+    plot = Plot(
+        title="Modes over time", x=(begin, end), y=(-0.08, 3.9), x_label="time, s", height=270,
+        y_names={3.4: "true", 2.4: "predicted", 1.6: "p = 1", 0.8: "p = 0.5", 0.0: "p = 0"},
+    )  # fmt: skip
+    touched = np.array([begin, *(step.t_s for step in steps)])
+    for mode in MODES:
+        true = np.array([step.mode == mode for step in steps])
+        plot.bars(touched[:-1][true], touched[1:][true], 3.0, 3.8, _HEX[mode], label=WORDS[mode])
+        own = np.array([(a, min(b, end)) for a, b, m, _ in runs if m == mode]).reshape(-1, 2)
+        plot.bars(own[:, 0], own[:, 1], 2.0, 2.8, _HEX[mode], label=WORDS[mode])
+    wrong = np.array([(a, min(b, end)) for a, b, _, right in runs if not right]).reshape(-1, 2)
+    plot.bars(wrong[:, 0], wrong[:, 1], 1.86, 1.98, ERROR, label="wrong")
+    _draw_crosses(plot, np.array([(step.t_s, 2.4) for step in steps if not step.right]).reshape(-1, 2))
+    plot.line(t[t < end], 1.6 * p[t < end], INK, width=1.0, label="probability")
+    return plot.html()
 
 
-def told_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
+def prediction_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
     """Time spans with one predicted mode of the coming step: from, to (s), the mode, whether it is right.
 
     A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
     """
     steps = ahead.modes.steps if ahead.modes else []
-    told = told_by_step(ahead.footprints[2:], ahead.estimates)
+    by_step = told_by_step(ahead.footprints[2:], ahead.estimates)
     found = []
     before = -math.inf
-    for step, own in zip(steps, told):
+    for step, own in zip(steps, by_step):
         next_ = [(e.t_ns * 1e-9, e.steps[k].mode) for e, k in own if e.t_ns * 1e-9 > before]
         ends = [*(t for t, _ in next_[1:]), step.t_s]
         for mode, run in groupby(zip(next_, ends), key=lambda row: row[0][1]):
@@ -297,38 +254,23 @@ def told_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
     return found
 
 
-def wrong_steps(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
-    """The steps that are marked."""
-    return [step for step in steps if not step.right]
-
-
 def lead_times(ahead: Ahead) -> str:
     """How long before each touch-down its mode was finally predicted right."""
     steps = ahead.modes.steps if ahead.modes else []
     if not steps:
         return ""
-    span = (steps[0].t_s - 0.6, steps[-1].t_s + 0.6)
-    half = 0.3 * float(np.median(np.diff([s.t_s for s in steps]))) if len(steps) > 1 else 0.2
-    top = 1.1 * max(1.0, *(s.lead_s for s in steps))
-
-    def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=180, x=span, y=(0.0, top), title="Lead", x_label="touch-down, s",
-            y_label="known for good before touch-down, s" if width > 600 else "lead, s",
-        )  # fmt: skip
-        for step in steps:
-            _bar(plot, step.t_s - half, step.t_s + half, 0.0, step.lead_s, _HEX[step.mode])
-            if step.transition:
-                plot.dots([step.t_s], [step.lead_s], INK, radius=2.6)
-        for step in wrong_steps(steps):
-            _cross(plot, step.t_s, 0.06 * top, 0.006 * (span[1] - span[0]), 0.05 * top)
-        plot.legend("changes the mode", INK, "dot")
-        plot.legend("wrong", WRONG)
-        return plot
-
-    return wide_and_narrow(draw)
-
-
-def _bar(plot: Plot, x0: float, x1: float, y0: float, y1: float, color: str) -> None:
-    if x1 > x0 and y1 > y0:
-        plot.polygon([x0, x1, x1, x0], [y0, y0, y1, y1], color)
+    t, lead = np.array([s.t_s for s in steps]), np.array([s.lead_s for s in steps])
+    half = 0.3 * float(np.median(np.diff(t))) if len(steps) > 1 else 0.2
+    top = 1.1 * max(1.0, float(lead.max()))
+    plot = Plot(
+        title="Lead time", x=(t[0] - 0.6, t[-1] + 0.6), y=(0.0, top), height=250,
+        x_label="touch-down, s", y_label="lead time, s",
+    )  # fmt: skip
+    for mode in MODES:
+        own = np.array([s.mode == mode and s.lead_s > 0 for s in steps])
+        plot.bars(t[own] - half, t[own] + half, 0.0, lead[own], _HEX[mode], label=WORDS[mode])
+    changes = np.array([s.transition for s in steps])
+    if changes.any():
+        plot.dots(t[changes], lead[changes], INK, label="changes the mode")
+    _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.right]).reshape(-1, 2))
+    return plot.html()

@@ -17,12 +17,11 @@ from stridetwin.evaluation.gate.metric_policy import scale_of
 from stridetwin.evaluation.gate.score_table import checked_scores, is_text
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.report.html import multiples, page, section, table
-from stridetwin.report.svg import Plot, data_range
+from stridetwin.report.plot import PALETTE, Plot, data_range
 from stridetwin.scenarios.fields import Where
 from stridetwin.streams.errors import StrideTwinError
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
-_LINE, _WORSE, _OTHER = "#0b6bcb", "#d9480f", "#b8c3d0"
 _NAMES = 6  # version names below a plot
 _WRITTEN = "lines that `stridetwin score --history` has written"
 _MOST_WALKS = 1_000_000_000
@@ -31,14 +30,7 @@ _MOST_WALKS = 1_000_000_000
 def history_line(
     label: str, rows: Sequence[Mapping[str, Any]], means: Mapping[str, Scores], comparison: Comparison | None
 ) -> dict[str, Any]:
-    """The history entry of a run.
-
-    Args:
-        label: Its version or commit.
-        rows: The walks' rows.
-        means: Estimator to mean scores.
-        comparison: Comparison with the baseline, if there was one.
-    """
+    """The history entry of a run: its version or commit, the walks' rows, and the mean scores by estimator."""
     if comparison is not None and comparison.regressions:
         verdict = WORSE
     elif failures(rows):
@@ -87,7 +79,7 @@ def read_history(file: Path) -> list[dict[str, Any]]:
         except (ValueError, RecursionError) as error:
             raise StrideTwinError(f"{file}: line {number}: {error}; expected {_WRITTEN}") from None
     if not lines:
-        raise StrideTwinError(f"{file}: no line in it: expected {_WRITTEN}")
+        raise StrideTwinError(f"{file}: no line in it; expected {_WRITTEN}")
     return lines
 
 
@@ -131,18 +123,19 @@ def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
     places = np.arange(len(lines), dtype=float)
     plot = Plot(
-        width=420.0, height=170.0, x=(-0.5, max(len(lines) - 0.5, 0.5)), y=data_range(values, include=(0.0,)),
-        title=f"{name} {metric}", y_label=metric, x_names=_labels(lines),
+        title=f"{name} {metric}", x=(-0.5, max(len(lines) - 0.5, 0.5)), y=data_range(values, include=(0.0,)),
+        x_label="version", y_label=metric, x_names=_labels(lines), height=230,
     )  # fmt: skip
     walks = np.array([line["walks_digest"] for line in lines])
-    for part in np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1):
-        plot.line(places[part], values[part], _LINE)
+    same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
+    plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])
     marked = tuple(f"{own} {metric}:" for own in (name, name.removesuffix("_l").removesuffix("_r")))
-    broke = np.array([any(words.startswith(marked) for words in line["regressions"]) for line in lines])
+    worse = np.array([any(words.startswith(marked) for words in line["regressions"]) for line in lines])
     there = np.isfinite(values)
-    plot.dots(places[there & ~broke], values[there & ~broke], _LINE)
-    plot.dots(places[there & broke], values[there & broke], _WORSE, radius=4.0, label="worse" if broke.any() else "")
-    return plot.svg()
+    plot.dots(places[there & ~worse], values[there & ~worse], PALETTE[0])
+    if worse.any():
+        plot.dots(places[there & worse], values[there & worse], PALETTE[1], size=9, label="worse")
+    return plot.html()
 
 
 def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages without scripts or network access. The templates are in `templates/`."""
+"""Self-contained HTML pages without network access. The templates are in `templates/`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+
+from stridetwin.report.plot import library
 
 
 def page(title: str, description: str, chips: Sequence[str], sections: Iterable[str], footer: str) -> str:
@@ -21,7 +23,10 @@ def page(title: str, description: str, chips: Sequence[str], sections: Iterable[
         footer: One line.
     """
     body = Markup("\n".join(s for s in sections if s))
-    return str(rendered("page", title=title, description=description, chips=chips, sections=body, footer=footer))
+    plots = rendered("plots", library=library()) if '<div class="plot"' in body else ""
+    return str(
+        rendered("page", title=title, description=description, chips=chips, sections=body, footer=footer, plots=plots)
+    )
 
 
 def section(title: str, lead: str, body: str, css: str = "card") -> Markup:
@@ -44,15 +49,19 @@ def table(
     return rendered("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
 
 
+def preformatted(lines: Iterable[str]) -> Markup:
+    """A text table, which scrolls sideways where it is too wide."""
+    return Markup('<pre class="table">{}</pre>').format("\n".join(lines))
+
+
 def boxes(bodies: Iterable[str]) -> Markup:
     """A box around each HTML body that is not empty."""
     return Markup("").join(Markup('<div class="card">{}</div>').format(Markup(body)) for body in bodies if body)
 
 
 def multiples(figures: Iterable[str]) -> Markup:
-    """Small figures (SVG) side by side."""
-    drawn = Markup("").join(Markup("<figure>{}</figure>").format(Markup(svg)) for svg in figures)
-    return Markup('<div class="multiples">{}</div>').format(drawn)
+    """Small figures side by side."""
+    return Markup('<div class="multiples">{}</div>').format(Markup("").join(map(Markup, figures)))
 
 
 def rendered(template: str, **values: Any) -> Markup:

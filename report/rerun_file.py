@@ -17,10 +17,10 @@ from stridetwin.evaluation.alignment import Laying
 from stridetwin.evaluation.evaluate import Result, true_frames
 from stridetwin.evaluation.terrain_ahead import Ahead
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
-from stridetwin.report.camera_views import camera_topics, pictures_of, shown
 from stridetwin.report.figures_path import outline, part_of
 from stridetwin.report.figures_streams import curves_of, scalar_topics
-from stridetwin.report.figures_terrain import WITHIN_95, WORDS
+from stridetwin.report.figures_terrain import WORDS, ellipse
+from stridetwin.report.images import camera_topics, images_of, scaled
 from stridetwin.scenarios.ground import Layout, from_metadata
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
@@ -31,14 +31,13 @@ GROUND, STEPS, MODE = "world/ahead", "world/steps", "modes"
 _STEPS_HZ = 5.0
 _INK, _TRUE = (15, 28, 46), (240, 244, 248)
 _OVER_M = 0.01  # so that lines lie above the ground
-_ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 
 
 def write_ahead(rr: Any, stream: Any, ahead: Ahead) -> None:
     """Adds the mapped ground and the predicted steps to a Rerun stream.
 
-    Entities: `world/ahead/{ground,planes,edges}`, `world/steps/{true,told,ellipses}`, `modes/probability/MODE`,
-    `modes/told`.
+    Entities: `world/ahead/{ground,planes,edges}`, `world/steps/{true,predicted,ellipses}`, `modes/probability/MODE`,
+    `modes/predicted`.
     """
     colors = [rr.AnnotationInfo(id=i, label=WORDS.get(k, k), color=KIND_COLORS[i]) for i, k in enumerate(KINDS)]
     stream.log(GROUND, rr.AnnotationContext(colors), static=True)
@@ -71,9 +70,9 @@ def _steps(rr: Any, stream: Any, ahead: Ahead) -> None:
         colors = [KIND_COLORS[KINDS.index(s.mode)] for s in known]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
         prints = [_sole(s, estimate, laid) for s in known]
-        stream.log(f"{STEPS}/told", rr.LineStrips3D(prints, colors=colors, radii=[0.006]))
+        stream.log(f"{STEPS}/predicted", rr.LineStrips3D(prints, colors=colors, radii=[0.006]))
         ellipses = [
-            (_ellipse(sole, laid.rotation @ s.covariance @ laid.rotation.T), c)
+            (_flat_ellipse(sole, laid.rotation @ s.covariance @ laid.rotation.T), c)
             for s, sole, c in zip(known, prints, colors)
             if np.isfinite(s.covariance).all()
         ]
@@ -82,26 +81,26 @@ def _steps(rr: Any, stream: Any, ahead: Ahead) -> None:
 
 
 def _modes(rr: Any, stream: Any, ahead: Ahead) -> None:
-    told = [e for e in ahead.estimates if e.steps]
-    if not told:
+    estimates = [e for e in ahead.estimates if e.steps]
+    if not estimates:
         return
-    t = np.array([e.t_ns * 1e-9 for e in told])
+    t = np.array([e.t_ns * 1e-9 for e in estimates])
     for i, mode in enumerate(MODES):
         entity = f"{MODE}/probability/{mode}"
         stream.log(entity, rr.SeriesLines(names=[WORDS[mode]], colors=[KIND_COLORS[i]]), static=True)
-        p = np.array([e.steps[0].probabilities[mode] for e in told])
+        p = np.array([e.steps[0].probabilities[mode] for e in estimates])
         columns = rr.Scalars.columns(scalars=p)
         stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=t)], columns=columns)
     before = ""
-    for estimate in _thinned(told):
-        words = told_words(estimate)
+    for estimate in _thinned(estimates):
+        words = prediction_text(estimate)
         if words != before:
             stream.set_time("time", duration=estimate.t_ns * 1e-9)
-            stream.log(f"{MODE}/told", rr.TextDocument(words))
+            stream.log(f"{MODE}/predicted", rr.TextDocument(words))
             before = words
 
 
-def told_words(estimate: ModeEstimate) -> str:
+def prediction_text(estimate: ModeEstimate) -> str:
     """The prediction of the next step and of the next terrain change, as text."""
     step, change = estimate.steps[0], estimate.change
     foot = {"l": "left", "r": "right"}.get(step.foot, "next")
@@ -138,12 +137,10 @@ def _sole(step: StepPrediction, estimate: ModeEstimate, laid: Laying) -> Array:
     return _closed(np.column_stack([outline(footprint), np.full(4, place[2] + _OVER_M)]))
 
 
-def _ellipse(sole: Array, covariance: Array) -> Array:
+def _flat_ellipse(sole: Array, covariance: Array) -> Array:
     """(25, 3) m, the 95 % ellipse of the sole's centre."""
     middle = sole[:4].mean(axis=0)
-    variances, axes = np.linalg.eigh(covariance)
-    half = WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
-    xy = middle[:2] + (np.column_stack([np.cos(_ROUND), np.sin(_ROUND)]) * half) @ axes.T
+    xy = ellipse(middle, covariance)
     return np.column_stack([xy, np.full(len(xy), middle[2])])
 
 
@@ -158,7 +155,7 @@ def _closed(corners: Array) -> Array:
 
 _COLORS = {"l": (11, 107, 203), "r": (217, 72, 15), "camera": (95, 61, 196), "truth": (70, 84, 104)}
 _GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
-_PICTURES_HZ, _CURVES_HZ, _POSES_HZ, _PICTURE_WIDTH = 5.0, 50.0, 30.0, 320
+_IMAGES_HZ, _CURVES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 50.0, 30.0, 320
 
 
 def rerun_installed() -> bool:
@@ -174,25 +171,17 @@ def recording_id(recording: Recording) -> str:
     metadata = recording.metadata
     spans = {topic: (i.count, i.first_ns, i.last_ns) for topic, i in recording.topics.items()}
     digest = hashlib.sha256(json.dumps([dict(metadata), spans], sort_keys=True).encode()).hexdigest()
-    told = (metadata.get("scenario", "walk"), metadata.get("seed", ""), metadata.get("physics", ""))
-    return "-".join(["stridetwin", *filter(None, told), digest[:12]])
+    names = (metadata.get("scenario", "walk"), metadata.get("seed", ""), metadata.get("physics", ""))
+    return "-".join(["stridetwin", *filter(None, names), digest[:12]])
 
 
 def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahead: Ahead | None = None) -> None:
-    """Writes the file.
-
-    Args:
-        path: File to write, `.rrd`.
-        recording: The walk.
-        results: Scored estimates.
-        ahead: Maps and predicted steps, or None.
+    """Writes a walk with its scored estimates, maps and predicted steps as `.rrd`.
 
     Raises:
         StrideTwinError: The file cannot be written.
     """
     import rerun as rr
-
-    pass
 
     stream = rr.RecordingStream("stridetwin", recording_id=recording_id(recording))
     try:
@@ -206,9 +195,9 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahe
     if ahead is not None:
         write_ahead(rr, stream, ahead)
     for topic in camera_topics(recording):
-        for picture in pictures_of(recording, topic, _PICTURES_HZ):
-            stream.set_time("time", duration=picture.t_ns / 1e9)
-            stream.log(f"cameras{topic}", rr.Image(shown(picture, _PICTURE_WIDTH)).compress(jpeg_quality=70))
+        for image in images_of(recording, topic, _IMAGES_HZ):
+            stream.set_time("time", duration=image.t_ns / 1e9)
+            stream.log(f"cameras{topic}", rr.Image(scaled(image, _IMAGE_WIDTH)).compress(jpeg_quality=70))
     stream.flush()
     stream.disconnect()
 
@@ -290,7 +279,7 @@ def _blueprint(recording: Recording, results: Sequence[Result], ahead: Ahead | N
     series: list[Any] = []
     if ahead is not None and ahead.estimates:
         series += [
-            rrb.TextDocumentView(origin="modes/told", name="told"),
+            rrb.TextDocumentView(origin="modes/predicted", name="prediction"),
             rrb.TimeSeriesView(origin="modes/probability", name="next step"),
         ]
     series += [rrb.TimeSeriesView(origin="error_mm", name="position error, mm")] if results else []

@@ -1,4 +1,4 @@
-"""The report of a walk: one self-contained HTML file without scripts or network access."""
+"""The report of a walk: one self-contained HTML file without network access."""
 
 from __future__ import annotations
 
@@ -15,10 +15,17 @@ from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.step_scores import StepResult
 from stridetwin.evaluation.terrain_ahead import Ahead
 from stridetwin.evaluation.truth import FOOTPRINTS, true_footprints
-from stridetwin.report.camera_views import camera_views
 from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
-from stridetwin.report.figures_path import error_over_time, label_of, part_of, plan_view, side_view
-from stridetwin.report.figures_steps import steps_from_above, steps_from_aside
+from stridetwin.report.figures_path import (
+    by_part,
+    error_over_time,
+    label_of,
+    part_of,
+    plan_view,
+    side_view,
+    steps_from_above,
+    steps_from_aside,
+)
 from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.figures_terrain import (
     ground_errors,
@@ -27,8 +34,8 @@ from stridetwin.report.figures_terrain import (
     lead_times,
     mode_ribbon,
 )
-from stridetwin.report.film import Film, data_uri, jpeg_uri
-from stridetwin.report.html import boxes, page, rendered, section, table
+from stridetwin.report.html import boxes, multiples, page, rendered, section, table
+from stridetwin.report.images import Film, camera_views, data_uri, jpeg_uri
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.injected import from_metadata as injected_faults
 from stridetwin.sim.config import TwinConfig
@@ -40,8 +47,8 @@ _CARDS = (
     ("end_error_m", "End error, absolute", "cm", 100.0, 1, "position and yaw agree at the start"),
     ("end_height_error_m", "Height error at the end", "cm", 100.0, 1, "positive: the estimate is too high"),
     ("ape_rmse_m", "Position error, RMS", "cm", 100.0, 1, "over the whole walk"),
-    ("rpe_5m_pct", "Relative error over 5 m", "%", 1.0, 2, "how much is lost on any five metres"),
-    ("nees_position_within_95_pct", "Within its own 95 % bound", "%", 1.0, 0, "an honest filter: 95"),
+    ("rpe_5m_pct", "Relative error over 5 m", "%", 1.0, 2, "drift over any five metres"),
+    ("nees_position_within_95_pct", "Within its own 95 % bound", "%", 1.0, 0, "95 for a consistent filter"),
 )
 _ROWS = (
     ("ape_rmse_m", "Position error, RMS", "m", 4),
@@ -53,32 +60,32 @@ _ROWS = (
     ("end_error_m", "End error", "m", 4),
     ("end_error_pct", "End error, share of the distance", "%", 3),
     ("end_height_error_m", "Height error at the end", "m", 4),
-    ("nees_position_mean", "NEES of the position, mean (3 is honest)", "", 2),
-    ("nees_position_within_95_pct", "Time within the own 95 % bound", "%", 1),
-    ("nis_standing", "Innovations of the standing foot, NIS per degree of freedom (1 is honest)", "", 2),
-    ("nis_sightings", "Innovations of the boards seen, NIS per degree of freedom", "", 2),
-    ("nis_echoes", "Innovations of the sonars' echoes, NIS per degree of freedom", "", 2),
+    ("nees_position_mean", "NEES of the position, mean (3 if consistent)", "", 2),
+    ("nees_position_within_95_pct", "Time within its own 95 % bound", "%", 1),
+    ("nis_standing", "Zero-velocity updates, NIS per degree of freedom (1 if consistent)", "", 2),
+    ("nis_sightings", "Checkerboard observations, NIS per degree of freedom", "", 2),
+    ("nis_echoes", "Sonar ranges, NIS per degree of freedom", "", 2),
     ("distance_m", "Distance travelled by the frame", "m", 2),
 )
 _AHEAD_ROWS = (
-    (MODES, "accuracy_pct", "Steps whose mode was told rightly", "%", 1),
-    (MODES, "strict_accuracy_pct", "the same, soles across a ramp's edge in one mode alone", "%", 1),
-    (MODES, "transition_accuracy_pct", "Steps that change the mode, told rightly", "%", 1),
+    (MODES, "accuracy_pct", "Steps whose mode was predicted correctly", "%", 1),
+    (MODES, "strict_accuracy_pct", "the same, with one correct mode for soles across a ramp's edge", "%", 1),
+    (MODES, "transition_accuracy_pct", "Steps that change the mode, predicted correctly", "%", 1),
     (MODES, "steps", "Steps", "", 0),
-    (MODES, "transitions", "of which change the mode", "", 0),
-    (MODES, "lead_median_s", "Known for good before touch-down, median", "s", 2),
+    (MODES, "transitions", "steps that change the mode", "", 0),
+    (MODES, "lead_median_s", "Lead time of the final correct prediction, median", "s", 2),
     (MODES, "lead_p5_s", "the same, 5th percentile", "s", 2),
-    (MODES, "footprint_forward_rmse_m", "Footprint one step ahead, forward, RMS", "m", 3),
+    (MODES, "footprint_forward_rmse_m", "Footprint one step ahead, forward, RMS error", "m", 3),
     (MODES, "footprint_left_rmse_m", "the same, sideways", "m", 3),
-    (MODES, "calibration_error", "Told probabilities, calibration error", "", 3),
-    (MODES, "changes_found_pct", "Changes of the ground told 1.5 s before", "%", 1),
-    (MODES, "riser_rmse_mm", "their risers, RMS", "mm", 1),
-    (MODES, "tread_rmse_mm", "their treads, RMS", "mm", 1),
-    (MODES, "slope_rmse_deg", "their slopes, RMS", "°", 2),
-    (MAP, "accuracy_rmse_mm", "Mapped ground ahead to the true surface, RMS", "mm", 1),
+    (MODES, "calibration_error", "Predicted probabilities, calibration error", "", 3),
+    (MODES, "changes_found_pct", "Terrain changes detected 1.5 s ahead", "%", 1),
+    (MODES, "riser_rmse_mm", "their risers, RMS error", "mm", 1),
+    (MODES, "tread_rmse_mm", "their treads, RMS error", "mm", 1),
+    (MODES, "slope_rmse_deg", "their slopes, RMS error", "°", 2),
+    (MAP, "accuracy_rmse_mm", "Distance of the mapped ground to the true surface, RMS", "mm", 1),
     (MAP, "accuracy_p95_mm", "the same, 95th percentile", "mm", 1),
-    (MAP, "completeness_pct", "Ground 0.5 to 2.5 m ahead known within 3 cm", "%", 1),
-    (MAP, "edge_rmse_mm", "Edges along the way, RMS", "mm", 1),
+    (MAP, "completeness_pct", "Ground 0.5 to 2.5 m ahead mapped within 3 cm", "%", 1),
+    (MAP, "edge_rmse_mm", "Edge position along the route, RMS error", "mm", 1),
 )
 _RESIDUAL = "/truth/root_residual"
 _PUBLISHED = (
@@ -88,7 +95,7 @@ _PUBLISHED = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Story:
+class ReportData:
     """Content of a report.
 
     Attributes:
@@ -116,39 +123,39 @@ class Story:
     ahead: Ahead | None = None
 
 
-def render_report(story: Story) -> str:
+def render_report(data: ReportData) -> str:
     """The report as HTML text."""
-    config = story.config
+    config = data.config
     chips = [
-        f"{story.duration_s:.1f} s of walking",
-        *travelled(story.results),
-        f"seed {story.seed}",
+        f"{data.duration_s:.1f} s of walking",
+        *travelled(data.results),
+        f"seed {data.seed}",
         f"{config.physics} physics",
         f"{config.person.height_m:.2f} m, {config.person.mass_kg:.0f} kg",
         f"{config.gait.speed_mps:g} m/s on the level",
         "ideal sensors" if config.ideal else "data-sheet sensors",
     ]
-    if _RESIDUAL in story.recording.topics and config.physics == "dynamic":
-        chips.append(_root_help(story.recording, config.person.mass_kg))
-    if "fell_at_s" in story.recording.metadata:
-        chips.append(f"FELL after {story.recording.metadata['fell_at_s']} s")
+    if _RESIDUAL in data.recording.topics and config.physics == "dynamic":
+        chips.append(_root_help(data.recording, config.person.mass_kg))
+    if "fell_at_s" in data.recording.metadata:
+        chips.append(f"FELL after {data.recording.metadata['fell_at_s']} s")
     sections = [
-        _score_cards(story.results),
-        _film(story.film),
-        _views(story),
-        _paths(story),
-        _steps(story),
-        _ahead(story),
-        _gait(story),
-        _streams(story),
-        _faults(story),
-        _score_table(story.results),
-        _sensors(story),
-        _reproduce(story),
+        _score_cards(data.results),
+        _film(data.film),
+        _views(data),
+        _paths(data),
+        _steps(data),
+        _ahead(data),
+        _gait(data),
+        _streams(data),
+        _faults(data),
+        _score_table(data.results),
+        _sensors(data),
+        _reproduce(data),
     ]
     name = config.name.replace("_", " ")
-    footer = "Everything on this page comes from one recording; truth and estimates never met before the scores."
-    return page(name[:1].upper() + name[1:], story.description, chips, sections, footer)
+    footer = "Everything on this page comes from one recording; the estimators never had access to the truth."
+    return page(name[:1].upper() + name[1:], data.description, chips, sections, footer)
 
 
 def travelled(results: Sequence[Result]) -> list[str]:
@@ -165,26 +172,26 @@ def _root_help(recording: Recording, mass_kg: float) -> str:
         mass_kg * NOMINAL_GRAVITY_MPS2
     )
     mean, p95, most = 100 * force.mean(), 100 * np.quantile(force, 0.95), 100 * force.max()
-    return f"help at the root {mean:.2f} % of body weight (95 %: {p95:.2f}, most {most:.2f})"
+    return f"external force at the pelvis {mean:.2f} % of body weight (95th percentile {p95:.2f}, maximum {most:.2f})"
 
 
 def _score_cards(results: Sequence[Result]) -> str:
     cards = []
-    for key, title, unit, scale, digits, words in _CARDS:
+    for key, title, unit, scale, digits, note in _CARDS:
         values = [
             {"number": _number(r.scores[key] * scale, digits), "unit": unit, "part": part_of(r.estimate),
              "label": label_of(r.estimate)} for r in results if key in r.scores
         ]  # fmt: skip
         if values:
-            cards.append({"title": title, "values": values, "words": words})
+            cards.append({"title": title, "values": values, "note": note})
     lead = [
         found.declaration.summary
         for name, found in registry.estimators(PATH).items()
         if any(r.estimate.name == name or r.estimate.name.startswith(f"{name}_") for r in results)
     ]
-    lead += ["Scored against the twin's truth."]
+    lead += ["Scored against the ground truth."]
     body = rendered("score_cards", cards=cards)
-    return section("How well the estimate did", " ".join(lead), body, "cards") if cards else ""
+    return section("Accuracy", " ".join(lead), body, "cards") if cards else ""
 
 
 def _film(film: Film | None) -> str:
@@ -196,61 +203,60 @@ def _film(film: Film | None) -> str:
     return section("The walk", "In real time, seen from outside.", body, "card film")
 
 
-def _views(story: Story) -> str:
+def _views(data: ReportData) -> str:
     views = [
-        {"title": view.title, "images": [(f"{t:.1f} s", jpeg_uri(pixels, 75)) for t, pixels in view.pictures]}
-        for view in camera_views(story.recording)
+        {"title": view.title, "images": [(f"{t:.1f} s", jpeg_uri(pixels, 75)) for t, pixels in view.images]}
+        for view in camera_views(data.recording)
     ]
     lead = "Six frames of each camera. In depth images near is yellow, far is violet, and black is no reading."
-    return section("What the cameras saw", lead, rendered("views", views=views)) if views else ""
+    return section("Camera views", lead, rendered("views", views=views)) if views else ""
 
 
-def _paths(story: Story) -> str:
-    if not story.results:
+def _paths(data: ReportData) -> str:
+    if not data.results:
         return ""
-    footprints = story.recording.block(FOOTPRINTS) if FOOTPRINTS in story.recording.topics else None
-    layout = from_metadata(story.recording.metadata)
-    feet = [r for r in story.results if part_of(r.estimate) in FEET]
-    camera = [r for r in story.results if r not in feet]
+    footprints = data.recording.block(FOOTPRINTS) if FOOTPRINTS in data.recording.topics else None
+    layout = from_metadata(data.recording.metadata)
+    parts = by_part(data.results).values()
     figures = (
-        *(side_view(layout, results) for results in (feet, camera) if results),
-        plan_view(layout, story.results, footprints),
-        error_over_time(story.results),
+        plan_view(layout, data.results, footprints),
+        *(side_view(layout, own) for own in parts),
+        *(error_over_time(own) for own in parts),
     )
     lead = (
-        "Paths of the IMUs on feet and camera: black is true, dashed is estimated. Heights are stretched, and so are "
-        "sides where the way is straight."
+        "Paths of the IMUs on feet and camera. Heights are stretched. Click an entry of a legend to hide a curve, "
+        "drag to zoom, double-click to zoom out."
     )
-    return section("Where it went", lead, boxes(figures), "stack")
+    return section("Paths", lead, boxes(figures), "stack")
 
 
-def _steps(story: Story) -> str:
-    if story.steps is None:
+def _steps(data: ReportData) -> str:
+    if data.steps is None:
         return ""
-    layout, scores = from_metadata(story.recording.metadata), story.steps.scores
-    figures = (steps_from_aside(layout, story.steps.steps), steps_from_above(layout, story.steps.steps))
+    layout, scores = from_metadata(data.recording.metadata), data.steps.scores
+    figures = (steps_from_aside(layout, data.steps.steps), steps_from_above(layout, data.steps.steps))
     lead = (
-        "From the exoskeleton's AHRS, encoders and insoles alone: each footprint with the plane that it stands on, its "
-        f"normal in red, over the true ground. Slope {_number(scores['slope_rmse_deg'], 2)}° and elevation "
-        f"{_number(scores['elevation_rmse_mm'], 1)} mm RMS, {_number(scores['classification_accuracy_pct'], 1)} % of "
-        f"{scores['steps']:.0f} classes right; {_number(scores['end_error_m'], 2)} m off at the end."
+        "Only from the exoskeleton's AHRS, encoders and insoles: the plane under each footprint and its normal, over "
+        f"the true ground. RMS errors: slope {_number(scores['slope_rmse_deg'], 2)}°, elevation "
+        f"{_number(scores['elevation_rmse_mm'], 1)} mm; {_number(scores['classification_accuracy_pct'], 1)} % of "
+        f"{scores['steps']:.0f} steps classified correctly; end error {_number(scores['end_error_m'], 2)} m."
     )
-    return section("Terrain from the legs", lead, boxes(figures), "stack")
+    return section("Terrain estimated from the legs", lead, boxes(figures), "stack")
 
 
-def _ahead(story: Story) -> str:
-    ahead = story.ahead
+def _ahead(data: ReportData) -> str:
+    ahead = data.ahead
     if ahead is None:
         return ""
     figures = [
         ground_from_above(ahead), ground_from_aside(ahead), ground_errors(ahead), mode_ribbon(ahead), lead_times(ahead)
     ]  # fmt: skip
     lead = (
-        "Depth camera, its odometry's poses and insoles: the ground as it was mapped before the walker stood on it, "
-        "the mode of each coming step, and the footprints as they were told when the foot before them had just landed, "
-        "with the ellipses that should hold 95 % of them. The drift of the odometry is taken out; its scores have it."
+        "From depth camera, visual-inertial odometry and insoles: the ground, mapped before the walker reached it; the "
+        "mode of each coming step; and the footprints predicted one step before, with their 95 % ellipses. The figures "
+        "exclude the drift of the odometry; the scores include it."
     )
-    return section("What lay ahead", lead, boxes([*figures, _ahead_table(ahead)]), "stack")
+    return section("Terrain ahead", lead, boxes([*figures, _ahead_table(ahead)]), "stack")
 
 
 def _ahead_table(ahead: Ahead) -> str:
@@ -264,42 +270,42 @@ def _ahead_table(ahead: Ahead) -> str:
             rows.append((words, _number(scores[key], digits), theirs, unit or "–"))
     note = (
         "Zhao et al. 2023, tables II and III: mean and standard deviation over 540 walks of real people; the paper "
-        "gives no more of these figures. For scale, not for ranking."
+        "reports none of the other scores. For orientation, not for ranking."
     )
     return table(("Score", "this walk", "Zhao et al. 2023", "Unit"), rows, (1, 2), note=note)
 
 
-def _gait(story: Story) -> str:
-    if FOOTPRINTS not in story.recording.topics:
+def _gait(data: ReportData) -> str:
+    if FOOTPRINTS not in data.recording.topics:
         return ""
-    footprints = true_footprints(story.recording)
+    footprints = true_footprints(data.recording)
     strides = level_strides(footprints)
     figures = [
-        *joint_figures(story.recording, strides),
-        ground_reaction_figure(story.recording, strides, story.config.person.mass_kg),
-        pressure_figure(story.recording, footprints),
+        *joint_figures(data.recording, strides),
+        ground_reaction_figure(data.recording, strides, data.config.person.mass_kg),
+        pressure_figure(data.recording, footprints),
     ]
     body = boxes(figures)
     lead = (
-        f"{len(strides)} level strides, each a line (left blue, right orange). Bands: people at that "
-        "speed, one and two SD (Schwartz, Rozumalski and Trost 2008)."
+        f"{len(strides)} level strides, one curve each. Bands: people at this speed, mean ± one and two SD "
+        "(Schwartz, Rozumalski and Trost 2008)."
     )
-    return section("How it walks", lead, body, "plots") if body else ""
+    return section("Gait", lead, body, "plots") if body else ""
 
 
-def _streams(story: Story) -> str:
-    middle = story.duration_s / 2
+def _streams(data: ReportData) -> str:
+    middle = data.duration_s / 2
     window = (middle - WINDOW_S / 2, middle + WINDOW_S / 2)
-    figures = stream_figures(story.recording, scalar_topics(story.recording), window)
+    figures = stream_figures(data.recording, scalar_topics(data.recording), window)
     if not figures:
         return ""
-    lead = f"The same {WINDOW_S:g} seconds of every stream, as the recording holds them; time in s."
-    return section("Every stream", lead, Markup('<div class="multiples">{}</div>').format(Markup("".join(figures))))
+    lead = f"The same {WINDOW_S:g} seconds of every stream of the recording."
+    return section("Sensor streams", lead, multiples(figures))
 
 
-def _faults(story: Story) -> str:
+def _faults(data: ReportData) -> str:
     times: dict[tuple[str, str], list[str]] = {}
-    for fault in injected_faults(story.recording.metadata):
+    for fault in injected_faults(data.recording.metadata):
         times.setdefault((fault.kind, fault.topic), []).append(f"{fault.from_s:.2f}\N{EN DASH}{fault.until_s:.2f}")
     rows = []
     for (kind, topic), spans in times.items():
@@ -331,14 +337,14 @@ def _paper_figures() -> Markup:
         rows.append((words, *(f"{e:.2f} m" for e in errors), *(f"{100 * e / length:.1f} %" for e in errors)))
     note = (
         "Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an ADIS16485 in each shoe, other "
-        "walks on real hardware. For scale, not for ranking."
+        "walks on real hardware. For orientation, not for ranking."
     )
     head = ("Published end errors", "left", "right", "left", "right")
     return table(head, rows, range(1, 5), note=note, css="more")
 
 
-def _sensors(story: Story) -> str:
-    recording, rig = story.recording, story.recording.rig
+def _sensors(data: ReportData) -> str:
+    recording, rig = data.recording, data.recording.rig
     parts: Mapping[str, tuple[str, float, str]] = {
         **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.imus.items()},
         **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.cameras.items()},
@@ -350,13 +356,13 @@ def _sensors(story: Story) -> str:
         for topic, (part, rate, body) in sorted(parts.items())
         if topic in recording.topics
     ]
-    found = table(("Topic", "Part", "Sits on", "Rate, Hz", "Samples"), rows, (3, 4))
+    found = table(("Topic", "Part", "Mounted on", "Rate, Hz", "Samples"), rows, (3, 4))
     return section("Sensors", "The rig as the recording declares it.", found) if rows else ""
 
 
-def _reproduce(story: Story) -> str:
+def _reproduce(data: ReportData) -> str:
     lead = "The scenario and the seed fix every byte of the recording and of scores.json."
-    return section("Make it again", lead, Markup("<pre>{}</pre>").format(story.command), "")
+    return section("Reproduce", lead, Markup("<pre>{}</pre>").format(data.command), "")
 
 
 def _code(words: str) -> Markup:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.base import deprecated
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.step_scores import evaluate_every_step
@@ -47,8 +48,9 @@ def run_scenario(
     command: str = "",
     progress: Progress = lambda stage, share: None,
     *,
-    pictures: bool = True,
+    film: bool = True,
     backend: str = "",
+    pictures: bool | None = None,
 ) -> Run:
     """Simulates a walk, runs the estimators and scores them.
 
@@ -60,16 +62,20 @@ def run_scenario(
             anything fails.
         command: The command that reproduces the report.
         progress: Receives the stage and its progress (0-1).
-        pictures: The report shows a film, and views of the enabled cameras.
+        film: The report has a film of the walk.
         backend: Of the terrain map, see `Options.backend`.
+        pictures: Deprecated name of `film`.
 
     Raises:
         StrideTwinError: Any usage error.
     """
-    from stridetwin.report.film import FPS, HEIGHT, WIDTH, make_film
+    from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
-    from stridetwin.report.run_report import Story, render_report
+    from stridetwin.report.run_report import ReportData, render_report
 
+    if pictures is not None:
+        deprecated("run_scenario(pictures=...)", "run_scenario(film=...)")
+        film = pictures
     twin = make_twin(scenario, seed)
     with staged(folder) as out:
         record(twin, out / "recording.mcap", progress)
@@ -90,11 +96,10 @@ def run_scenario(
         faults = injected.from_metadata(recording.metadata)
         document = scores_document(scenario, seed, scores, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
-        film = None
-        if pictures:
-            film = make_film(_told(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress), twin.duration_s)
+        frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
+        made_film = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)
-        story = Story(
+        data = ReportData(
             description=scenario.description,
             config=scenario.config,
             seed=seed,
@@ -103,10 +108,10 @@ def run_scenario(
             recording=recording,
             results=results,
             steps=next(iter(steps.values()), None),
-            film=film,
+            film=made_film,
             ahead=ahead,
         )
-        (out / "report.html").write_text(render_report(story), encoding="utf-8")
+        (out / "report.html").write_text(render_report(data), encoding="utf-8")
         if rerun_installed():
             progress("rerun", 0.0)
             write_rerun(out / "run.rrd", recording, results, ahead)
@@ -142,7 +147,7 @@ def scores_document(
     }
 
 
-def _told(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
+def _reporting(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
     for t, rgb in frames:
         progress("film", t / duration_s)
         yield t, rgb

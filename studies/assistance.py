@@ -21,6 +21,7 @@ from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.studies.case import Case
 from stridetwin.studies.closed_loop.assisted_walk import WalkResult, assisted_walk, bare_walk, costs, truth_of
 from stridetwin.studies.closed_loop.recognition import Measured, Predicted
+from stridetwin.studies.tables import table_lines
 
 SCENARIO = "helped_walk"
 SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
@@ -32,11 +33,11 @@ VARIANTS = {
 WRONG = 0.01
 NAMES = {
     "none": "no exoskeleton",
-    "carried": "motors carry themselves",
-    "late": "helped by felt modes",
-    "predicted": "helped by predicted modes",
-    "known": "helped by true modes",
-    "wrong": f"helped by true modes, {WRONG:.0%} of them wrong",
+    "carried": "motors compensate their own inertia",
+    "late": "assisted by modes from the legs",
+    "predicted": "assisted by predicted modes",
+    "known": "assisted by true modes",
+    "wrong": f"assisted by true modes, {WRONG:.0%} of them wrong",
 }
 _MAKES: Mapping[str, Callable[[TwinConfig, int], WalkResult]] = {
     "none": bare_walk,
@@ -85,8 +86,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
         mean = float(np.mean(work)) if work else None
         summary[way] = {"walks": len(results), "fell": fell, "work_j": mean, "modes": modes}
     if ended and {"late", "predicted", "known"} <= set(ways):
-        late, told, best = (summary[way]["work_j"] for way in ("late", "predicted", "known"))
-        summary["predicted"]["gain_share"] = (late - told) / (late - best) if late > best else None
+        late, predicted, best = (summary[way]["work_j"] for way in ("late", "predicted", "known"))
+        summary["predicted"]["gain_share"] = (late - predicted) / (late - best) if late > best else None
     return {"summary": summary, "paper": {}}
 
 
@@ -110,30 +111,32 @@ def _of_mode(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool)
     return found
 
 
+_COLUMNS = (
+    ("fell", 6, "{fell}"),
+    ("J per walk", 12, "{work_j:.0f}"),
+    *(
+        (head, width, f"{{modes[{mode}]{figure}}}")
+        for mode in MODES
+        for head, width, figure in (
+            (f"{mode} J", 9, "[work_j_per_step]:.1f"), ("change %", 10, "[more_than_none_pct]:+.1f"),
+            ("cuffs N", 9, "[cuff_n]:.0f"),
+        )
+    ),
+)  # fmt: skip
+
+
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text."""
     summary = result["summary"]
-    lines = [
-        f"{len(result['cases'])} walks of {SCENARIO}; positive work of hips and knees a step, J, beside that without "
-        "an exoskeleton; r.m.s. of the cuffs' forces, N",
-        f"{'':<40}{'fell':>6}{'J a walk':>10}" + "".join(f"{mode:>22}" for mode in MODES),
-    ]
-    for way, of in summary.items():
-        cells = "".join(_cell(of["modes"].get(mode)) for mode in MODES)
-        work = "-" if of["work_j"] is None else f"{of['work_j']:.0f}"
-        lines.append(f"{NAMES[way]:<40}{of['fell']:>6}{work:>10}{cells}")
+    rows = [(NAMES[way], figures) for way, figures in summary.items()]
     if "carried" in summary:
-        rest = {mode: of.get("rest_more_than_none_pct") for mode, of in summary["carried"]["modes"].items()}
-        cells = "".join(f"{'' if rest.get(mode) is None else f'{rest[mode]:+.1f} %':>16}{'':>6}" for mode in MODES)
-        lines.append(f"{'helped without any loss':<40}{'':>16}{cells}")
-    if (share := summary.get("predicted", {}).get("gain_share")) is not None:
-        lines.append(f"of what the truth gains over what is felt, a whole walk, prediction gains {share:.0%}")
-    return lines
-
-
-def _cell(of: Mapping[str, Any] | None) -> str:
-    if of is None:
-        return f"{'-':>22}"
-    more = of.get("more_than_none_pct")
-    beside = "" if more is None else f"{more:+.1f} %"
-    return f"{of['work_j_per_step']:>7.1f}{beside:>9}{of['cuff_n']:>6.0f}"
+        own = summary["carried"]["modes"]
+        rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in own.items()}
+        rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
+    share = summary.get("predicted", {}).get("gain_share")
+    return [
+        f"{len(result['cases'])} walks of {SCENARIO}; positive work of hips and knees per step, its change against no "
+        "exoskeleton, and RMS of the cuffs' forces",
+        *table_lines(_COLUMNS, rows, 46),
+        *([] if share is None else [f"prediction gains {share:.0%} of what true modes gain over modes from the legs"]),
+    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,6 +17,7 @@ class Case:
         physics: How the body moves, if a body walks.
         resume: Reuses files of an earlier run.
         keep: Keeps the recordings.
+        estimators: Installed estimators that are run besides those of the study.
     """
 
     seed: int
@@ -23,6 +25,7 @@ class Case:
     physics: str = "dynamic"
     resume: bool = False
     keep: bool = False
+    estimators: tuple[str, ...] = ()
 
     def file(self, rest: str) -> Path:
         """A file of this case; `rest` ends its name."""
@@ -32,3 +35,7 @@ class Case:
     def recordings(self) -> list[Path]:
         """Its existing recordings."""
         return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]
+
+    def row(self, **figures: Any) -> dict[str, Any]:
+        """Its row: `seed`, `physics`, and the figures."""
+        return {"seed": self.seed, "physics": self.physics, **figures}

@@ -13,6 +13,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from stridetwin.estimators.base import MODES, PATH, STEPS
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.case import Case
 
@@ -51,10 +52,11 @@ class Study:
     Attributes:
         description: One line for lists.
         module: Module that declares seeds and `run_case`.
-        tables: Module with `collect` and `table`; "" if it is the same. Separate from `module` if several modules
-            share it, so that a change of the tables does not invalidate the rows.
-        report: Module with `report`; "" if there is none.
+        tables: Module with `collect` and `table`, and `report` if there is a page; "" if it is the same. Separate from
+            `module` if several modules share it, so that a change of the tables does not invalidate the rows.
+        report: Module with `report`, if it is another one.
         collect_by_name: `collect` takes the experiment's name first.
+        kind: Kind of the installed estimators that can be run besides those of the study; "" if none can.
     """
 
     description: str
@@ -62,6 +64,7 @@ class Study:
     tables: str = ""
     report: str = ""
     collect_by_name: bool = False
+    kind: str = ""
 
     def load(self, name: str) -> Experiment:
         """Imports the experiment's modules."""
@@ -77,7 +80,7 @@ class Study:
             run_case=run_case,
             collect=partial(tables.collect, name) if self.collect_by_name else tables.collect,
             table=tables.table,
-            report=_module(self.report).report if self.report else None,
+            report=getattr(_module(self.report) if self.report else tables, "report", None),
         )
 
 
@@ -85,11 +88,11 @@ def _module(name: str) -> ModuleType:
     return import_module(f"stridetwin.studies.{name}")
 
 
-def _modes(description: str, module: str) -> Study:
-    """A study of mode prediction."""
+def _modes(description: str) -> Study:
+    """A study of mode prediction on walks of Zhao et al. 2023."""
     return Study(
-        description, module, tables="zhao2023.mode_tables", report="zhao2023.mode_report", collect_by_name=True
-    )
+        description, "zhao2023.zhao_walks", tables="zhao2023.mode_results", collect_by_name=True, kind=MODES
+    )  # fmt: skip
 
 
 def _jao(description: str) -> Study:
@@ -107,32 +110,24 @@ STUDIES = {
     "zhao_closed_loop": Study(
         "Zhao et al. 2023, Table V: a loop of 60 m with stairs, fifteen subjects, on head and chest",
         "zhao2023.zhao_closed_loop",
+        kind=PATH,
     ),
     "zhao_closed_loop_stress": Study(
-        "the same loop with plain walls, blur, heel strikes, clock and mount off", "zhao2023.zhao_closed_loop"
+        "the same loop with plain walls, blur, heel strikes, and errors of clock and mount",
+        "zhao2023.zhao_closed_loop",
+        kind=PATH,
     ),
     "zhao_generality": _modes(
-        "Zhao et al. 2023, Tables II and III: modes of coming steps over 540 walks, poses by odometry",
-        "zhao2023.zhao_generality",
+        "Zhao et al. 2023, Tables II and III: modes of coming steps over 540 walks, poses by odometry"
     ),
-    "zhao_generality_given_poses": _modes("the same walks with their true poses", "zhao2023.zhao_generality"),
-    "zhao_generality_shallow": _modes(
-        "the same walks with the camera 8 degrees down instead of 25", "zhao2023.zhao_generality"
-    ),
-    "zhao_baselines": _modes(
-        "sixty of the same walks, with our prediction from single depth images, without a map",
-        "zhao2023.zhao_generality",
-    ),
+    "zhao_generality_given_poses": _modes("the same walks with their true poses"),
+    "zhao_generality_shallow": _modes("the same walks with the camera 8 degrees down instead of 25"),
+    "zhao_baselines": _modes("sixty of the same walks, with our prediction from single depth images, without a map"),
     "zhao_view": _modes(
-        "Zhao et al. 2023, Fig. 3a: between walls and round a corner, with a head that looks about widely",
-        "zhao2023.zhao_trials",
+        "Zhao et al. 2023, Fig. 3a: between walls and round a corner, with a head that looks about widely"
     ),
-    "zhao_directions": _modes(
-        "Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side", "zhao2023.zhao_trials"
-    ),
-    "zhao_disturbance": _modes(
-        "Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker", "zhao2023.zhao_trials"
-    ),
+    "zhao_directions": _modes("Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side"),
+    "zhao_disturbance": _modes("Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker"),
     "mode_fusion": Study(
         "modes of coming steps by camera, by an exoskeleton's legs, and by both, in light and dark",
         "zhao2023.mode_fusion",
@@ -152,6 +147,7 @@ STUDIES = {
     "dvio_bench": Study(
         "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
         "zhao2023.dvio_bench",
+        kind=PATH,
     ),
     "dvio_faults": Study(
         "visual-inertial odometry under injected faults: depth, camera, IMU, passers-by, calibration",
@@ -161,6 +157,7 @@ STUDIES = {
         "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",
         "shim2019.shim_table5",
         report="shim2019.shim_figures",
+        kind=STEPS,
     ),
     "shim_faults": Study(
         "contact terrain under injected faults: insoles, encoders, AHRS, wrong lengths, shuffling, modules",
@@ -178,6 +175,6 @@ def experiment(name: str) -> Experiment:
     """
     if name not in _LOADED:
         if name not in STUDIES:
-            raise StrideTwinError(f"there is no experiment {name!r}: expected {', '.join(STUDIES)}")
+            raise StrideTwinError(f"invalid experiment {name!r}: expected {', '.join(STUDIES)}")
         _LOADED[name] = STUDIES[name].load(name)
     return _LOADED[name]

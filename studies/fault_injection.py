@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Sample
+from stridetwin.studies.tables import Column, table_lines
 
 Samples = Iterator[Sample]
 SampleType = type[Sample] | tuple[type[Sample], ...]
@@ -42,14 +42,7 @@ class InjectedFault:
     walk: Callable[[TwinConfig], TwinConfig] = lambda config: config
 
     def inject(self, samples: Iterable[Sample], rig: Rig, seed: int, duration_s: float) -> Samples:
-        """The samples as they reach the estimator.
-
-        Args:
-            samples: Of the walk, in time order.
-            rig: The estimator's.
-            seed: Of the walk.
-            duration_s: Of the walk.
-        """
+        """The samples of a walk, in time order, as they reach the estimator with this rig."""
         planned = plan_faults(self.faults, rig, seed, duration_s)
         return self.samples(_one_by_one(a.item for a in arrivals(samples, planned)))
 
@@ -101,47 +94,8 @@ def by_fault(
     return {"summary": {name: figures([r["faults"][name] for r in results]) for name in faults}, "paper": {}}
 
 
-Column = tuple[str, int, str]
-"""Header, width, and format string of a row of the summary; `None` prints as -, `!m` multiplies by 1000."""
-
-
 def fault_table(
     faults: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], columns: Sequence[Column], width: int
 ) -> list[str]:
-    """Lines of text: the header, then one line per fault.
-
-    Args:
-        faults: Name to words.
-        summary: Of `by_fault`; a fault whose row has `error` was refused by the estimator.
-        columns: Of each line.
-        width: Of the words.
-    """
-    lines = [" " * width + "".join(f"{head:>{wide}}" for head, wide, _ in columns)]
-    for name, words in faults.items():
-        row = summary[name]
-        if "error" in row:
-            lines.append(f"{words:<{width}}{row['refused']} of {row['of']} refused: {row['error']}")
-            continue
-        cells = "".join(f"{_CELL.vformat(cell, (), row):>{wide}}" for _, wide, cell in columns)
-        lines.append(f"{words:<{width}}{cells}")
-    return lines
-
-
-class _Cell(Formatter):
-    """Formats lists value by value, a missing value as -."""
-
-    def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
-        return kwargs.get(str(key))
-
-    def convert_field(self, value: Any, conversion: str | None) -> Any:
-        if conversion == "m":
-            return 1e3 * value
-        return super().convert_field(value, conversion)
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        if isinstance(value, list):
-            return " ".join(format(v, format_spec) for v in value)
-        return format("-", format_spec.split(".")[0]) if value is None else format(value, format_spec)
-
-
-_CELL = _Cell()
+    """Lines of text from the description of each fault and the summary of `by_fault`: one line per fault."""
+    return table_lines(columns, [(words, summary[name]) for name, words in faults.items()], width)

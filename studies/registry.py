@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from stridetwin.estimators import registry
 from stridetwin.estimators.base import with_current_names
 from stridetwin.scenarios.processes import as_done
 from stridetwin.scenarios.versions import digest
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.studies.case import Case
-from stridetwin.studies.catalogue import Experiment, experiment
+from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
 
 Progress = Callable[[str, float], None]
 
@@ -33,6 +36,7 @@ class Options:
         resume: Reuses the rows and recordings in the folder that this version of the code made with this
             configuration.
         keep: Recordings of walks are kept.
+        estimators: Installed estimators that are run besides those of the study.
     """
 
     folder: Path
@@ -42,12 +46,20 @@ class Options:
     physics: str = "dynamic"
     resume: bool = False
     keep: bool = False
+    estimators: tuple[str, ...] = ()
 
     def cases(self, seeds: range) -> list[Case]:
         """The cases of an experiment with these seeds."""
         first, count = seeds[0] if self.first is None else self.first, self.subset or len(seeds)
         return [
-            Case(seed=seed, folder=self.folder, physics=self.physics, resume=self.resume, keep=self.keep)
+            Case(
+                seed=seed,
+                folder=self.folder,
+                physics=self.physics,
+                resume=self.resume,
+                keep=self.keep,
+                estimators=self.estimators,
+            )
             for seed in range(first, first + count)
         ]
 
@@ -55,25 +67,21 @@ class Options:
 def run_experiment(name: str, options: Options, progress: Progress) -> dict[str, Any]:
     """Runs the cases of an experiment.
 
-    Args:
-        name: Of `studies.STUDIES`.
-        options: How it is run.
-        progress: Receives the stage and its progress (0-1).
-
     Returns:
         `experiment`, `summary`, `paper` and `cases`, as JSON holds them.
 
     Raises:
-        StrideTwinError: The name is not in `STUDIES`; the message lists the valid ones.
+        StrideTwinError: The name, or that of an estimator, is invalid; the message lists the valid ones.
     """
     study = experiment(name)
+    _check_estimators(name, options.estimators)
     cases = options.cases(study.seeds)
     options.folder.mkdir(parents=True, exist_ok=True)
     keys = {case.seed: _keys(name, study, case) for case in cases}
     found = {case.seed: _row_key(case) for case in cases} if options.resume else {}
     missing = [c for c in cases if found.get(c.seed) != keys[c.seed].row]
     outdated = sum(found.get(c.seed) is not None for c in missing)
-    stage = f"{name}, {outdated} of another version anew" if outdated else name
+    stage = f"{name}, {outdated} rows of another version are run again" if outdated else name
     progress(stage, 1.0 - len(missing) / len(cases))
     jobs = [_Job(case=c, run=study.run_case, walks=keys[c.seed].walks) for c in missing]
     for done, (job, result) in enumerate(as_done(_Job.result, jobs, options.workers), 1):
@@ -86,6 +94,20 @@ def run_experiment(name: str, options: Options, progress: Progress) -> dict[str,
         with whole_file(options.folder / "report.html") as file:
             file.write_text(study.report(result), encoding="utf-8")
     return result
+
+
+def _check_estimators(name: str, chosen: Sequence[str]) -> None:
+    """Refuses estimators that the experiment cannot run.
+
+    Raises:
+        StrideTwinError: The message lists the valid ones.
+    """
+    kind = STUDIES[name].kind if name in STUDIES else ""
+    valid = list(registry.estimators(kind)) if chosen and kind else []
+    for estimator in chosen:
+        if estimator not in valid:
+            expected = ", ".join(valid) or f"none, as {name} compares methods of its own"
+            raise StrideTwinError(f"experiment {name}: invalid estimator {estimator!r}: expected {expected}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +126,10 @@ class _Keys:
 def _keys(name: str, study: Experiment, case: Case) -> _Keys:
     module, given = study.source
     what = json.dumps([name, given, case.seed, case.physics])
+    others = json.dumps([(e, _source(e)) for e in case.estimators]) if case.estimators else ""
     row, walks = (
-        hashlib.sha256((what + _version(module, estimators)).encode()).hexdigest()[:16] for estimators in (True, False)
+        hashlib.sha256((what + _version(module, estimators) + others * estimators).encode()).hexdigest()[:16]
+        for estimators in (True, False)
     )
     return _Keys(row=row, walks=walks)
 
@@ -113,6 +137,12 @@ def _keys(name: str, study: Experiment, case: Case) -> _Keys:
 @cache
 def _version(module: str, estimators: bool) -> str:
     return digest(module, estimators=estimators)
+
+
+@cache
+def _source(estimator: str) -> str:
+    """Digest of the file of an installed estimator's class."""
+    return hashlib.sha256(Path(inspect.getfile(registry.estimator(estimator))).read_bytes()).hexdigest()
 
 
 def key_of(name: str, case: Case) -> str:

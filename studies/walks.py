@@ -1,7 +1,7 @@
-"""Walks of an experiment, recorded once for all estimators: with the rig as it is, and with gyros without saturation.
+"""Walks of an experiment, recorded once for all estimators.
 
-Rendering dominates the cost of a recording. The second recording of the same walk would have the same images, so it
-holds only the foot IMUs.
+Walks of the shoes are recorded twice: with the rig as it is, and with gyros without saturation. Rendering dominates the
+cost of a recording, and both have the same images, so the second one holds only the foot IMUs.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
@@ -77,6 +78,17 @@ def falls(cases: Iterable[Mapping[str, Any]]) -> str:
     """A line of text: the walks that ended by a fall (`fell` of each case)."""
     fell = ", ".join(f"{walk} {case['seed']}" for case in cases for walk in case["fell"])
     return f"walks that ended by a fall: {fell or 'none'}"
+
+
+@contextmanager
+def recorded(config: TwinConfig, case: Case, name: str) -> Iterator[Recording]:
+    """A walk, recorded into the case's folder; the file is deleted afterwards unless kept."""
+    file = case.file(f"_{name}.mcap")
+    if not (case.resume and file.exists()):
+        record(Twin(config, case.seed), file, _quiet)
+    yield Recording(file)
+    if not case.keep:
+        file.unlink()
 
 
 @contextmanager

@@ -42,36 +42,41 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--as", dest="stem", default=None, help="name of the files, default NAME")
     parser.add_argument("-o", "--output", type=Path, default=RESULTS)
-    parser.add_argument("--options", default="", help="of the run, to be told beside its table")
-    parser.add_argument("--at", default="", metavar="COMMIT", help="of the code that made the rows, where not this one")
-    asked = parser.parse_args()
-    study, stem = experiment(asked.name), asked.stem or asked.name
-    files = sorted(asked.folder.glob("seed_*.json"), key=lambda f: int(f.stem.split("_")[1]))
+    parser.add_argument("--options", default="", help="of the run, shown beside its table")
+    parser.add_argument("--at", default="", metavar="COMMIT", help="of the code that made the rows, if not this one")
+    given = parser.parse_args()
+    stem = given.stem or given.name
+    files = sorted(given.folder.glob("seed_*.json"), key=lambda f: int(f.stem.split("_")[1]))
     cases = [read_row(f) for f in files]
     if not cases:
-        parser.error(f"no rows (seed_*.json) in {asked.folder}")
-    other = [case["seed"] for case in cases if not asked.at and case["key"] != _key(asked.name, case, asked.folder)]
+        parser.error(f"no rows (seed_*.json) in {given.folder}")
+    other = [case["seed"] for case in cases if not given.at and case["key"] != _key(given.name, case, given.folder)]
     if other:
-        parser.error(f"{len(other)} rows are of another version of the code, such as seed {other[0]}; say --at")
-    result = {"experiment": asked.name, **study.collect(cases), "cases": cases}
-    asked.output.mkdir(parents=True, exist_ok=True)
-    command = f"stridetwin experiment {asked.name} {asked.options}".strip()
-    table = "\n".join(line.rstrip() for line in study.table(result))
-    files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
-    there = f"\n\n{len(cases)} of {len(study.seeds)} cases." if len(cases) < len(study.seeds) else ""
-    words = STUDIES[asked.name].description
-    words = words[0].upper() + words[1:]
-    at = f", at commit {asked.at}" if asked.at else ""
-    page = next((page for begin, page in EXPLAINED.items() if asked.name.startswith(begin)), OF_MODES)
-    words += f"; [what the lines mean](../{page})."
-    text = f"# {stem}\n\n{words}\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
-    (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
+        parser.error(f"{len(other)} rows are of another version of the code, such as seed {other[0]}; give --at")
+    given.output.mkdir(parents=True, exist_ok=True)
+    text = page(given.name, stem, cases, given.options, given.at)
+    (given.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
-    with (asked.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
+    with (given.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(dict.fromkeys(k for row in rows for k in row)), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    _pack(files, asked.output / f"{stem}.tar.xz")
+    _pack(files, given.output / f"{stem}.tar.xz")
+
+
+def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: str) -> str:
+    """The page of an experiment from its rows, with the options of its run and the commit that made the rows."""
+    study, words = experiment(name), STUDIES[name].description
+    table = "\n".join(
+        line.rstrip() for line in study.table({"experiment": name, **study.collect(cases), "cases": cases})
+    )
+    command = f"stridetwin experiment {name} {options}".strip()
+    made = f"`{command}`{f', at commit {at}' if at else ''}"
+    files = f"one line per case: [{stem}.csv]({stem}.csv); all rows: [{stem}.tar.xz]({stem}.tar.xz)"
+    count = f"\n\n{len(cases)} of {len(study.seeds)} cases." if len(cases) < len(study.seeds) else ""
+    explained = next((page for begin, page in EXPLAINED.items() if name.startswith(begin)), OF_MODES)
+    words = f"{words[0].upper()}{words[1:]}; [explanation of the lines](../{explained})."
+    return f"# {stem}\n\n{words}\n\n{made}; {files}{count}\n\n```text\n{table}\n```\n"
 
 
 def _key(name: str, case: dict[str, Any], folder: Path) -> str:
@@ -90,10 +95,10 @@ def _pack(files: list[Path], archive: Path) -> None:
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
     """The values of a case, and for walks with predicted steps the number of correct ones."""
-    stepped = {name: told for name, told in case.get("methods", {}).items() if "steps" in told}
+    stepped = {name: rows for name, rows in case.get("methods", {}).items() if "steps" in rows}
     row = _values(case if not stepped else {k: v for k, v in case.items() if not isinstance(v, dict)})
-    for method, told in stepped.items():
-        steps = ModeScores.of(told).steps
+    for method, rows in stepped.items():
+        steps = ModeScores.of(rows).steps
         turns = [s for s in steps if s.transition]
         row |= {
             f"{method}_steps": len(steps),

@@ -32,12 +32,7 @@ def jobs() -> list[str]:
 
 
 def run(name: str, folder: Path) -> Any:
-    """The figures of one job.
-
-    Args:
-        name: One of `jobs()`.
-        folder: Scratch folder.
-    """
+    """The figures of one of `jobs()`, which uses the folder for its files."""
     if name == "foot_ins_real":
         command = (sys.executable, "-m", "benchmarks.foot_ins_real", "--json")
         return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

@@ -1,13 +1,18 @@
-"""Makes pages of the site from files outside docs/, as a hook of mkdocs (see mkdocs.yml).
+"""A hook of mkdocs (see mkdocs.yml): pages of the site from files outside docs/, and equations as MathML.
 
 Links in the pages are those of the tree, so that they also work on a code host. The site begins with the README, and
 ends with the changelog; any other file or folder that a page links becomes a page under `source/`. Pages of
 docs/results enter the navigation automatically.
+
+Pages hold LaTeX between `$` and `$$`, which code hosts render by themselves. pymdownx.arithmatex marks it, and the hook
+replaces it with MathML, which browsers render without a script or a network. A `tag` becomes the number at the right,
+and the anchor `equation-n`.
 """
 
 from __future__ import annotations
 
 import ast
+import html
 import os.path
 import re
 from collections.abc import Iterator
@@ -27,6 +32,10 @@ TOP = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md
 _FENCE = re.compile(r"^( *)(`{3,})[^\n]*\n.*?^\1\2`* *$", re.M | re.S)
 _CODE = re.compile(r"(?<!`)(`+)(?!`)(?:.(?!\n\n))+?(?<!`)\1(?!`)", re.S)
 _LINK = re.compile(r"(!?\[(?:[^\[\]]|\[[^\[\]]*\])*\]\()([^()\s]+)(\))")
+_INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
+_BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.S)
+_TAG = re.compile(r"\\tag\{(\d+)\}")
+_ROW = "display:flex;align-items:center;overflow-x:auto"
 _LANGUAGES = {".py": "python", ".yml": "yaml", ".yaml": "yaml", ".cff": "yaml", ".sh": "bash", ".xml": "xml"}
 
 
@@ -55,15 +64,33 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     )  # fmt: skip
 
 
+def on_page_content(page_html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Replaces the equations of a page by MathML."""
+    from latex2mathml.converter import convert
+
+    inlined = _INLINE.sub(lambda match: convert(html.unescape(match.group(1))), page_html)
+    return _BLOCK.sub(_numbered, inlined)
+
+
+def numbers(markdown: str) -> list[int]:
+    """The numbers of the equations of a page, in order."""
+    return [int(number) for number in _TAG.findall(markdown)]
+
+
+def _numbered(match: re.Match[str]) -> str:
+    """An equation on a line of its own, with its number at the right."""
+    from latex2mathml.converter import convert
+
+    latex = html.unescape(match.group(1))
+    formula = convert(_TAG.sub("", latex).strip(), display="block")
+    number = _TAG.search(latex)
+    if number is None:
+        return f'<div style="{_ROW}">{formula}</div>'
+    return f'<div id="equation-{number[1]}" style="{_ROW}">{formula}<span>({number[1]})</span></div>'
+
+
 def navigation(nav: Any) -> Any:
-    """A navigation with the pages of docs/results in the section `Results`, and without missing pages.
-
-    Args:
-        nav: As in mkdocs.yml: pages, and sections of pages by their titles.
-
-    Returns:
-        The same form; None if it is empty.
-    """
+    """A navigation of mkdocs.yml with the pages of docs/results in the section `Results`, and without missing pages."""
     if isinstance(nav, str):
         return nav if nav in TOP.values() or (DOCS / nav).is_file() else None
     if isinstance(nav, list):
@@ -97,13 +124,7 @@ def links(markdown: str) -> list[str]:
 
 
 def relinked(text: str, place: str, uri: str) -> str:
-    """A page's text with the links of the site.
-
-    Args:
-        text: Without fenced code.
-        place: The page in the tree.
-        uri: The page on the site.
-    """
+    """A page's text without fenced code, with the links of the site; `place` is in the tree, `uri` on the site."""
 
     def link(match: re.Match[str]) -> str:
         before, target, after = match.groups()
@@ -172,5 +193,5 @@ def _unescaped(text: str) -> str:
 def _first_line(file: Path) -> str:
     if file.suffix != ".py":
         return ""
-    told = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return told.split("\n")[0].replace("|", r"\|").replace("<", "&lt;")
+    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return text.split("\n")[0].replace("|", r"\|").replace("<", "&lt;")

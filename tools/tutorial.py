@@ -28,7 +28,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "tutorial.md"
 _BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
-_HARM = 'raise ImportError("this is none of the project\'s")\n'
+_HARM = 'raise ImportError("this package is not part of the project")\n'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,16 +66,7 @@ def blocks(page: str) -> list[Block]:
 
 
 def follow(page: str, folder: Path, do: Callable[[str], Said]) -> Iterator[Said]:
-    """Writes the page's files and runs its commands, in order, except the installation.
-
-    Args:
-        page: Its text.
-        folder: Working folder.
-        do: Runs a command.
-
-    Yields:
-        Result of each command. One that fails is the last.
-    """
+    """Writes the page's files and runs its commands, except the installation, up to the first failure."""
     strangers(folder)
     for block in blocks(page):
         if block.file:

@@ -20,7 +20,6 @@ from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Odometry, Sample
-from stridetwin.studies.zhao2023.odometry_walks import HEALTHY
 
 POSES = ("given", "dvio")
 GAP_NS = 1_000_000_000
@@ -88,7 +87,7 @@ class _Chain:
         if odometry is not None and isinstance(sample, Imu | Image | Depth):
             estimate = self.odometry_time.time(lambda: odometry.update(sample))
             inputs = [sample] if isinstance(sample, Depth) else []
-            if estimate is not None and estimate.health in HEALTHY:
+            if estimate is not None and estimate.pose.valid:
                 pose = estimate.pose
                 inputs.insert(0, pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame))
         self.terrain_time.time(lambda: [self._terrain.update(s) for s in inputs])

@@ -50,19 +50,19 @@ _OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
 
 BOTH = "/foot_?/camera"
 FAULTS = {
-    "none": InjectedFault(words="nothing wrong"),
+    "none": InjectedFault(words="no fault"),
     "camera_covered": InjectedFault(
         words="left camera covered", faults=(Occlusion(topic="/foot_l/camera", at_s=0.0, share=1.0),)
     ),
     "half_seen": InjectedFault(
-        words="half of each picture covered", faults=(Occlusion(topic=BOTH, at_s=0.0, share=0.5),)
+        words="half of each image covered", faults=(Occlusion(topic=BOTH, at_s=0.0, share=0.5),)
     ),
     "lost_10s": InjectedFault(
-        words="no picture for 10 s",
+        words="no image for 10 s",
         faults=(Dropout(topic=BOTH, at_s=AT_S, duration_s=LOST_S),),
     ),
     "strikes_clip": InjectedFault(
-        words="heel strikes beyond the accelerometers",
+        words="heel strikes saturate the accelerometers",
         samples=changed(_clipped, kinds=Imu),
         calibration=imu_range(accelerometer_range=STRIKE_RANGE),
     ),
@@ -70,9 +70,11 @@ FAULTS = {
     "clock_10ms": InjectedFault(
         words="cameras' stamps 10 ms late", faults=(ClockJump(topic=BOTH, at_s=0.0, jump_s=0.010),)
     ),
-    "turned_2deg": InjectedFault(words="cameras told 2° off", calibration=camera_offset((2.0, 0.0, 0.0))),
+    "turned_2deg": InjectedFault(
+        words="camera mounts 2° off in the calibration", calibration=camera_offset((2.0, 0.0, 0.0))
+    ),
     "shifted_5mm": InjectedFault(
-        words="cameras told 5 mm off", calibration=camera_offset((0.0, 0.0, 0.0), (0.005, 0.0, 0.0))
+        words="camera mounts 5 mm off in the calibration", calibration=camera_offset((0.0, 0.0, 0.0), (0.005, 0.0, 0.0))
     ),
     "shoes_exchanged": InjectedFault(words="left and right exchanged", samples=changed(_exchanged, kinds=Sample)),
     "cameras_exchanged": InjectedFault(words="cameras exchanged", samples=changed(_exchanged, kinds=Image)),
@@ -122,15 +124,13 @@ def run_case(case: Case) -> dict[str, Any]:
     with recorded_walk(SCENARIO, case) as walk:
         truth = walk.truth()
         found = {name: _result(fault, walk, truth, case.seed) for name, fault in FAULTS.items()}
-    return {"seed": case.seed, "physics": case.physics, "faults": found}
+    return case.row(faults=found)
 
 
 def _result(fault: InjectedFault, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
-    """Figures of one fault.
+    """Figures of one fault, or `error`, the message with which the filter refuses.
 
-    Returns:
-        `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_mean_m` and `apart_sd_max_m` (of one
-        foot relative to the other); or `error`, the message with which the filter refuses.
+    `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each other).
     """
     rig = fault.calibration(walk.shoes.rig)
     estimator = _UncertaintyLog(rig, true_start(truth))
@@ -168,4 +168,4 @@ def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text; pairs are left and right. The end error is that at the last estimate."""
     words = {name: fault.words for name, fault in FAULTS.items()}
-    return [f"{len(result['cases'])} walks of {SCENARIO}", *fault_table(words, result["summary"], _COLUMNS, 36)]
+    return [f"{len(result['cases'])} walks of {SCENARIO}", *fault_table(words, result["summary"], _COLUMNS, 43)]

@@ -39,6 +39,7 @@ from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 from stridetwin.studies.case import Case
+from stridetwin.studies.tables import table_lines
 
 EARTH_RATE = 7.292115e-5  # rad/s
 
@@ -222,8 +223,8 @@ class Simulation:
             rate, force = self.ideal[foot]
             per_sample = math.sqrt(imu.rate_hz)
             noises[foot] = rng.normal(0.0, imu.gyroscope_noise_density * per_sample, rate.shape)
-            felt = force + rng.normal(0.0, imu.accelerometer_noise_density * per_sample, force.shape)
-            columns = {"angular_rate": rate + k * force + noises[foot], "specific_force": felt}
+            measured = force + rng.normal(0.0, imu.accelerometer_noise_density * per_sample, force.shape)
+            columns = {"angular_rate": rate + k * force + noises[foot], "specific_force": measured}
             blocks[foot] = Block(topic=imu.topic, kind=Imu, t_ns=self.t_ns[1:], columns=columns)
         return blocks, noises
 
@@ -293,14 +294,14 @@ class Simulation:
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0
-        seen = facing & np.all(_in_picture(in_camera, camera), axis=1)
+        seen = facing & np.all(_in_image(in_camera, camera), axis=1)
         own, others = self._mounted(foot, t_ns), self._mounted(other, t_ns)
         relative = own.rotation.inv().apply(others.p_body_in_world - own.p_body_in_world)
         in_camera = in_camera[seen]
         return t_ns[seen], relative[seen], points, in_camera[..., :2] / in_camera[..., 2:], in_camera[..., 2]
 
 
-def _in_picture(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_]:
+def _in_image(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_]:
     """(N, M) whether each point (N, M, 3) in the camera frame projects into its image."""
     fu, fv, pu, pv = camera.intrinsics
     depth = in_camera[..., 2]
@@ -393,15 +394,18 @@ def _floors(simulation: Simulation, floors: Array) -> dict[str, float]:
     }
 
 
+_COLUMNS = (
+    ("end error", 16, "{mean_end_error_m:.3f}"),
+    ("paper", 16, "{paper:.3f}"),
+    ("west", 16, "{mean_west_error_m:.3f}"),
+    ("north", 16, "{mean_abs_north_error_m:.3f}"),
+    ("common drift", 16, "{mean_end_error_unequal_m:.3f}"),
+)
+
+
 def table(result: dict[str, Any]) -> list[str]:
     """Our figures and the paper's, as lines of text; pairs are left and right."""
-    summary, theirs = result["summary"], result["paper"]["mean_end_error_m"]
-    columns = ("mean_end_error_m", "mean_west_error_m", "mean_abs_north_error_m", "mean_end_error_unequal_m")
-    heads = ("end error", "paper", "west", "north", "drift in common")
-    lines = [f"{len(result['cases'])} runs; m", f"{'':<24}" + "".join(f"{head:^18}" for head in heads)]
-    for method in REPORTED:
-        end, *others = ("{:8.3f}{:8.3f}".format(*summary[c][method]).center(18) for c in columns)
-        paper = "{:8.3f}{:8.3f}".format(*theirs[method]).center(18) if method in theirs else " " * 18
-        lines.append(f"{method:<24}{end}{paper}{''.join(others)}".rstrip())
-    lines += [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
-    return lines
+    summary = {**result["summary"], "paper": result["paper"]["mean_end_error_m"]}
+    rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED]
+    floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
+    return [f"{len(result['cases'])} runs; m", *table_lines(_COLUMNS, rows, 24), *floors]

@@ -16,12 +16,13 @@ from stridetwin.evaluation.truth import FOOTPRINTS
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.studies.case import Case
 from stridetwin.studies.jao2020.two_feet import METHODS, every_method, figures, true_start
+from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import RecordedWalk, recorded_walk
 
 CASES = {
-    "unclipped": "gyros that do not clip",
-    "clipped": "ADIS16485, gyros clip at 450 °/s",
-    "half_blind": "gyros that do not clip, no picture in every second step",
+    "unclipped": "gyros without saturation",
+    "clipped": "ADIS16485, gyros saturate at 450 °/s",
+    "half_blind": "gyros without saturation, no image in every second step",
 }
 SEEDS = range(1000, 1010)
 VARIANTS = {name: (SEEDS, name) for name in ("jao_straight_53m", "jao_loop_126m", "stairs_16")}
@@ -29,11 +30,7 @@ VARIANTS = {name: (SEEDS, name) for name in ("jao_straight_53m", "jao_loop_126m"
 
 
 def run_case(scenario: str, case: Case) -> dict[str, Any]:
-    """Simulates one walk and runs every case on it.
-
-    Args:
-        scenario: Name in the catalogue.
-        case: Seed and options.
+    """Simulates one walk of a scenario and runs every case on it.
 
     Returns:
         `scenario`, `seed`, `physics`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
@@ -50,13 +47,7 @@ def run_case(scenario: str, case: Case) -> dict[str, Any]:
                 samples = without_every_second_step(samples, touches_ns(walk))
             paths, seen = every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
             found[name] = {m: figures(p, truth) for m, p in paths.items()} | {"sightings": seen}
-        return {
-            "scenario": scenario,
-            "seed": case.seed,
-            "physics": case.physics,
-            "fell_at_s": walk.fell_at_s,
-            "cases": found,
-        }
+        return {"scenario": scenario, **case.row(fell_at_s=walk.fell_at_s, cases=found)}
 
 
 def touches_ns(walk: RecordedWalk) -> Array:
@@ -105,28 +96,29 @@ def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
     }
 
 
+_COLUMNS = (
+    ("end error m", 15, "{end:.3f}"),
+    ("paper m", 12, "{paper:.2f}"),
+    ("height m", 14, "{up:.3f}"),
+    ("of the distance %", 19, "{share:.2f}"),
+    ("feet disagree, rms mm", 23, "{rms!m:.0f}"),
+    ("largest mm", 12, "{largest!m:.0f}"),
+    ("end NEES (3 if consistent)", 28, "{nees:.3g}"),
+)
+
+
 def table(result: dict[str, Any]) -> list[str]:
-    """Our figures and the paper's, as lines of text; pairs are left and right, ± is the SD over walks."""
+    """Our figures and the paper's, as lines of text; pairs are left and right."""
     summary, theirs = result["summary"], result["paper"].get("mean_end_error_m", {})
-    lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall", ""]
-    lines += [
-        f"{'':<24}{'end error':^15}{'paper':^13}{'height':^13}{'of the way':^15}{'feet disagree':^17}{'end NEES':^14}",
-        f"{'':<24}{'m':^15}{'m':^13}{'m':^13}{'%':^15}{'rms, max mm':^17}{'3 if honest':^14}",
-    ]
+    lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall"]
     for case, words in CASES.items():
         suffix = "" if case == "unclipped" else f"_{case}"
-        lines.append(words)
-        for method in METHODS:
-            end, up = summary[f"mean_end_error{suffix}_m"][method], summary[f"mean_abs_up_error{suffix}_m"][method]
-            share, nees = summary[f"mean_end_error{suffix}_pct"][method], summary[f"end_nees{suffix}_mean"][method]
-            rms, most = (1e3 * summary[f"feet_disagree_{k}{suffix}_m"][method] for k in ("rms", "max"))
-            paper = "{:6.2f}{:6.2f}".format(*theirs[method]) if method in theirs and case != "half_blind" else ""
-            lines.append(
-                f"  {method:<22}{_pair(end, 3)}{paper:^13}{_pair(up, 3)}{_pair(share, 2)}{rms:8.0f}{most:8.0f}"
-                + "".join(f"{value:9.3g}" for value in nees)
-            )
+        columns = {
+            "end": summary[f"mean_end_error{suffix}_m"], "up": summary[f"mean_abs_up_error{suffix}_m"],
+            "share": summary[f"mean_end_error{suffix}_pct"], "rms": summary[f"feet_disagree_rms{suffix}_m"],
+            "largest": summary[f"feet_disagree_max{suffix}_m"], "nees": summary[f"end_nees{suffix}_mean"],
+            "paper": {} if case == "half_blind" else theirs,
+        }  # fmt: skip
+        rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in METHODS]
+        lines += ["", words, *table_lines(_COLUMNS, rows, 24)]
     return lines
-
-
-def _pair(pair: list[float], digits: int) -> str:
-    return "".join(f"{value:7.{digits}f}" for value in pair)

@@ -23,8 +23,7 @@ from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.free import Free
 from stridetwin.studies.placement.measure import Measured
-from stridetwin.studies.placement.places import Place, scenario_at
-from stridetwin.studies.placement.problem_file import Problem
+from stridetwin.studies.placement.problem_file import Place, Problem, scenario_at
 
 _SIZE = 620
 _BAR = 110  # pixels for the legend
@@ -64,15 +63,7 @@ class _Dot:
 
 
 def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, best: Place) -> BodyImage | None:
-    """The map; None if no place moves a sensor.
-
-    Args:
-        problem: Its first scenario has the wearer.
-        folder: Contains the user's parts.
-        searched: All places.
-        losses: (P,) mean loss of each, infinite if missing.
-        best: The place whose sensors are drawn.
-    """
+    """The map, with the losses (P,) of all places and the sensors of the best one; None if no place moves a sensor."""
     dots = _dots(problem, folder, searched, losses)
     if not dots:
         return None
@@ -85,11 +76,11 @@ def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, 
     span = min(d.loss for d in dots), max(d.loss for d in dots)
     panels = [_panel(config, body, [d for d in dots if d.body == body], turn, span)
               for body in bodies for turn in ((0.0, -8.0), (65.0, -32.0))[: 1 if len(bodies) > 2 else 2]]  # fmt: skip
-    picture = np.concatenate([*panels, _key(sign * span[0], sign * span[1], name)], axis=1)
-    _, data = cv2.imencode(".png", picture)
+    image = np.concatenate([*panels, _key(sign * span[0], sign * span[1], name)], axis=1)
+    _, data = cv2.imencode(".png", image)
     words = (
-        f"Where sensors sat: circles cameras and IMUs, squares boards; each has the colour of the best {name} that was "
-        "found with a sensor there, yellow the best; drawn are the sensors of the best place."
+        f"Sensor positions: circles are cameras and IMUs, squares are boards. The colour is the best {name} found with "
+        "a sensor there; yellow is the best. The body shows the sensors of the best place."
     )
     return BodyImage(png=data.tobytes(), words=words)
 
@@ -138,14 +129,9 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, tuple[Mount, bool]]]:
 def _panel(
     config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
-    """A view of the dots on one body, from their side.
+    """A view of the dots on one opaque body; the best and the worst loss of all dots span the colours.
 
-    Args:
-        config: Wearer and sensors.
-        body: The opaque body; the others are translucent.
-        dots: Dots on it.
-        view_deg: Azimuth relative to that side, and elevation, deg.
-        span: Best and worst loss of all dots, the range of the colours.
+    The view is given by azimuth, relative to the dots' side, and elevation, deg.
     """
     model, data = _standing(config, body)
     T = data.body(body)
@@ -161,13 +147,13 @@ def _panel(
     distance = reach / math.tan(half)
     with FilmCamera(model, _SIZE, _SIZE) as camera:
         view = camera.frame(data, lookat, azimuth, elevation, distance)
-    picture: Rgb = np.ascontiguousarray(view[..., ::-1])
+    image: Rgb = np.ascontiguousarray(view[..., ::-1])
     uv = _pixels(points, lookat, azimuth, elevation, distance, _SIZE / 2 / math.tan(half))
     colours = _colours(np.array([d.loss for d in dots]), *span)
     for (u, v), colour, dot in zip(uv, colours, dots):
         size = _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4
-        _mark(picture, (u, v), size, colour, dot.board)
-    return picture
+        _mark(image, (u, v), size, colour, dot.board)
+    return image
 
 
 def _within(model: mujoco.MjModel, body: str) -> Array:
@@ -233,29 +219,29 @@ def _viridis(share: Array) -> list[tuple[int, ...]]:
     return [tuple(int(c) for c in row[0]) for row in cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)]
 
 
-def _mark(picture: Rgb, uv: tuple[float, float], size: int, colour: tuple[int, ...], board: bool) -> None:
+def _mark(image: Rgb, uv: tuple[float, float], size: int, colour: tuple[int, ...], board: bool) -> None:
     (u, v), line = uv, 2 if size == _BEST_PX else 1
     at = round(16 * u), round(16 * v)
     if board:
         corners = np.array([[u - size, v - size], [u + size, v - size], [u + size, v + size], [u - size, v + size]])
         shape = np.round(16 * corners).astype(np.int32)
-        cv2.fillConvexPoly(picture, shape, colour, cv2.LINE_AA, 4)
-        cv2.polylines(picture, [shape], True, _INK, line, cv2.LINE_AA, 4)
+        cv2.fillConvexPoly(image, shape, colour, cv2.LINE_AA, 4)
+        cv2.polylines(image, [shape], True, _INK, line, cv2.LINE_AA, 4)
     else:
-        cv2.circle(picture, at, 16 * size, colour, -1, cv2.LINE_AA, 4)
-        cv2.circle(picture, at, 16 * size, _INK, line, cv2.LINE_AA, 4)
+        cv2.circle(image, at, 16 * size, colour, -1, cv2.LINE_AA, 4)
+        cv2.circle(image, at, 16 * size, _INK, line, cv2.LINE_AA, 4)
 
 
 def _key(best: float, worst: float, name: str) -> Rgb:
     """The colour bar with its values."""
-    picture = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
+    image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18
     for y, colour in zip(range(top, bottom), _viridis(np.linspace(1.0, 0.0, bottom - top))):
-        picture[y, left : left + 24] = colour
+        image[y, left : left + 24] = colour
     for y, value in zip(np.linspace(top, bottom, 5), np.linspace(best, worst, 5)):
         cv2.putText(
-            picture, f"{value + 0.0:.3g}", (left + 32, int(y) + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _INK, 1, cv2.LINE_AA
+            image, f"{value + 0.0:.3g}", (left + 32, int(y) + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _INK, 1, cv2.LINE_AA
         )
-    cv2.putText(picture, name[:18], (6, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
-    cv2.putText(picture, name[18:36], (6, 48), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
-    return picture
+    cv2.putText(image, name[:18], (6, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+    cv2.putText(image, name[18:36], (6, 48), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+    return image

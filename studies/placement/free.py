@@ -6,10 +6,10 @@ Points on the surface of shoe, head or chest: where something can be fixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -20,9 +20,6 @@ from stridetwin.sim.config import Person
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import number, refused, words
 from stridetwin.streams.samples import Array
-
-if TYPE_CHECKING:
-    from stridetwin.sim.wearer.limbs import Shape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
 _OUTSIDE_M = 0.6
@@ -46,14 +43,15 @@ def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
-    away = min(shape.first_touch(origin, -out) for shape in _shapes(surface, person))
+    away = _first_touch(surface, person)(origin, -out)
     if not math.isfinite(away) or away > _OUTSIDE_M:
         raise StrideTwinError(f"the {surface} has no surface at a height of {1e3 * up_m:g} mm in that direction")
     return np.asarray(origin + (off_m - away) * out)
 
 
 @cache
-def _shapes(surface: str, person: Person) -> list[Shape]:
+def _first_touch(surface: str, person: Person) -> Callable[[Array, Array], float]:
+    """From a ray's origin and direction to its distance to the surface; infinite beside it."""
     import mujoco  # a placement's file is read without, to be listed
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
@@ -62,7 +60,8 @@ def _shapes(surface: str, person: Person) -> list[Shape]:
     spec = mujoco.MjSpec()
     add_wearer(spec, person, None)
     model = compile_model(spec)
-    return shapes(model, {model.body(SURFACES[surface]).id})
+    found = shapes(model, {model.body(SURFACES[surface]).id})
+    return lambda origin, out: min(shape.first_touch(origin, out) for shape in found)
 
 
 _DIGITS = 6  # of a number that is chosen: of any unit and size
@@ -100,10 +99,10 @@ class Knob:
         if self.values:
             return list(self.values)
         if self.step is None:
-            raise self.at.error({"between": [self.low, self.high]}, "a step too, as the method is sweep")
+            raise self.at.error({"between": [self.low, self.high]}, "a step, as the method is sweep")
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
         if count > _MOST_STEPS:
-            raise self.at.error(self.step, f"steps of which there are {_MOST_STEPS} at most")
+            raise self.at.error(self.step, f"at most {_MOST_STEPS} steps")
         return [self._rounded(self.low + i * self.step) for i in range(count)]
 
     def at_share(self, u: float) -> float:
@@ -195,7 +194,7 @@ class Between(_Keys):
     step: Annotated[float, number(1e-9, 1e6)] | None = None
 
     def knob(self, name: str, at: Where) -> Knob:
-        """What there is to choose."""
+        """Its scalar to choose."""
         return Knob(name=name, low=self.between[0], high=self.between[1], step=self.step, at=at)
 
 
@@ -231,7 +230,7 @@ class Over(_Keys):
     off_mm: _Coordinate = 0.0
 
     def checked(self) -> Over:
-        """Itself, if something is free."""
+        """Itself; refused if no coordinate is free."""
         if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
             raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
         return self
@@ -261,9 +260,9 @@ def free_field(name: str, paths: tuple[FieldPath, ...], said: Between | Among | 
         return Free(paths=paths, knobs=(Knob(name=short(name), values=said.choice, at=at),), fixed={}, at=at)
     if isinstance(said, Between):
         return Free(paths=paths, knobs=(said.knob(short(name), at),), fixed={}, at=at)
-    told = {key: getattr(said, key) for key in _COORDINATES}
-    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in told.items() if isinstance(v, Between))
-    fixed = {"off_mm": 0.0} | {key: v for key, v in told.items() if not isinstance(v, Between)}
+    place = {key: getattr(said, key) for key in _COORDINATES}
+    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in place.items() if isinstance(v, Between))
+    fixed = {"off_mm": 0.0} | {key: v for key, v in place.items() if not isinstance(v, Between)}
     return Free(paths=paths, knobs=knobs, surface=said.over, fixed=fixed, at=at)
 
 

@@ -1,10 +1,17 @@
-"""Scores of places on walks, by geometry or recordings; all places share the walks: differences are paired."""
+"""Scores of places on walks, by geometry or recordings, and the file that keeps them.
+
+All places share the walks: differences are paired.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import json
+import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -13,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from stridetwin.evaluation.gate.walk_scores import Job, score_walk
-from stridetwin.scenarios.campaign.named_files import Base
 from stridetwin.scenarios.campaign.own_scenario import FOLDER
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
@@ -21,14 +27,88 @@ from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Array
-from stridetwin.studies.placement import geometric
-from stridetwin.studies.placement.geometric import geometric_scores
-from stridetwin.studies.placement.places import Place, plain_of
-from stridetwin.studies.placement.posed_walk import PosedWalk, posed_walk
-from stridetwin.studies.placement.problem_file import Problem
-from stridetwin.studies.placement.rows import HIDDEN, Rows, key_of
+from stridetwin.studies.placement import visibility
+from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
 from stridetwin.studies.placement.scores import GEOMETRIC, Score
+from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, posed_walk
+
+ROWS = "rows.jsonl"
+HIDDEN = ".unfinished-"
+"""Name prefix of the folders of walks that are being recorded."""
+
+
+class Rows:
+    """Rows by key, in a file of JSON lines.
+
+    Args:
+        file: Is created if it does not exist.
+        resume: Keeps the rows of an earlier run; else the file starts empty.
+
+    Attributes:
+        found: Number of rows of an earlier run.
+    """
+
+    def __init__(self, file: Path, resume: bool) -> None:
+        self._file = file
+        self._rows = dict(_read(file)) if resume and file.exists() else {}
+        self.found = len(self._rows)
+        self._begun = False
+
+    def get(self, key: str) -> dict[str, Any] | None:
+        """The row of a key, None where there is none."""
+        return self._rows.get(key)
+
+    def add(self, rows: Iterable[tuple[str, dict[str, Any]]]) -> None:
+        """Appends rows to the file.
+
+        The first call rewrites the file, without rows that are not reused and without an incomplete last line.
+        """
+        if not self._begun:
+            with whole_file(self._file) as new:
+                new.write_text("".join(_line(key, row) for key, row in self._rows.items()), encoding="utf-8")
+            self._begun = True
+        with self._file.open("a", encoding="utf-8") as out:
+            for key, row in rows:
+                self._rows[key] = row
+                out.write(_line(key, row))
+
+
+def key_of(*what: Any) -> str:
+    """Digest of everything that determines a row."""
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Locks and creates a folder; removes the unfinished files of killed runs.
+
+    Raises:
+        StrideTwinError: Another placement uses the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StrideTwinError(f"{folder}: another placement uses it; expected a folder of its own") from None
+        for left in folder.glob(f"{HIDDEN}*"):
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+
+
+def _line(key: str, row: dict[str, Any]) -> str:
+    return json.dumps({"key": key, **row}, sort_keys=True, allow_nan=False) + "\n"
+
+
+def _read(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            row = json.loads(text)
+            yield row.pop("key"), row
+        except (ValueError, KeyError, AttributeError):
+            continue  # the last line of a killed run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +175,35 @@ class Measured:
         return np.asarray(np.sum(parts, axis=0))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Visit:
+    """One place on one walk.
+
+    Attributes:
+        place: Number of the place.
+        name: Name of the walk's scenario.
+        seed: Seed of the walk.
+        plain: Plain data of the scenario with the place.
+        scenario: The scenario, or the error message.
+    """
+
+    place: int
+    name: str
+    seed: int
+    plain: dict[str, Any]
+    scenario: Scenario | str
+
+    @property
+    def label(self) -> str:
+        """Its walk as text."""
+        return f"{self.name}, seed {self.seed}"
+
+    def key(self, kind: str, *what: Any) -> str:
+        """Key of its row: the whole configuration with its parts; equivalent places share it."""
+        scenario = self.scenario if isinstance(self.scenario, str) else repr(self.scenario.config)
+        return key_of(kind, scenario, self.seed, *what)
+
+
 class Measure:
     """Measures places.
 
@@ -114,83 +223,70 @@ class Measure:
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
         """Scores of places on the walks of all scenarios with these seeds."""
-        problem = self._problem
-        walks = [(base, seed) for base in problem.bases for seed in seeds]
-        values = np.full((len(places), len(walks), len(problem.scores)), np.nan)
+        scores, walks = self._problem.scores, [(base, seed) for base in self._problem.bases for seed in seeds]
+        values = np.full((len(places), len(walks), len(scores)), np.nan)
         failed: dict[int, str] = {}
         for first in range(0, len(places), _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            plain = [{base.name: plain_of(problem, base, place) for base in problem.bases} for place in places[part]]
-            scenarios = [{name: self._scenario(name, data) for name, data in own.items()} for own in plain]
-            said = (stage, first / len(places), len(plain) / len(places))
-            rows: list[list[dict[str, Any]]] = [[{} for _ in walks] for _ in plain]
-            if self._names:
-                self._look(plain, scenarios, walks, rows, said)
-            if len(self._names) < len(problem.scores):
-                self._record(plain, scenarios, walks, rows, said)
-            for i, own in enumerate(rows):
-                for j, row in enumerate(own):
-                    values[first + i, j] = [row.get("scores", {}).get(s.name, np.nan) if s.geometric
-                                            else s.of(row.get("estimators", {})) for s in problem.scores]  # fmt: skip
-                    if "failed" in row and np.isnan(values[first + i, j]).any():
-                        failed.setdefault(first + i, "; ".join(f"{n}: {why}" for n, why in row["failed"].items()))
+            part = places[first : first + _AT_ONCE]
+            visits = [visit for i, place in enumerate(part, first) for visit in self._visits(i, place, seeds)]
+
+            def progress(share: float, first: int = first, count: int = len(part)) -> None:
+                self._progress(stage, (first + share * count) / len(places))
+
+            seen = self._look(visits, progress) if self._names else [{}] * len(visits)
+            recorded = self._record(visits, len(walks), progress) if len(self._names) < len(scores) else seen
+            for k, (visit, geometric, row) in enumerate(zip(visits, seen, recorded)):
+                at = visit.place, k % len(walks)
+                values[at] = [geometric.get("scores", {}).get(s.name, np.nan) if s.geometric
+                              else s.of(row.get("estimators", {})) for s in scores]  # fmt: skip
+                why = {**geometric.get("failed", {}), **row.get("failed", {})}
+                if why and np.isnan(values[at]).any():
+                    failed.setdefault(visit.place, "; ".join(f"{name}: {reason}" for name, reason in why.items()))
         names = [f"{base.name}, seed {seed}" for base, seed in walks]
         return Measured(places=list(places), walks=names, values=values, failed=failed)
 
-    def _look(
-        self,
-        plain: list[dict[str, Any]],
-        scenarios: list[dict[str, Scenario | str]],
-        walks: list[tuple[Base, int]],
-        rows: list[list[dict[str, Any]]],
-        said: tuple[str, float, float],
-    ) -> None:
-        """Adds the geometric scores to the rows."""
-        seeing, version = vars(self._problem.seeing), _version(geometric.__name__)
-        keys = [[_key("geometric", own[base.name], seed, self._names, seeing, version) for base, seed in walks]
-                for own in scenarios]  # fmt: skip
-        new = {key: (i, j) for i, own in enumerate(keys) for j, key in enumerate(own) if self._rows.get(key) is None}
-        missing = list(new.values())
+    def _visits(self, number: int, place: Place, seeds: Sequence[int]) -> Iterator[_Visit]:
+        for base in self._problem.bases:
+            plain = plain_of(self._problem, base, place)
+            scenario: Scenario | str
+            try:
+                scenario = scenario_of(plain, self._folder / FOLDER / f"{base.name}.yaml")
+            except StrideTwinError as error:
+                scenario = " ".join(str(error).replace(f"{self._folder}/", "").split())
+            for seed in seeds:
+                yield _Visit(place=number, name=base.name, seed=seed, plain=plain, scenario=scenario)
+
+    def _look(self, visits: list[_Visit], progress: Callable[[float], None]) -> list[dict[str, Any]]:
+        """Rows with the geometric scores of all visits."""
+        seeing, version = vars(self._problem.seeing), _version(visibility.__name__)
+        keys = [v.key("geometric", self._names, seeing, version) for v in visits]
+        missing = {key: visit for key, visit in zip(keys, visits) if self._rows.get(key) is None}
         posed: Iterator[PosedWalk | str | None] = iter([None] * len(missing))
         if any(GEOMETRIC[name][0] for name in self._names):
-            posed = self._plan([(plain[i], scenarios[i], *walks[j]) for i, j in missing])
+            posed = self._plan(list(missing.values()))
         worn: tuple[tuple[int, str], SensorRig] | None = None
-        for done, ((i, j), walk) in enumerate(zip(missing, posed), 1):
-            name = walks[j][0].name
-            scenario = scenarios[i][name]
-            row: dict[str, Any] = {"walk": f"{name}, seed {walks[j][1]}", "scores": {}}
+        for done, ((key, visit), walk) in enumerate(zip(missing.items(), posed), 1):
+            row: dict[str, Any] = {"walk": visit.label, "scores": {}}
             try:
-                if isinstance(scenario, str) or isinstance(walk, str):
-                    raise StrideTwinError(scenario if isinstance(scenario, str) else str(walk))
-                if worn is None or worn[0] != (i, name):
-                    worn = (i, name), sensor_rig(scenario.config)
+                if isinstance(visit.scenario, str) or isinstance(walk, str):
+                    raise StrideTwinError(visit.scenario if isinstance(visit.scenario, str) else str(walk))
+                if worn is None or worn[0] != (visit.place, visit.name):
+                    worn = (visit.place, visit.name), sensor_rig(visit.scenario.config)
                 row["scores"] = geometric_scores(worn[1], walk, self._names, self._problem.seeing)
             except StrideTwinError as error:
                 row["failed"] = {"walk": str(error)}
-            self._rows.add([(keys[i][j], row)])
-            self._progress(said[0], said[1] + said[2] * done / len(missing))
-        for i, own in enumerate(keys):
-            for j, key in enumerate(own):
-                rows[i][j] |= self._rows.get(key) or {}
+            self._rows.add([(key, row)])
+            progress(done / len(missing))
+        return [self._rows.get(key) or {} for key in keys]
 
-    def _scenario(self, name: str, plain: dict[str, Any]) -> Scenario | str:
-        """A place's scenario, or the error message."""
-        try:
-            return scenario_of(plain, self._folder / FOLDER / f"{name}.yaml")
-        except StrideTwinError as error:
-            return " ".join(str(error).replace(f"{self._folder}/", "").split())
-
-    def _plan(
-        self, walks: list[tuple[dict[str, Any], dict[str, Scenario | str], Base, int]]
-    ) -> Iterator[PosedWalk | str]:
-        """The walk of each, planned once for all places that differ only in their sensors."""
+    def _plan(self, visits: list[_Visit]) -> Iterator[PosedWalk | str]:
+        """The walk of each visit, planned once for all places that differ only in their sensors."""
         keys, jobs = [], dict[str, tuple[Scenario, int]]()
-        for plain, scenarios, base, seed in walks:
-            body = {k: v for k, v in plain[base.name].items() if k not in _SENSORS_ALONE}
-            scenario = scenarios[base.name]
-            keys.append("" if isinstance(scenario, str) else json.dumps([body, seed], sort_keys=True))
-            if not isinstance(scenario, str):
-                jobs[keys[-1]] = scenario, seed
+        for visit in visits:
+            body = {k: v for k, v in visit.plain.items() if k not in _SENSORS_ALONE}
+            keys.append("" if isinstance(visit.scenario, str) else json.dumps([body, visit.seed], sort_keys=True))
+            if not isinstance(visit.scenario, str):
+                jobs[keys[-1]] = visit.scenario, visit.seed
         if len(self._posed.keys() | jobs.keys()) > _MOST_WALKS:
             self._posed = {}
         jobs = {key: job for key, job in jobs.items() if key not in self._posed}
@@ -199,32 +295,21 @@ class Measure:
             self._progress("plan walks", done / len(jobs))
         return (self._posed.get(key, "") for key in keys)
 
-    def _record(
-        self,
-        plain: list[dict[str, Any]],
-        scenarios: list[dict[str, Scenario | str]],
-        walks: list[tuple[Base, int]],
-        rows: list[list[dict[str, Any]]],
-        said: tuple[str, float, float],
-    ) -> None:
-        """Adds the estimators' scores to the rows."""
+    def _record(self, visits: list[_Visit], walks: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
+        """Rows with the estimators' scores of all visits; each place has so many walks."""
         version = _version(__name__)
-        keys = [[_key("recorded", own[base.name], seed, version) for base, seed in walks] for own in scenarios]
-        jobs: dict[str, Walk] = {}
-        for own, found in zip(plain, keys):
-            for (base, seed), key in zip(walks, found):
-                if self._rows.get(key) is None:
-                    jobs[key] = Walk(name=base.name, scenario=own[base.name], seed=seed, folder=self._folder)
+        keys = [v.key("recorded", version) for v in visits]
+        jobs = {
+            key: Walk(name=visit.name, scenario=visit.plain, seed=visit.seed, folder=self._folder)
+            for key, visit in zip(keys, visits)
+            if self._rows.get(key) is None
+        }
         for done, (key, row) in enumerate(zip(jobs, mapped(recorded_scores, list(jobs.values()), self._workers)), 1):
-            walk = jobs[key]
-            self._rows.add([(key, {"walk": f"{walk.name}, seed {walk.seed}", **row})])
-            if done == len(walks):
+            self._rows.add([(key, {"walk": f"{jobs[key].name}, seed {jobs[key].seed}", **row})])
+            if done == walks:
                 self._check_scores([self._rows.get(k) or {} for k in list(jobs)[:done]])
-            self._progress(said[0], said[1] + said[2] * done / len(jobs))
-        for i, found in enumerate(keys):
-            for j, key in enumerate(found):
-                row = self._rows.get(key) or {}
-                rows[i][j] |= row | {"failed": {**rows[i][j].get("failed", {}), **row.get("failed", {})}}
+            progress(done / len(jobs))
+        return [self._rows.get(key) or {} for key in keys]
 
     def _check_scores(self, rows: Sequence[dict[str, Any]]) -> None:
         """Refuses a score that its estimator reports on no walk of the first place, before the others are measured."""
@@ -233,11 +318,6 @@ class Measure:
             if not score.geometric and all(reported):
                 valid = f"of this estimator: {', '.join(sorted(set().union(*reported)))}"
                 raise ConfigError(self._problem.path, "scores", score.name, valid)
-
-
-def _key(kind: str, scenario: Scenario | str, *what: Any) -> str:
-    """Key of a row: the whole configuration with its parts; equivalent places share it."""
-    return key_of(kind, scenario if isinstance(scenario, str) else repr(scenario.config), *what)
 
 
 def _posed(job: tuple[Scenario, int]) -> PosedWalk | str:

@@ -1,53 +1,50 @@
-"""The report of a placement: one self-contained HTML file."""
+"""The report of a placement: one self-contained HTML file with tables, the body map and figures over the values."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
-from stridetwin.report.film import data_uri
 from stridetwin.report.html import multiples, page, rendered, section, table
+from stridetwin.report.images import data_uri
+from stridetwin.report.plot import ERROR, PALETTE, Plot
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import BodyImage
-from stridetwin.studies.placement.figures import fronts, profiles, value_map
+from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.measure import Measured
-from stridetwin.studies.placement.places import AS_IT_IS, format_value
-from stridetwin.studies.placement.problem_file import Problem
+from stridetwin.studies.placement.problem_file import AS_IT_IS, Problem, format_value
+from stridetwin.studies.placement.significance import front, intervals
+
+_DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
+_MOST_DOTS = 2000
 
 
 def placement_page(
     problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], image: BodyImage | None
 ) -> str:
-    """The page.
-
-    Args:
-        problem: The placement problem.
-        searched: All places.
-        losses: (P,) mean loss of each.
-        result: Result of `run_placement`.
-        image: The body map.
-    """
+    """The page of a placement: the losses (P,) of all places, the result of `run_placement`, and the body map."""
     chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
     if result["walks_of_table"] != result["walks"]:
-        lead += f" The table is of {len(result['walks_of_table'])} other walks than the search has seen."
+        lead += f" The table is from {len(result['walks_of_table'])} walks that the search has not seen."
     sections = [
         section("Places", lead, _table(problem, result)),
-        section("What is more than chance", "Pairs of the table, walk by walk, corrected for their number.",
+        section("Significance", "Pairs of places, compared walk by walk, corrected for their number (Holm).",
                 rendered("list", words=result["words"])),
     ]  # fmt: skip
     if image is not None:
         tag = Markup('<img src="{}" alt="{}" style="max-width:100%">')
         sections.append(section("On the body", image.words, tag.format(data_uri(image.png, "image/png"), image.words)))
     if drawn := value_map(problem, searched, losses):
-        sections.append(section("Over two values", "The other values at their best.", drawn))
+        sections.append(section("Score over two values", "The other values are the best ones.", drawn))
     if drawn_over := profiles(problem, searched, losses):
-        sections.append(section("Over each value", "Every place.", multiples(drawn_over)))
+        sections.append(section("Score over each value", "One dot per place.", multiples(drawn_over)))
     if pairs := fronts(problem, searched, losses):
-        lead = "On the front no place is better in one score without being worse in the other."
-        sections.append(section("What one score costs in another", lead, multiples(pairs)))
+        lead = "No place on the Pareto front can be improved in one score without a loss in the other."
+        sections.append(section("Trade-offs between scores", lead, multiples(pairs)))
     return page("Placement", problem.description, chips, sections, "Drawn by stridetwin place.")
 
 
@@ -77,3 +74,95 @@ def said(interval: Mapping[str, float | None] | None) -> str:
     if interval["low"] is None:
         return f"{interval['mean']:.4g}"
     return f"{interval['mean']:.4g} ({interval['low']:.4g} to {interval['high']:.4g})"
+
+
+def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
+    """The first weighted score over the first two numbers of a sweep, at the best other values."""
+    numbers = [knob for knob in problem.knobs if not knob.values]
+    if problem.search is not None or len(numbers) < 2 or not _scored(searched, losses):
+        return ""
+    (across, up), k = numbers[:2], _weighing(problem)
+    xs, ys = np.array(across.grid), np.array(up.grid)
+    best = np.full((len(ys), len(xs)), np.nan)
+    least = np.full(best.shape, np.inf)
+    means = searched.values[..., k].mean(axis=1)
+    for i in _scored(searched, losses):
+        values = searched.places[i].values
+        at = int(np.searchsorted(ys, values[up.name])), int(np.searchsorted(xs, values[across.name]))
+        if losses[i] < least[at]:
+            least[at], best[at] = losses[i], means[i]
+    score = problem.scores[k]
+    plot = Plot(
+        title=f"{score.name} over {across.name} and {up.name}", x_label=across.name, y_label=up.name, height=440
+    )  # fmt: skip
+    plot.heatmap(xs, ys, best, label=score.name, reverse=not score.higher_is_better)
+    top = np.unravel_index(np.argmin(least), least.shape)
+    plot.dots([xs[top[1]]], [ys[top[0]]], ERROR, size=12, symbol="x", label="best")
+    return plot.html()
+
+
+def profiles(problem: Problem, searched: Measured, losses: Array) -> list[str]:
+    """The first weighted score over each value: one dot per place; for a choice the best place with its interval."""
+    there = _scored(searched, losses)
+    return [(_over_choices if knob.values else _over_numbers)(knob, problem, searched, losses, there)
+            for knob in problem.knobs if there]  # fmt: skip
+
+
+def _scored(searched: Measured, losses: Array) -> list[int]:
+    """Numbers of the places with a score, without the unchanged one."""
+    return [i for i, place in enumerate(searched.places) if place.values and np.isfinite(losses[i])]
+
+
+def _over_choices(knob: Knob, problem: Problem, searched: Measured, losses: Array, there: list[int]) -> str:
+    k = _weighing(problem)
+    best: dict[int, int] = {}
+    for i in sorted(there, key=lambda i: losses[i]):
+        best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
+    found = intervals(np.column_stack([searched.values[i, :, k] for i in best.values()]))
+    plot = Plot(
+        title=knob.name, x=(-0.5, len(knob.values) - 0.5), x_label=knob.name, y_label=problem.scores[k].name,
+        x_names=[format_value(value) for value in knob.values],
+    )  # fmt: skip
+    at, means = list(best), [interval.mean for interval in found]
+    ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in found]
+    plot.curves([[(x, low), (x, high)] for x, (low, high) in zip(at, ends)], _BEST, width=3, label="95 % interval")
+    plot.dots(at, means, _BEST, size=10, label="best place")
+    return plot.html()
+
+
+def _over_numbers(knob: Knob, problem: Problem, searched: Measured, losses: Array, there: list[int]) -> str:
+    k = _weighing(problem)
+    shown = sorted(there, key=lambda i: losses[i])[:_MOST_DOTS]
+    x = [searched.places[i].values[knob.name] for i in shown]
+    means = searched.values[shown, :, k].mean(axis=1)
+    plot = Plot(title=knob.name, x_label=knob.name, y_label=problem.scores[k].name)
+    plot.dots(x, means, _DOT, size=4, label="place")
+    plot.dots(x[:1], means[:1], _BEST, size=9, label="best")
+    return plot.html()
+
+
+def fronts(problem: Problem, searched: Measured, losses: Array) -> list[Markup]:
+    """The first score against each of the others: all places and the Pareto front."""
+    means, plots = searched.values.mean(axis=1), []
+    for k in range(1, len(problem.scores)):
+        pair = [0, k]
+        there = np.isfinite(means[:, pair]).all(axis=1)
+        if not there.any():
+            continue
+        sides = np.column_stack([problem.scores[i].losses(means[:, i]) for i in pair])
+        best = sorted(front(np.where(there[:, None], sides, np.inf)), key=lambda i: means[i, 0])
+        rows = np.flatnonzero(there)
+        rows = rows[np.argsort(losses[rows], kind="stable")][:_MOST_DOTS]
+        names = problem.scores[0].name, problem.scores[k].name
+        plot = Plot(title=" and ".join(names), x_label=names[0], y_label=names[1], height=320)
+        plot.dots(means[rows, 0], means[rows, k], _DOT, size=4, label="place")
+        plot.line(means[best, 0], means[best, k], _BEST, width=1.2, label="Pareto front")
+        plot.dots(means[best, 0], means[best, k], _BEST, size=8, label="Pareto front")
+        if there[0]:
+            plot.dots(means[:1, 0], means[:1, k], _AS_IT_IS, size=10, symbol="diamond", label="unchanged")
+        plots.append(plot.html())
+    return plots
+
+
+def _weighing(problem: Problem) -> int:
+    return next(i for i, score in enumerate(problem.scores) if score.weight)

@@ -1,11 +1,13 @@
-"""Placement files (YAML): what is free, on which walks, by which scores, and how it is searched; checked key by key.
+"""Placement files (YAML): free fields, walks, scores and search; and the places that they describe.
 
-Files that it names lie in its folder or below it; nothing in it says where anything is written.
+Files that it names are in its folder or below it; it does not name the output folder.
 """
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -14,19 +16,31 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path
-from stridetwin.scenarios.campaign.named_files import Base, NamedBase, NamedFiles, Variable, names_files, short_base
+from stridetwin.scenarios.campaign.field_paths import field_path, put
+from stridetwin.scenarios.campaign.named_files import (
+    FILES,
+    Base,
+    NamedBase,
+    NamedFiles,
+    Variable,
+    names_files,
+    short_base,
+)
+from stridetwin.scenarios.campaign.own_scenario import FOLDER
 from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.scenarios.scenario_file import Scenario, scenario_of
+from stridetwin.sim.config import Person
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import OneKey, refused, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, Free, FreeInFile, Knob, Over, free_field, grid_size
-from stridetwin.studies.placement.scores import Score, ScoresInFile
-from stridetwin.studies.placement.sight import Seeing
+from stridetwin.studies.placement.scores import Score, ScoresInFile, Seeing
 
 MOST_PLACES = 100_000
 _SUFFIXES = (".yaml", ".yml")
+AS_IT_IS = "as it is"
+"""Label of the unchanged scenario."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +79,7 @@ class Problem:
         bases: Scenarios.
         variables: Set at every place.
         free: What is chosen.
-        scores: By which places are told apart; the search makes their weighted sum small.
+        scores: By which places are compared; the search minimises their weighted sum.
         seeds: Of the walks of each scenario, the same at every place.
         seeing: When a board counts as seen.
         search: How places are found; None for a sweep over all.
@@ -120,7 +134,7 @@ class PlacementFile(BaseModel):
         scenarios: Scenarios, by name of the catalogue or path in the placement's folder.
         set: Paths into the scenarios, each with a value at every place.
         free: Paths into the scenarios, each with what there is to choose.
-        scores: By which places are compared; the search makes their weighted sum small.
+        scores: By which places are compared; the search minimises their weighted sum.
         seeds: Of the walks of each scenario: how many, from 0 on, or a list of them.
         seeing: When a board counts as seen.
         method: `sweep` over all places, or a search.
@@ -149,14 +163,14 @@ def find_problem(name: str) -> Path:
     """The file of a placement: of the catalogue, or a path.
 
     Raises:
-        StrideTwinError: There is none; the message lists those there are.
+        StrideTwinError: There is none; the message lists the valid ones.
     """
     if name in problems():
         return problems()[name]
     path = Path(name)
     if path.suffix.lower() in _SUFFIXES or path.parent != Path("."):
         return path
-    raise StrideTwinError(f"there is no placement {name!r}: expected {suggest(name, problems())}, or a .yaml file")
+    raise StrideTwinError(f"invalid placement {name!r}: expected {suggest(name, problems())}, or a .yaml file")
 
 
 def read_problem(path: Path) -> Problem:
@@ -174,7 +188,7 @@ def read_problem(path: Path) -> Problem:
     common = files.variables(file.set, where.key("set"))
     for variable in (*common, *(v for base in bases for v in base.variables)):
         if variable.varies:
-            raise variable.at.error("a distribution", "one value; what is to be chosen stands in free")
+            raise variable.at.error("a distribution", "one value; free variables belong in free")
     problem = Problem(
         path=path,
         description=file.placement,
@@ -192,7 +206,7 @@ def read_problem(path: Path) -> Problem:
         if (count := grid_size(problem.knobs)) > MOST_PLACES:
             raise where.key("free").error(f"{count} places", f"up to {MOST_PLACES} places")
     elif all(knob.values for knob in problem.knobs):
-        raise where.key("method").error("optimise", "sweep, as there is nothing but choices")
+        raise where.key("method").error("optimise", "sweep, as all free variables are choices")
     check_budget(problem, where.key("method").key("optimise").key("budget"))
     return problem
 
@@ -208,8 +222,8 @@ def check_budget(problem: Problem, at: Where) -> None:
     combinations = math.prod(len(knob.values) for knob in problem.knobs if knob.values)
     least = max(combinations, problem.search.starts)
     if problem.search.budget < least:
-        told = f"{combinations} combinations of choices, {problem.search.starts} starts"
-        raise at.error(problem.search.budget, f"{least} or more ({told})")
+        why = f"{combinations} combinations of choices, {problem.search.starts} starts"
+        raise at.error(problem.search.budget, f"{least} or more ({why})")
 
 
 def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where) -> Free:
@@ -218,3 +232,94 @@ def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where)
     if isinstance(said, Among) and names_files(paths):
         said = Among(choice=tuple(files.own_files(list(said.choice), at)))
     return free_field(", ".join(p.text for p in paths), paths, said, at)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Values of all knobs; empty for the unchanged scenario.
+
+    Attributes:
+        values: By the knobs' names.
+    """
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """A text that is equal for equal places."""
+        return json.dumps(self.values, sort_keys=True)
+
+    @property
+    def label(self) -> str:
+        """Its name in tables and figures."""
+        return ", ".join(f"{name} {format_value(value)}" for name, value in self.values.items()) or AS_IT_IS
+
+
+def format_value(value: Any) -> str:
+    """A value as text for tables."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text.removeprefix(f"../{FILES}/")
+
+
+def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
+    """Plain data of a place's scenario file.
+
+    Raises:
+        ConfigError: This scenario lacks a field that is set or free.
+    """
+    plain: dict[str, Any] = json.loads(json.dumps(base.scenario))
+    for variable in (*problem.variables, *base.variables):
+        for path in variable.paths:
+            put(plain, path, json.loads(json.dumps(variable.distribution.at(0.0))), variable.at)
+    if place.values:
+        person = _person(plain, problem.free, base)
+        for free in problem.free:
+            value = free.value(place.values, person)
+            for path in free.paths:
+                put(plain, path, json.loads(json.dumps(value)), free.at)
+    return plain
+
+
+def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Scenario:
+    """A place's scenario; the folder contains the user's parts."""
+    return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
+
+
+def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
+    """The walker; the default person where no field is on a surface."""
+    if all(f.surface is None for f in free):
+        return Person()
+    steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+    return scenario_of({**steps, **{k: plain[k] for k in ("person",) if k in plain}}, Path(base.name)).config.person
+
+
+def check_ends(problem: Problem, folder: Path) -> None:
+    """Checks the unchanged scenarios, then the ends of every range with the other values at their middle.
+
+    Raises:
+        ConfigError: The message names file, field, value and what is valid.
+    """
+    middle = {knob.name: knob.middle for knob in problem.knobs}
+    for base in problem.bases:
+        try:
+            scenario_at(problem, base, Place(), folder)
+        except ConfigError as error:
+            raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
+        for knob in problem.knobs:
+            for end in knob.ends:
+                try:
+                    scenario_at(problem, base, Place(values=middle | {knob.name: end}), folder)
+                except ConfigError as error:
+                    raise _about(knob, end, base, error) from error
+
+
+def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinError:
+    if error.source == knob.at.source:
+        return error
+    return knob.at.error(end, f"what {base.name} can have ({_inner(error)})")
+
+
+def _inner(error: ConfigError) -> str:
+    return f"{error.field}: {error.problem}"

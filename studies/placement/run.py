@@ -16,13 +16,10 @@ from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Array
-from stridetwin.studies.placement import rows as row_files
 from stridetwin.studies.placement.body_map import body_map
-from stridetwin.studies.placement.measure import Measure, Measured, Progress
+from stridetwin.studies.placement.measure import ROWS, Measure, Measured, Progress, Rows, held
 from stridetwin.studies.placement.page import placement_page
-from stridetwin.studies.placement.places import Place, check_ends, format_value, plain_of
-from stridetwin.studies.placement.problem_file import Problem
-from stridetwin.studies.placement.rows import Rows, held
+from stridetwin.studies.placement.problem_file import Place, Problem, check_ends, format_value, plain_of
 from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.placement.significance import compared, front, in_words, intervals
 
@@ -72,7 +69,7 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
         (folder / FOLDER).mkdir(exist_ok=True)
         lay_files(folder, problem.own)
         check_ends(problem, folder)
-        rows = Rows(folder / row_files.NAME, options.resume)
+        rows = Rows(folder / ROWS, options.resume)
         measure = Measure(problem, folder, rows, options.workers, progress)
         searched = _searched(problem, measure)
         losses = _means(searched.losses(problem.scores))

@@ -1,4 +1,4 @@
-"""Which scores there are to place sensors by, and which way each is better."""
+"""Scores of a placement: their names, directions and weights, and when a board counts as seen."""
 
 from __future__ import annotations
 
@@ -11,21 +11,36 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from stridetwin.evaluation.gate.metric_policy import scale_of
-from stridetwin.streams.fields import number, refused, text
+from stridetwin.streams.fields import DEG, number, refused, text
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
 GEOMETRIC = {
-    "visibility_pct": ("foot_camera", True, "time in which one shoe's camera sees the other's whole board, either way"),
-    "sharp_pct": ("foot_camera", True, "the same, and it hardly blurs"),
-    "occlusion_pct": ("foot_camera", False, "of the time with a board in view, that in which limbs hide some of it"),
-    "square_px": ("foot_camera", True, "edge of a board's square while it is seen, mean"),
-    "ahead_pct": ("head_camera", True, "ground 0.5 to 2.5 m ahead on the route that the depth camera sees"),
-    "own_body_pct": ("head_camera", False, "of its image that the walker's own body fills"),
-    "weight_g": ("", False, "weight of all sensors that are on"),
-    "foot_weight_g": ("", False, "weight of those on one foot"),
+    "visibility_pct": ("foot_camera", True, "share of the time in which a shoe's camera sees the other's whole board"),
+    "sharp_pct": ("foot_camera", True, "the same, with little motion blur"),
+    "occlusion_pct": ("foot_camera", False, "share of the time with a board in view in which limbs occlude it"),
+    "square_px": ("foot_camera", True, "mean edge of a board's square in the image while it is seen"),
+    "ahead_pct": ("head_camera", True, "share of the ground 0.5 to 2.5 m ahead that the depth camera sees"),
+    "own_body_pct": ("head_camera", False, "share of its image covered by the walker's own body"),
+    "weight_g": ("", False, "weight of all enabled sensors"),
+    "foot_weight_g": ("", False, "weight of the sensors on one foot"),
 }  # fmt: skip
 """Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seeing:
+    """When a board counts as seen.
+
+    Attributes:
+        least_px: Edge of its squares in the image, at the board's centre, if it were seen face on.
+        incidence_rad: Largest angle between its normal and the line of sight.
+        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
+    """
+
+    least_px: Annotated[float, number(0.1, 1000)] = 4.0
+    incidence_rad: Annotated[float, number(1, 89.9, key="incidence_deg", scale=DEG)] = math.radians(65.0)
+    blur_squares: Annotated[float, number(0.001, 100)] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +115,7 @@ def _short(node: object) -> object:
 
 
 def _scores(items: tuple[_Weighed, ...]) -> tuple[Score, ...]:
-    """Scores, each once, of which the first counts where no weights are given."""
+    """Scores, each once; without weights only the first counts."""
     scores: list[Score] = []
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):

@@ -13,8 +13,7 @@ import numpy as np
 from stridetwin.scenarios.campaign.plan import cube
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.placement.free import Knob
-from stridetwin.studies.placement.places import Place
-from stridetwin.studies.placement.problem_file import Optimise
+from stridetwin.studies.placement.problem_file import Optimise, Place
 
 _SPREAD = 0.25
 _WORST = 1e12  # a place without a score; only ranks count

@@ -96,17 +96,11 @@ def compared(losses: Array) -> list[Pair]:
 
 
 def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[str]:
-    """The comparison of the places as text; the best one comes first.
-
-    Args:
-        pairs: Result of `compared`.
-        names: Names of the places.
-        walks: Number of walks.
-    """
+    """The comparison of the places as text, the best one first, from the result of `compared` over that many walks."""
     if walks < 2:
         return ["One walk: no difference can be tested for significance."]
     if walks < LEAST_WALKS:
-        return [f"{walks} walks are too few to call any difference significant: expected {LEAST_WALKS} or more seeds."]
+        return [f"{walks} walks are too few to test significance; expected {LEAST_WALKS} or more seeds."]
     words = []
     for first in sorted({pair.first for pair in pairs}):
         own = [p for p in pairs if p.first == first]

@@ -10,9 +10,9 @@ from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.evaluation.step_scores import ScoredStep
-from stridetwin.report.figures_steps import steps_from_aside
-from stridetwin.report.html import boxes, page, section
-from stridetwin.report.svg import Plot, data_range, wide_and_narrow
+from stridetwin.report.figures_path import steps_from_aside
+from stridetwin.report.html import boxes, page, preformatted, section
+from stridetwin.report.plot import INK, PALETTE, Plot
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.world.route import lay_out
 from stridetwin.studies.shim2019.shim_table5 import CASES, table
@@ -20,35 +20,34 @@ from stridetwin.studies.shim2019.shim_table5 import CASES, table
 SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ramp of 14°"}
 DOTS = 150
 """Number of dots per mode in Figure 24, evenly chosen from all steps to limit the page's size."""
-_COLORS = {"LG": "#5b6b7f", "SA": "#d9480f", "SD": "#f0a030", "RA": "#0b6bcb", "RD": "#7a9fd0"}
-_METHOD_COLORS = {"proposed": "#0a7d7d", "published": "#a3327a"}
-_INK = "#0f1c2e"
+_COLORS = dict(zip(MODES, ("#5b6b7f", PALETTE[1], PALETTE[5], PALETTE[0], PALETTE[4])))
+_METHOD_COLORS = dict(zip(METHODS, PALETTE[2:]))
 
 
 def report(result: dict[str, Any]) -> str:
     """The experiment as HTML text: Figures 22-24, then the tables."""
     cases = result["cases"]
     lead_22 = f"Planes and their normals, subject S{cases[0]['subject']}, seed {cases[0]['seed']}."
-    lead_23 = "What is told of each terrain, mean and standard deviation over all steps; black is true. Amounts."
-    lead_24 = f"Slope and elevation of steps over the largest of each; up to {DOTS} steps of a mode."
-    lead_tables = "Ours and the published method beside the paper."
-    averages = [_figure_23(cases, what) for what in ("slope", "elevation")]
+    lead_23 = "Absolute slope and elevation by terrain: mean and standard deviation over all steps."
+    lead_24 = f"Slope and elevation of steps, relative to the largest; up to {DOTS} steps per mode."
+    lead_tables = "The proposed and the published method, and the paper's results."
+    averages = [_figure_23(cases, quantity) for quantity in ("slope", "elevation")]
     sections = [
         *(section(f"Figure 22, {m}", lead_22, boxes(_figure_22(cases[0], m)), "stack") for m in METHODS),
         section("Figure 23", lead_23, boxes(averages), "stack"),
         section("Figure 24", lead_24, boxes([_figure_24(cases, m) for m in METHODS]), "plots"),
-        section("Tables 5 to 7", lead_tables, Markup("<pre>{}</pre>").format("\n".join(table(result))), ""),
+        section("Tables 5 to 7", lead_tables, preformatted(table(result)), ""),
     ]
     return page(
         "Slope and step height from the legs",
         "Shim et al. 2019 on the simulated walkers: seven subjects on level ground, a stair and three ramps.",
         [f"{len(cases)} trials", f"{cases[0]['physics']} physics"],
         sections,
-        "Every trial lies beside this page as JSON.",
+        "The results of every trial are in JSON files beside this page.",
     )
 
 
-def _figure_22(case: dict[str, Any], method: str) -> list[str]:
+def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
     """Side views of one trial."""
     figures = []
     for walk, title in SHOWN.items():
@@ -58,55 +57,42 @@ def _figure_22(case: dict[str, Any], method: str) -> list[str]:
     return figures
 
 
-def _figure_23(cases: Sequence[dict[str, Any]], what: str) -> str:
-    """Averages by terrain."""
-    scale, unit = (np.degrees(1.0), "°") if what == "slope" else (1e3, "mm")
-    true = [[abs(getattr(s, what)) * scale for s in _of_case(cases, METHODS[0], name)] for name in CASES]
-    told = {
-        method: [[abs(getattr(s, f"told_{what}")) * scale for s in _of_case(cases, method, name)] for name in CASES]
-        for method in METHODS
-    }
-    span = data_range(*(np.array(v) for rows in (true, *told.values()) for v in rows), include=(0.0,))
-
-    def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=260, x=(-0.6, len(CASES) - 0.4), y=span, title=f"Figure 23, {what}",
-            y_label=f"{what}, {unit}", x_names=tuple(CASES),
-        )  # fmt: skip
-        for i, values in enumerate(true):
-            if values:
-                plot.line([i - 0.35, i + 0.35], [np.mean(values)] * 2, _INK, stroke=1.4, label="true" if i == 0 else "")
-        for k, (method, rows) in enumerate(told.items()):
-            for i, values in enumerate(rows):
-                if values:
-                    at, mean, sd = i + 0.24 * k - 0.12, float(np.mean(values)), float(np.std(values))
-                    plot.line([at, at], [mean - sd, mean + sd], _METHOD_COLORS[method], stroke=1.4)
-                    plot.dots([at], [mean], _METHOD_COLORS[method], radius=3.2, label=method if i == 0 else "")
-        return plot
-
-    return wide_and_narrow(draw)
+def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
+    """Means and standard deviations by terrain."""
+    scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
+    plot = Plot(
+        title=f"Figure 23, {quantity}", x=(-0.6, len(CASES) - 0.4), y_label=f"{quantity}, {unit}", x_label="terrain",
+        x_names=tuple(CASES),
+    )  # fmt: skip
+    for k, method in enumerate((METHODS[0], *METHODS)):
+        name = f"told_{quantity}" if k else quantity
+        values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
+        at = np.array([i for i, own in enumerate(values) if own])
+        means = np.array([np.mean(own) for own in values if own])
+        if k:
+            sd = [np.std(own) for own in values if own]
+            plot.dots(at + 0.24 * k - 0.36, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
+        else:
+            plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)], INK, label="true")
+    return plot.html()
 
 
 def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     """Steps in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _seen(walk[method])]
-    slopes = np.array([s.told_slope for s in steps])
-    heights = np.array([s.told_elevation for s in steps])
-    slopes, heights = (v / max(float(np.abs(v).max(initial=0.0)), 1e-9) for v in (slopes, heights))
+    points = np.array([(s.told_slope, s.told_elevation) for s in steps]).reshape(-1, 2)
+    points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
-
-    def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=380, x=(-1.05, 1.05), y=(-1.05, 1.05), title=f"Figure 24, {method}",
-            x_label="slope over the largest", y_label=f"{method}: elevation over the largest",
-        )  # fmt: skip
-        for mode in MODES:
-            own = np.flatnonzero(modes == mode)
-            own = own[np.unique(np.linspace(0, len(own) - 1, min(len(own), DOTS)).astype(int))] if len(own) else own
-            plot.dots(slopes[own], heights[own], _COLORS[mode], radius=2.0, label=mode)
-        return plot
-
-    return wide_and_narrow(draw)
+    plot = Plot(
+        title=f"Figure 24, {method}", x=(-1.05, 1.05), y=(-1.05, 1.05), x_label="slope / largest slope",
+        y_label=f"{method}: elevation / largest elevation", height=380,
+    )  # fmt: skip
+    for mode, color in _COLORS.items():
+        own = np.flatnonzero(modes == mode)
+        if len(own):
+            own = own[np.unique(np.linspace(0, len(own) - 1, min(len(own), DOTS)).astype(int))]
+            plot.dots(points[own, 0], points[own, 1], color, size=4, label=mode)
+    return plot.html()
 
 
 def _of_case(cases: Sequence[dict[str, Any]], method: str, name: str) -> list[ScoredStep]:

@@ -7,15 +7,17 @@ exoskeleton with measurement errors (`exo_geometry.measured`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from heapq import merge
 from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
-from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, TerrainSvm
+from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, Exoskeleton, StepEstimate, TerrainSvm
+from stridetwin.estimators.contact_terrain.geometry import METADATA_KEY, to_text
 from stridetwin.evaluation.norms import reference, reference_rows
 from stridetwin.evaluation.step_scores import (
     ScoredStep,
@@ -30,8 +32,10 @@ from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Footprint, Sample
 from stridetwin.studies.case import Case
+from stridetwin.studies.tables import table_lines
 
 SUBJECTS, TRIALS = 7, 10
 SEEDS = range(1000, 1000 + SUBJECTS * TRIALS)
@@ -66,30 +70,34 @@ def run_case(case: Case) -> dict[str, Any]:
         method to the number of estimated steps that did not happen.
     """
     who, fell = subject(case.seed), []
+    methods = (*METHODS, *case.estimators)
     walks: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    false = dict.fromkeys(METHODS, 0)
+    false = dict.fromkeys(methods, 0)
     for name in WALKS:
-        config = load_scenario(name).config
-        twin = Twin(
-            replace(config, sensors=SENSORS, physics=case.physics, person=PEOPLE[f"shim_s{who}"]), case.seed
+        config = replace(
+            load_scenario(name).config, sensors=SENSORS, physics=case.physics, person=PEOPLE[f"shim_s{who}"]
         )  # fmt: skip
-        rows, footprints = walked(twin)
-        told = measured(geometry(twin.size, twin.rig), np.random.default_rng([case.seed, 4]))
+        twin = Twin(config, case.seed)
+        samples, footprints = walked(twin)
+        exo = measured(geometry(twin.size, twin.rig), np.random.default_rng([case.seed, 4]))
         walks[name] = {}
-        for method in METHODS:
-            estimates = ContactTerrain(twin.rig, options=Options(method=method), exoskeleton=told).run(iter(rows))
+        for method in methods:
+            estimates = estimated_steps(method, twin.rig, exo, samples)
             walks[name][method] = [s.row() for s in score_steps(footprints, estimates)]
             false[method] += false_steps(footprints, estimates)
         if twin.fell_at is not None:
             fell.append(name)
-    return {
-        "seed": case.seed,
-        "physics": case.physics,
-        "subject": who,
-        "fell": fell,
-        "walks": walks,
-        "false_steps": false,
-    }
+    return case.row(subject=who, fell=fell, walks=walks, false_steps=false)
+
+
+def estimated_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:
+    """All step estimates of one of `METHODS`, or of an installed estimator of steps."""
+    if name in METHODS:
+        return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo).run(iter(samples))
+    found = registry.estimator(name)
+    options = Options(method=found.declaration.methods[0], metadata={METADATA_KEY: to_text(exo)})
+    estimator = found(rig, options=options)
+    return [estimate for sample in samples if (estimate := estimator.update(sample)) is not None]
 
 
 def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
@@ -106,7 +114,7 @@ def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """Totals by method and case, with the paper's; `by_subject` is the whole table."""
     summary, by_subject = {}, {}
-    for method in METHODS:
+    for method in results[0]["false_steps"]:
         trials = [
             (r["subject"], {walk: [ScoredStep(**row) for row in of[method]] for walk, of in r["walks"].items()})
             for r in results
@@ -133,13 +141,13 @@ def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
             slopes, elevations = [s.told_slope for s in steps], [s.told_elevation for s in steps]
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
-    def told(who: int, step: ScoredStep) -> ScoredStep:
+    def classified(who: int, step: ScoredStep) -> ScoredStep:
         machine = machines.get(who)
         if machine is None or not step.seen:
             return step
         return replace(step, told_mode=machine.classify(step.told_slope, step.told_elevation))
 
-    found = [(who, {walk: [told(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
+    found = [(who, {walk: [classified(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
     return found, set(machines)
 
 
@@ -154,10 +162,10 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
         rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
     everything = [(who, own) for who, walks in trials for own in walks.values()]
     rows["all"] = _figures(everything, [], classed)
-    told = [s for who, own in everything if who in classed for s in own]
-    if told:
+    known = [s for who, own in everything if who in classed for s in own]
+    if known:
         for mode in MODES:
-            rows["all"][f"accuracy_{mode}_pct"] = percent(s.told_mode == s.mode for s in told if s.mode == mode)
+            rows["all"][f"accuracy_{mode}_pct"] = percent(s.told_mode == s.mode for s in known if s.mode == mode)
     return rows
 
 
@@ -166,9 +174,9 @@ def _figures(
 ) -> dict[str, float]:
     """`step_figures`, but classes only from the subjects in `classed`."""
     figures = step_figures([s for _, own in walks for s in own], places)
-    told = [s for who, own in walks if who in classed for s in own]
+    known = [s for who, own in walks if who in classed for s in own]
     del figures[_CLASSES]
-    return figures | ({_CLASSES: percent(s.told_mode == s.mode for s in told)} if told else {})
+    return figures | ({_CLASSES: percent(s.told_mode == s.mode for s in known)} if known else {})
 
 
 def paper(who: str) -> dict[str, dict[str, float]]:
@@ -181,34 +189,44 @@ def paper(who: str) -> dict[str, dict[str, float]]:
     return {row["case"]: {name: float(row[name]) for name in FIGURES if row[name]} for row in rows}
 
 
+_COLUMNS = (
+    *(
+        column
+        for head, figure in zip(("d mm", "h mm", "y mm", "slope °", "elevation mm"), FIGURES)
+        for column in (
+            (head, 8 + 5 * (head == "elevation mm"), f"{{{figure}:.2f}}"),
+            ("paper", 9, f"{{paper_{figure}:.2f}}"),
+        )
+    ),
+    ("y, aligned", 12, "{y_turned_rmse_mm:.2f}"),
+    ("slope in 95 %", 15, "{slope_in_95_pct:.0f}"),
+    ("elev. in 95 %", 15, "{elevation_in_95_pct:.0f}"),
+    ("class %", 9, f"{{{_CLASSES}:.1f}}"),
+    ("steps", 7, "{steps}"),
+    ("missed", 8, "{steps_missed}"),
+)
+
+
 def table(result: dict[str, Any]) -> list[str]:
     """Each method and the paper, as lines of text."""
     theirs = result["paper"]["Shim et al. 2019"]
     lines = [
         f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",
-        "in brackets the paper; d, h, y: error of the displacement a step, forward, up and left",
-        "y, turned: left, after the whole way is turned: its heading is that with which the AHRSs start",
+        "d, h, y: RMS error of the displacement per step, forward, up and left",
+        "y, aligned: the same after the whole path is rotated: its heading is that with which the AHRSs start",
     ]
-    for method, rows in result["summary"].items():
-        lines += [
-            "",
-            f"{method:<12}{'d mm':>15}{'h mm':>15}{'y mm':>15}{'y, turned':>11}{'slope °':>15}{'elevation mm':>15}"
-            f"{'in 95 %':>12}{'class %':>9}{'steps':>7}{'missed':>8}",
+    for method, summary in result["summary"].items():
+        rows = [
+            (case, {**{f"paper_{f}": theirs.get(case, {}).get(f, "") for f in FIGURES}, **row})
+            for case, row in summary.items()
         ]
-        for case, row in rows.items():
-            cells = [_cell(row.get(f), theirs.get(case, {}).get(f)) for f in FIGURES]
-            aligned = f"{row['y_turned_rmse_mm']:>11.2f}" if "y_turned_rmse_mm" in row else f"{'':>11}"
-            cells.insert(3, aligned)
-            lines.append(
-                f"{case:<12}{''.join(cells)}{_share(row, 'slope_in_95_pct')}{_share(row, 'elevation_in_95_pct')}"
-                f"{_percent(row, _CLASSES):>9}{row['steps']:>7}{row['steps_missed']:>8}"
-            )
-        lines.append(f"steps told that are none: {rows['all']['false_steps']}")
-        modes = "  ".join(f"{mode} {_percent(rows['all'], f'accuracy_{mode}_pct')}" for mode in MODES)
-        lines.append(f"right classes by mode, %: {modes}")
+        lines += ["", *table_lines(_COLUMNS, rows, 12, method)]
+        lines.append(f"estimated steps that did not happen: {summary['all']['false_steps']}")
+        modes = "  ".join(f"{mode} {_percent(summary['all'], f'accuracy_{mode}_pct')}" for mode in MODES)
+        lines.append(f"correct classes by mode, %: {modes}")
         people = result["by_subject"][method].items()
         by_subject = "  ".join(f"{who} {_percent(own['all'], _CLASSES)}" for who, own in people)
-        lines.append(f"right classes by subject, %: {by_subject}")
+        lines.append(f"correct classes by subject, %: {by_subject}")
     return [*lines, "", *_mean_errors(result["summary"])]
 
 
@@ -251,15 +269,5 @@ def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, 
     return mean, float(np.sqrt(max(square - mean**2, 0.0)))
 
 
-def _cell(ours: float | None, theirs: float | None) -> str:
-    if ours is None:
-        return f"{'':>15}"
-    return f"{ours:>8.2f}{'' if theirs is None else f'({theirs:.2f})':>7}"
-
-
 def _percent(row: dict[str, float], name: str) -> str:
     return f"{row[name]:.1f}" if name in row else "-"
-
-
-def _share(row: dict[str, float], name: str) -> str:
-    return f"{row[name]:>6.0f}" if name in row else f"{'-':>6}"

@@ -16,17 +16,9 @@ import numpy as np
 from stridetwin.evaluation.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s
-from stridetwin.studies.zhao2023.odometry_walks import (
-    METHODS,
-    SENSORS,
-    Maker,
-    dvio,
-    every_method,
-    mean,
-    recorded,
-    worst_time,
-)
+from stridetwin.studies.tables import table_lines
+from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.zhao2023.odometry_walks import SENSORS, Maker, every_method, mean, odometer, worst_time
 
 MOUNT = "head"
 
@@ -60,7 +52,7 @@ SEQUENCES = {
 SEEDS = range(1000, 1000 + len(SEQUENCES))
 
 
-def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
+def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
     """One sequence, by every method; the seeds cycle through the sequences.
 
     Returns:
@@ -71,20 +63,18 @@ def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
     config = replace(load_scenario(name).config, sensors=SENSORS, physics=case.physics, rig_mount=MOUNT)
     with recorded(config, case, name) as recording:
         rate = np.linalg.norm(recording.block(f"/{MOUNT}/imu").columns["angular_rate"], axis=1)
-        return {
-            "seed": case.seed,
-            "physics": case.physics,
-            "sequence": name,
-            "fell_at_s": fell_at_s(recording),
-            "rate_radps": {"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
-            "methods": every_method(recording, MOUNT, make),
-        }
+        return case.row(
+            sequence=name,
+            fell_at_s=fell_at_s(recording),
+            rate_radps={"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
+            methods=every_method(recording, MOUNT, make, case.estimators),
+        )
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By method, means over the walks of each sequence and over the sequences; with the paper's EuRoC figures."""
     summary: dict[str, Any] = {}
-    for method in METHODS:
+    for method in results[0]["methods"]:
         of: dict[str, list[dict[str, Any]]] = {}
         for r in results:
             of.setdefault(r["sequence"], []).append(r["methods"][method])
@@ -101,43 +91,45 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[str, float | None]:
     """Mean over the walks of each sequence, and over the sequences; None if no walk has the figure."""
     values = {name: mean(own, figure) for name, own in walks.items()}
-    told = [v for v in values.values() if v is not None]
-    return {**values, "mean": float(np.mean(told)) if told else None}
+    known = [v for v in values.values() if v is not None]
+    return {**values, "mean": float(np.mean(known)) if known else None}
 
 
 def paper() -> dict[str, Any]:
     """Table IV: EuRoC, and the mean of the ten."""
-    told: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for method, figures in reference("zhao2023")["dvio_bench"].items():
         ape = figures["ape_rmse_m"]
-        told[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
-    return told
+        found[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
+    return found
 
 
 def table(result: dict[str, Any]) -> list[str]:
     """Each sequence and the one of EuRoC of similar difficulty, as lines of text."""
     summary, theirs = result["summary"], result["paper"]
+    methods = list(result["cases"][0]["methods"])
     time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}
-    lines = [
-        "RMS of the absolute position error, m; x: lost, or more than 2 m away. In brackets the paper's, of EuRoC:",
-        "other motion, other cameras, so that the order of the methods is what compares.",
-        f"proposed: {time_ms['mean']:.1f} ms a frame, 99th percentile {time_ms['p99']:.1f}; "
-        f"{summary['walks_that_fell']} of {len(result['cases'])} walks ended by a fall",
-        "",
-        f"{'':<13}{'':<30}{'as':<8}{'rad/s p95':>10}" + "".join(f"{m:>17}" for m in METHODS),
-    ]
+    columns = [("as", 8, "{like}"), ("rad/s p95", 11, "{rate[p95]:.1f}")]
+    columns += [column for m in methods for column in ((m, 12, f"{{{m}}}"), ("EuRoC", 9, f"({{paper_{m}:.2f}})"))]
+    rows = []
     for name in [*(n for n in SEQUENCES if n in rates), "mean"]:
         sequence = SEQUENCES.get(name, Sequence(like="mean", words=""))
-        rate = f"{rates[name]['p95']:>10.1f}" if name in rates else f"{'':>10}"
-        cells = "".join(
-            _cell(summary[m], name, theirs.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)) for m in METHODS
-        )
-        lines.append(f"{name:<13}{sequence.words:<30}{'' if name == 'mean' else sequence.like:<8}{rate}{cells}")
-    return lines
+        figures: dict[str, Any] = {"like": sequence.like, "rate": rates.get(name)}
+        for m in methods:
+            figures[m] = _error(summary[m], name)
+            figures[f"paper_{m}"] = theirs.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)
+        rows.append((f"{name:<13}{sequence.words}", figures))
+    return [
+        "RMS of the absolute position error, m; x: lost or over 2 m away. In brackets the paper's results on EuRoC;",
+        "its motion and cameras differ, so compare the order of the methods.",
+        f"proposed: {time_ms['mean']:.1f} ms per frame, 99th percentile {time_ms['p99']:.1f}; "
+        f"{summary['walks_that_fell']} of {len(result['cases'])} walks ended by a fall",
+        "",
+        *table_lines(columns, rows, 43),
+    ]
 
 
-def _cell(own: dict[str, Any], name: str, theirs: float | None) -> str:
+def _error(own: dict[str, Any], name: str) -> str:
     value = own["ape_rmse_m"].get(name)
     text = "-" if value is None else f"{value:.3f}" if value < 10.0 else ">10"
-    failed = "x" if own["failures"].get(name) else " "
-    return f"{text + failed:>10}{'' if theirs is None else f'({theirs:.2f})':>7}"
+    return text + ("x" if own["failures"].get(name) else " ")

@@ -19,20 +19,15 @@ from stridetwin.estimators.locomotion_mode import INSOLES
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
 from stridetwin.evaluation.truth import true_footprints
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.faults.sample_faults import Dropout
-from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Insole, Odometry
 from stridetwin.studies.case import Case
 from stridetwin.studies.fault_injection import InjectedFault, Samples, by_fault, changed, fault_table
 from stridetwin.studies.walks import falls, fell_at_s
-from stridetwin.studies.zhao2023.mode_walks import SENSORS, posed, scored, tell
-from stridetwin.studies.zhao2023.odometry_walks import recorded
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp
 
 WALKS = ("zhao_stair_15cm", "zhao_ramp_11_8")
-MOUNTS = ("head", "chest")
 SEEDS = range(1000, 1004)
 BEFORE_S, LASTS_S = 3.0, 2.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, and lasts this long, s."""
@@ -80,7 +75,7 @@ def faults(mount: str, begins_s: Sequence[float]) -> dict[str, InjectedFault]:
         Dropout(topic=f"/{mount}/depth", at_s=at, duration_s=LASTS_S, name=f"off {k}") for k, at in enumerate(begins_s)
     )
     return {
-        "none": InjectedFault(words="nothing wrong"),
+        "none": InjectedFault(words="no fault"),
         "odometry_lost": InjectedFault(
             words=f"odometry lost for {LASTS_S:g} s, then in another frame", samples=_restarted(begins_s)
         ),
@@ -97,15 +92,15 @@ def faults(mount: str, begins_s: Sequence[float]) -> dict[str, InjectedFault]:
 NAMES = {name: fault.words for name, fault in faults("head", ()).items()}
 _COLUMNS = (
     ("steps", 6, "{steps}"),
-    ("right %", 9, "{accuracy_pct:.1f}"),
+    ("correct %", 11, "{accuracy_pct:.1f}"),
     ("transitions %", 15, "{transition_accuracy_pct:.1f}"),
     ("lead s", 8, "{lead_time_s[median]:.1f}"),
     ("5 %", 6, "{lead_time_s[p5]:.1f}"),
-    ("p right", 9, "{probability_right:.3f}"),
+    ("p correct", 11, "{probability_right:.3f}"),
     ("p wrong", 9, "{probability_wrong:.3f}"),
     ("wrong", 7, "{wrong}"),
     (f"p > {SURE:g}", 9, "{sure_and_wrong}"),
-    ("untold", 8, "{untold}"),
+    ("none", 6, "{untold}"),
     ("cal. error", 12, "{calibration_error:.3f}"),
 )
 
@@ -119,22 +114,16 @@ def run_case(case: Case) -> dict[str, Any]:
     mount = MOUNTS[case.seed % len(MOUNTS)]
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in NAMES}
     fell = []
-    for scenario in WALKS:
-        config = replace(
-            load_scenario(scenario).config, sensors=SENSORS, physics=case.physics, exo=None, rig_mount=mount,
-            gait=Gait(gaze=Gaze(kind="wandering")),
-        )  # fmt: skip
-        sole_m = wearer(config.person, with_exo=False).body.shoe_length_m
-        with recorded(config, case, f"{mount}_{config.name}") as recording:
-            poses = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
-            for name, fault in faults(mount, begins_s(recording)).items():
-                others = recording.samples([*INSOLES, depth_calibration(recording.rig).depth_topic])
-                samples = heapq.merge(poses, others, key=lambda s: s.t_ns)
-                arriving = fault.inject(samples, recording.rig, case.seed, recording.duration)
-                found[name].append(scored(tell(arriving, recording), recording, sole_m)["proposed"].rows())
-            if fell_at_s(recording) is not None:
-                fell.append(config.name)
-    return {"seed": case.seed, "physics": case.physics, "mount": mount, "fell": fell, "faults": found}
+    for scenario, recording, sole_m in stair_and_ramp(case, WALKS, mount, SENSORS):
+        poses = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
+        for name, fault in faults(mount, begins_s(recording)).items():
+            others = recording.samples([*INSOLES, depth_calibration(recording.rig).depth_topic])
+            samples = heapq.merge(poses, others, key=lambda s: s.t_ns)
+            arriving = fault.inject(samples, recording.rig, case.seed, recording.duration)
+            found[name].append(scored(predict(arriving, recording), recording, sole_m)["proposed"].rows())
+        if fell_at_s(recording) is not None:
+            fell.append(scenario)
+    return case.row(mount=mount, fell=fell, faults=found)
 
 
 def begins_s(recording: Recording) -> list[float]:
@@ -152,9 +141,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """`mode_figures`, and the predicted probabilities.
 
-    Returns:
-        Also `probability_right` and `probability_wrong`, the mean probability of right and wrong predictions; `wrong`,
-        `sure_and_wrong` and `untold`, numbers of steps: predicted wrongly, with more than `SURE`, and not predicted.
+    Also the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly (`wrong`), with
+    more than `SURE` (`sure_and_wrong`), and not predicted (`untold`).
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]

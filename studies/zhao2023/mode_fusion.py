@@ -17,16 +17,13 @@ from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
 from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
 from stridetwin.evaluation.truth import true_footprints
 from stridetwin.scenarios.exo_geometry import of_recording
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.config import Gait, Gaze
-from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.case import Case
 from stridetwin.studies.fault_injection import Samples
+from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import falls, fell_at_s
-from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, scored, tell
-from stridetwin.studies.zhao2023.odometry_walks import recorded
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp
 
 WALKS = ("zhao_stair_20cm", "zhao_ramp_15_8")
 LIGHTS = ("light", "dark")
@@ -47,32 +44,26 @@ def run_case(case: Case) -> dict[str, Any]:
         true mode, that of the previous step, and the legs' prediction, for every step.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
-    told: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
+    found: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
     legs: list[tuple[str, str, str]] = []
     fell = []
-    for scenario in WALKS:
-        config = replace(
-            load_scenario(scenario).config, sensors=_LEGS, physics=case.physics, rig_mount=mount,
-            gait=Gait(gaze=Gaze(kind="wandering")),
-        )  # fmt: skip
-        sole_m = wearer(config.person, with_exo=True).body.shoe_length_m
-        with recorded(config, case, f"{mount}_{config.name}") as recording:
-            seen = list(posed(recording, mount, "dvio"))
-            steps = felt_steps(recording)
-            for light in LIGHTS:
-                samples = seen if light == "light" else list(_dark(seen, _first_up_ns(recording)))
-                for by in BY[:2]:
-                    all_of_them: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
-                    all_of_them.sort(key=lambda s: s.t_ns)
-                    rows = scored(tell(all_of_them, recording, ("proposed",)), recording, sole_m)
-                    told[light][by].append(rows["proposed"].rows())
-            legs += _like_the_last(recording, steps)
-            if fell_at_s(recording) is not None:
-                fell.append(config.name)
-    return {"seed": case.seed, "physics": case.physics, "mount": mount, "fell": fell, "told": told, "legs": legs}
+    for scenario, recording, sole_m in stair_and_ramp(case, WALKS, mount, _LEGS, with_exo=True):
+        seen = list(posed(recording, mount, "dvio"))
+        steps = leg_steps(recording)
+        for light in LIGHTS:
+            samples = seen if light == "light" else list(_dark(seen, _first_up_ns(recording)))
+            for by in BY[:2]:
+                both: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
+                both.sort(key=lambda s: s.t_ns)
+                rows = scored(predict(both, recording, ("proposed",)), recording, sole_m)
+                found[light][by].append(rows["proposed"].rows())
+        legs += _like_the_last(recording, steps)
+        if fell_at_s(recording) is not None:
+            fell.append(scenario)
+    return case.row(mount=mount, fell=fell, told=found, legs=legs)
 
 
-def felt_steps(recording: Recording) -> list[StepEstimate]:
+def leg_steps(recording: Recording) -> list[StepEstimate]:
     """All step estimates from the legs, in time order."""
     exo = of_recording(recording)
     legs = ContactTerrain(recording.rig, exoskeleton=exo)
@@ -106,35 +97,33 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
         for light in LIGHTS
     }
     seen = [s for r in results for w in r["told"]["light"]["camera"] for s in ModeScores.of(w).steps]
-    felt = [told for r in results for _, _, told in r["legs"]]
-    right = [(told in s.allowed, s.transition) for s, told in zip(seen, felt, strict=True)]  # as for the camera
+    predicted = [mode for r in results for _, _, mode in r["legs"]]
+    right = [(mode in s.allowed, s.transition) for s, mode in zip(seen, predicted, strict=True)]  # as for the camera
     summary["legs"] = {
-        "steps": len(felt),
+        "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),
         "transition_accuracy_pct": 100.0 * float(np.mean([ok for ok, transition in right if transition])),
     }
     return {"summary": summary, "paper": {}}
 
 
+_COLUMNS = (
+    ("steps", 6, "{steps}"),
+    ("correct %", 11, "{accuracy_pct:.1f}"),
+    ("transitions %", 15, "{transition_accuracy_pct:.1f}"),
+    ("lead s", 8, "{lead_time_s[median]:.1f}"),
+    ("5 %", 6, "{lead_time_s[p5]:.1f}"),
+    ("footprint mm", 14, "{footprint_steady_rmse_m[forward]!m:.0f}"),
+    ("cal. error", 12, "{calibration_error:.3f}"),
+)
+
+
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text."""
     summary = result["summary"]
-    lines = [
+    rows = [(f"{_WORDS[light]}, {_WORDS[by]}", summary[light][by]) for light in LIGHTS for by in BY[:2]]
+    return [
         f"{len(result['cases'])} walks each of {' and '.join(WALKS)} in the exoskeleton",
         falls(result["cases"]),
-        f"{'':<50}{'steps':>6}{'right %':>9}{'transitions %':>15}{'lead s':>8}{'5 %':>6}{'footprint mm':>14}"
-        f"{'cal. error':>12}",
+        *table_lines(_COLUMNS, [*rows, (_WORDS["legs"], summary["legs"])], 50),
     ]
-    for light in LIGHTS:
-        for by in BY[:2]:
-            of = summary[light][by]
-            lines.append(
-                f"{_WORDS[light] + ', ' + _WORDS[by]:<50}{of['steps']:>6}{of['accuracy_pct']:>9.1f}"
-                f"{of['transition_accuracy_pct']:>15.1f}{of['lead_time_s']['median']:>8.1f}"
-                f"{of['lead_time_s']['p5']:>6.1f}{1e3 * of['footprint_steady_rmse_m']['forward']:>14.0f}"
-                f"{of['calibration_error']:>12.3f}"
-            )
-    of = summary["legs"]
-    return [
-        *lines, f"{_WORDS['legs']:<50}{of['steps']:>6}{of['accuracy_pct']:>9.1f}{of['transition_accuracy_pct']:>15.1f}"
-    ]  # fmt: skip

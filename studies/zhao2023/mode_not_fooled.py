@@ -26,12 +26,11 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth
 from stridetwin.studies.case import Case
 from stridetwin.studies.fault_injection import Samples
-from stridetwin.studies.walks import falls, fell_at_s
-from stridetwin.studies.zhao2023.mode_walks import SENSORS, posed, scored, tell
-from stridetwin.studies.zhao2023.odometry_walks import recorded
+from stridetwin.studies.tables import table_lines
+from stridetwin.studies.walks import falls, fell_at_s, recorded
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored
 
 SEEDS = range(1000, 1004)
-MOUNTS = ("head", "chest")
 KERB_M = 0.04
 STOP_M = 0.45
 """Distance at which the walker stops before the obstacle."""
@@ -49,14 +48,14 @@ class Trap:
         segments: Terrain segments.
         things: Objects on the ground.
         bystanders: Number of people walking about.
-        spoil: From a recording to the change of its samples.
+        inject: From a recording to the change of its samples.
     """
 
     words: str
     segments: tuple[Segment, ...] = (Level(length_m=6.0),)
     things: tuple[Thing, ...] = ()
     bystanders: int = 0
-    spoil: Callable[[Recording], Callable[[Samples], Samples]] = lambda recording: lambda samples: samples
+    inject: Callable[[Recording], Callable[[Samples], Samples]] = lambda recording: lambda samples: samples
 
 
 def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
@@ -71,22 +70,22 @@ def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
     shine = cv2.GaussianBlur(np.random.default_rng(7).standard_normal((256, 256)), (0, 0), 1.0)
     low, high = np.quantile(shine, [MIRRORED, 1.0 - HOLES])
 
-    def seen(picture: Depth) -> Depth:
-        T = _matrix(truth, picture.t_ns) @ T_frame_camera
+    def seen(image: Depth) -> Depth:
+        T = _matrix(truth, image.t_ns) @ T_frame_camera
         eye, ahead = T[:3, 3], rays @ T[:3, :3].T
         floor = np.where(ahead[..., 2] < -0.05, eye[2] / -np.minimum(ahead[..., 2], -0.05), np.inf)
         xy = (eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * ahead[..., :2]) / (0.5 * BLOTCH_M)
         here = shine[tuple(np.moveaxis(np.floor(xy).astype(int) % 256, -1, 0))]
-        on_floor = np.abs(picture.depth - floor) < 0.05 * floor
-        depth = np.where(on_floor & (here > high), 0.0, picture.depth)
-        depth = np.where(on_floor & (here < low), picture.depth * (eye[2] + CEILING_M) / eye[2], depth)
-        return replace(picture, depth=np.where(depth > 6.0, 0.0, depth).astype(np.float32))
+        on_floor = np.abs(image.depth - floor) < 0.05 * floor
+        depth = np.where(on_floor & (here > high), 0.0, image.depth)
+        depth = np.where(on_floor & (here < low), image.depth * (eye[2] + CEILING_M) / eye[2], depth)
+        return replace(image, depth=np.where(depth > 6.0, 0.0, depth).astype(np.float32))
 
-    def spoil(samples: Samples) -> Samples:
+    def inject(samples: Samples) -> Samples:
         there = range(int(truth.t_ns[0]), int(truth.t_ns[-1]) + 1)
         return (seen(s) if isinstance(s, Depth) and s.t_ns in there else s for s in samples)
 
-    return spoil
+    return inject
 
 
 def _matrix(truth: TruePath, t_ns: int) -> Array:
@@ -118,7 +117,7 @@ TRAPS = {
     ),
     "wall": Trap(words="a wall at the end of the way", things=(Thing(kind="wall", at_m=6.0 + STOP_M),)),
     "leg": Trap(words="legs of four bystanders", bystanders=4),
-    "mirror": Trap(words="a floor that mirrors in blotches", spoil=_mirror),
+    "mirror": Trap(words="a floor that mirrors in blotches", inject=_mirror),
 }  # fmt: skip
 
 
@@ -141,12 +140,14 @@ def run_case(case: Case) -> dict[str, Any]:
             gait=Gait(gaze=Gaze(kind="terrain")),
         )  # fmt: skip
         with recorded(config, case, name) as recording:
-            told = tell(posed(recording, mount, "dvio", trap.spoil(recording)), recording)
-            rows = scored(told, recording, sole_m)
+            predictions = predict(posed(recording, mount, "dvio", trap.inject(recording)), recording)
+            rows = scored(predictions, recording, sole_m)
             if fell_at_s(recording) is not None:
                 fell.append(name)
-        found[name] = {m: {"steps": rows[m].rows()["steps"], "alarms_pct": _alarms(told.estimates[m])} for m in METHODS}
-    return {"seed": case.seed, "physics": case.physics, "mount": mount, "fell": fell, "traps": found}
+        found[name] = {
+            m: {"steps": rows[m].rows()["steps"], "alarms_pct": _alarms(predictions.estimates[m])} for m in METHODS
+        }
+    return case.row(mount=mount, fell=fell, traps=found)
 
 
 def _alarms(estimates: list[ModeEstimate]) -> float:
@@ -164,33 +165,36 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
-    told = Counter(s.told for s in steps)
+    predicted = Counter(s.told for s in steps)
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),
         "accuracy_pct": 100.0 * sum(s.right for s in steps) / max(len(steps), 1),
-        "told": {m: told[m] for m in (*MODES, "")},
+        "told": {m: predicted[m] for m in (*MODES, "")},
         "least_probability": min(probabilities, default=None),
         "alarms_pct": float(np.mean([w["alarms_pct"] for w in walks])),
     }
 
 
+_COLUMNS = (
+    ("steps", 7, "{steps}"),
+    *((mode, 6, f"{{told[{mode}]}}") for mode in MODES),
+    ("none", 6, "{none}"),
+    ("least p of LG", 15, "{least_probability:.3f}"),
+    ("alarms %", 10, "{alarms_pct:.1f}"),
+    ("published: LG %", 17, "{published:.1f}"),
+)
+
+
 def table(result: dict[str, Any]) -> list[str]:
     """Predicted modes by trap, as lines of text; every true one is LG."""
     ours, published = (result["summary"][m] for m in METHODS)
-    lines = [
-        f"{len(result['cases'])} walks a trap; every step is LG; alarms: estimates that tell of anything else to come",
+    rows = [
+        (trap.words, {**ours[name], "none": ours[name]["told"][""], "published": published[name]["accuracy_pct"]})
+        for name, trap in TRAPS.items()
+    ]
+    return [
+        f"{len(result['cases'])} walks per trap; every step is LG; alarms: estimates that predict any other mode",
         falls(result["cases"]),
-        f"{'':<52}{'steps':>7}" + "".join(f"{m:>6}" for m in MODES)
-        + f"{'nothing':>9}{'least p of LG':>15}{'alarms %':>10}{'published: LG %':>17}",
-    ]  # fmt: skip
-    for name, trap in TRAPS.items():
-        of, theirs = ours[name], published[name]
-        lines.append(
-            f"{trap.words:<52}{of['steps']:>7}"
-            + "".join(f"{of['told'][m]:>6}" for m in MODES)
-            + f"{of['told']['']:>9}"
-            + ("-".rjust(15) if of["least_probability"] is None else f"{of['least_probability']:>15.3f}")
-            + f"{of['alarms_pct']:>10.1f}{theirs['accuracy_pct']:>17.1f}"
-        )
-    return lines
+        *table_lines(_COLUMNS, rows, 52),
+    ]

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators.base import Options
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import Estimator, Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
@@ -25,9 +26,11 @@ from stridetwin.evaluation.alignment import Laid
 from stridetwin.evaluation.mode_scores import ModeScores, score_modes
 from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
+from stridetwin.pipeline.run import pose_of
 from stridetwin.pipeline.terrain_files import given_poses, pose_sample
 from stridetwin.scenarios.ground import from_metadata
-from stridetwin.sim.config import TwinConfig
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import Gait, Gaze, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
@@ -35,8 +38,8 @@ from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometr
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.case import Case
 from stridetwin.studies.fault_injection import Samples
-from stridetwin.studies.walks import fell_at_s
-from stridetwin.studies.zhao2023.odometry_walks import HEALTHY, dvio, recorded
+from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.zhao2023.odometry_walks import odometer
 
 EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
 """Edges of the histograms' bins; values beyond count in the outermost bins."""
@@ -48,12 +51,7 @@ Spread = Mapping[str, Any]
 
 
 def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
-    """The spread of one walk, by quantity (`EDGES`).
-
-    Args:
-        recording: Of the walk, with its truth.
-        mount: Mount of the camera.
-    """
+    """The spread of one walk, by quantity (`EDGES`), from its truth."""
     truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))  # its axes are the camera's
     half = round(_OVER_S / 2 * 1e9)
     steps = recording.block(FOOTPRINTS).t_ns[2:]  # the two initial footprints come first
@@ -104,7 +102,7 @@ FORGETFUL = "single_picture"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Telling:
+class PredictionSetup:
     """How the steps of a walk are predicted.
 
     Attributes:
@@ -118,45 +116,51 @@ class Telling:
     pitch_down: str = "nominal"
 
 
-def told_walk(config: TwinConfig, case: Case, telling: Telling) -> dict[str, Any]:
-    """One walk, by each method.
-
-    Args:
-        config: Walker, route and gait; sensors, physics and the camera's pitch are set here.
-        case: Seed and options.
-        telling: How its steps are predicted.
+def predicted_walk(config: TwinConfig, case: Case, setup: PredictionSetup) -> dict[str, Any]:
+    """One walk, by each method; sensors, physics and the camera's pitch of the configuration are set here.
 
     Returns:
         `seed`, `physics`, `fell_at_s`, `mount`, `spread` (`walk_spread`), and `methods`: method to `steps`,
         `approaches` and `time_ms`.
     """
-    pitch = np.radians(reference("zhao2023")["protocol"]["mount_pitch_down_deg"][telling.pitch_down])
+    pitch = np.radians(reference("zhao2023")["protocol"]["mount_pitch_down_deg"][setup.pitch_down])
     camera = replace(config.fittings.get("head_camera", SensorConfig()), pitch_down_rad=float(pitch))
     fittings = {**config.fittings, "head_camera": camera}
     config = replace(config, sensors=SENSORS, fittings=fittings, physics=case.physics, exo=None)
     mount, sole_m = config.rig_mount, wearer(config.person, with_exo=False).body.shoe_length_m
     with recorded(config, case, mount) as recording:
-        return {
-            "seed": case.seed,
-            "physics": case.physics,
-            "fell_at_s": fell_at_s(recording),
-            "mount": mount,
-            "spread": walk_spread(recording, mount),
-            "methods": predicted(recording, mount, telling, sole_m),
-        }
+        return case.row(
+            fell_at_s=fell_at_s(recording), mount=mount, spread=walk_spread(recording, mount),
+            methods=_rows(recording, mount, setup, case.estimators, sole_m),
+        )  # fmt: skip
+
+
+def stair_and_ramp(
+    case: Case, scenarios: Sequence[str], mount: str, sensors: Sequence[str], *, with_exo: bool = False
+) -> Iterator[tuple[str, Recording, float]]:
+    """Recordings of scenarios with a wandering gaze: name, recording, and the length of the walker's soles, m."""
+    for name in scenarios:
+        config = load_scenario(name).config
+        config = replace(
+            config, sensors=tuple(sensors), physics=case.physics, exo=config.exo if with_exo else None, rig_mount=mount,
+            gait=Gait(gaze=Gaze(kind="wandering")),
+        )  # fmt: skip
+        sole_m = wearer(config.person, with_exo=with_exo).body.shoe_length_m
+        with recorded(config, case, f"{mount}_{config.name}") as recording:
+            yield config.name, recording, sole_m
 
 
 class SharedMap(TerrainMap):
     """A map that several predictors feed with the same samples; it processes each once."""
 
     _last: Sample | None = None
-    _told: TerrainEstimate | None = None
+    _estimate: TerrainEstimate | None = None
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """As `TerrainMap.update`; a repeated sample returns the same result."""
         if sample is not self._last:
-            self._told, self._last = super().update(sample), sample
-        return self._told
+            self._estimate, self._last = super().update(sample), sample
+        return self._estimate
 
 
 class ForgetfulMap(TerrainMap):
@@ -171,24 +175,19 @@ class ForgetfulMap(TerrainMap):
         return super().update(sample)
 
 
-def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float) -> dict[str, dict[str, Any]]:
-    """By method: rows of the scored steps and changes, and time per depth image, ms.
-
-    Args:
-        recording: Of the walk.
-        mount: Mount of the camera.
-        telling: How its steps are predicted.
-        sole_m: Length of the walker's soles.
-    """
-    told = tell(posed(recording, mount, telling.poses), recording, telling.methods)
+def _rows(
+    recording: Recording, mount: str, setup: PredictionSetup, others: Sequence[str], sole_m: float
+) -> dict[str, dict[str, Any]]:
+    """By method: rows of the scored steps and changes, and time per depth image, ms."""
+    predictions = predict(posed(recording, mount, setup.poses), recording, (*setup.methods, *others))
     return {
-        method: scores.rows() | {"time_ms": _time(told.frame_ms[method])}
-        for method, scores in scored(told, recording, sole_m).items()
+        method: scores.rows() | {"time_ms": _time(predictions.frame_ms[method])}
+        for method, scores in scored(predictions, recording, sole_m).items()
     }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
+class Predictions:
     """Predictions of a walk.
 
     Attributes:
@@ -202,17 +201,26 @@ class Told:
     path: Trajectory
 
 
-def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
-    """Runs every method on a walk's poses, depth and insoles, and on step estimates from the legs, in time order."""
+def predict(
+    samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS
+) -> Predictions:
+    """Runs predictors on a walk's poses, depth and insoles, and on step estimates from the legs, in time order.
+
+    Methods are the predictor's own, `FORGETFUL`, or names of installed estimators of modes.
+    """
     rig = recording.rig
     options = Options(poses_of=given_poses(recording, depth_calibration(rig))[1])
-    shared, forgetful = SharedMap(rig, options=options), ForgetfulMap(rig, options=options)
-    predictors = {
-        m: LocomotionMode(rig, options=options, ground=forgetful)
-        if m == FORGETFUL
-        else LocomotionMode(rig, options=replace(options, method=m), ground=shared)
-        for m in methods
-    }
+    shared = SharedMap(rig, options=options)
+
+    def predictor(name: str) -> Estimator:
+        if name == FORGETFUL:
+            return LocomotionMode(rig, options=options, ground=ForgetfulMap(rig, options=options))
+        if name in METHODS:
+            return LocomotionMode(rig, options=replace(options, method=name), ground=shared)
+        found = registry.estimator(name)
+        return found(rig, options=replace(options, method=found.declaration.methods[0]))
+
+    predictors = {name: predictor(name) for name in methods}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
     frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
     poses: list[Odometry] = []
@@ -227,21 +235,21 @@ def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods
                 frame_ms[method].append(own)
             if estimate is not None:
                 estimates[method].append(estimate)
-    return Told(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses))
+    return Predictions(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses))
 
 
-def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
+def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
     """Scores of the predictions, by method; `sole_m` is the length of the walker's soles."""
     truth = TruePath.of(recording.block(given_poses(recording, depth_calibration(recording.rig))[0]))
-    there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
-    path = told.path[there]
+    there = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
+    path = predictions.path[there]
     laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
     footprints = true_footprints(recording)
-    return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in told.estimates.items()}
+    return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in predictions.estimates.items()}
 
 
 def posed(
-    recording: Recording, mount: str, poses: str, spoil: Callable[[Samples], Samples] = lambda samples: samples
+    recording: Recording, mount: str, poses: str, inject: Callable[[Samples], Samples] = lambda samples: samples
 ) -> Samples:
     """Poses of the camera's IMU, depth and insoles in time order.
 
@@ -249,20 +257,19 @@ def posed(
         recording: Of the walk.
         mount: Mount of the camera.
         poses: Of `POSES`.
-        spoil: Change of the samples before any estimator reads them.
+        inject: Fault of the samples, before any estimator reads them.
     """
     camera = depth_calibration(recording.rig)
     if poses == "given":
         topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
-        yield from spoil(iter(recording.samples(topics)))
+        yield from inject(iter(recording.samples(topics)))
         return
-    odometer = dvio("proposed", recording.rig, mount)
+    odometry = odometer("proposed", recording.rig, mount)
     arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
-    for sample in spoil(arriving):
+    for sample in inject(arriving):
         if isinstance(sample, Imu | Image | Depth):
-            estimate = odometer.update(sample)
-            if estimate is not None and estimate.health in HEALTHY:
-                pose = estimate.pose
+            pose = pose_of(odometry.update(sample))
+            if pose is not None and pose.valid:
                 yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
         if isinstance(sample, Depth | Insole):
             yield sample

@@ -8,112 +8,77 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.evaluation.path_drift import Odometry, drift_figures
 from stridetwin.evaluation.truth import TruePath
-from stridetwin.scenarios.record import record
-from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.twin import Twin
+from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
+from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
-from stridetwin.studies.case import Case
 
 METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
 SENSORS = ("head_imu", "head_camera")
-HEALTHY = ("tracking", "imu_only")
 FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
-
-
-class Estimate(Protocol):
-    """What an odometry estimates at one instant.
-
-    Attributes:
-        t_ns: Its time.
-        pose: Of the IMU in a world of its own, z up.
-        health: `tracking`, `imu_only` (dead reckoning for a short time), or anything else if it is lost.
-    """
-
-    @property
-    def t_ns(self) -> int: ...  # noqa: D102
-    @property
-    def pose(self) -> Pose: ...  # noqa: D102
-    @property
-    def health(self) -> str: ...  # noqa: D102
 
 
 class Odometer(Protocol):
     """A running odometry."""
 
-    def update(self, sample: Imu | Image | Depth) -> Estimate | None:
-        """Processes a sample; samples come in time order."""
+    def update(self, sample: Any) -> Any:
+        """Takes a sample, in time order; returns a `Pose` of the IMU, an object with one, or None."""
 
 
 Maker = Callable[[str, Rig, str], Odometer]
-"""Makes an odometry from a method, the nominal rig, and the mount of the camera."""
+"""Makes an odometry from its name, the nominal rig, and the mount of the camera."""
+
+
+def odometer(name: str, rig: Rig, mount: str) -> Odometer:
+    """One of `METHODS`, or an installed estimator of paths."""
+    if name in METHODS:
+        return Dvio(rig, options=Options(method=name, mount=mount))
+    found = registry.estimator(name)
+    return found(rig, options=Options(method=found.declaration.methods[0], mount=mount))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ride:
+class OdometryRun:
     """Result of an odometry on a recording.
 
     Attributes:
-        told: Its path.
+        odometry: Its path.
         frame_ms: (N,) processing time from one image to the next.
     """
 
-    told: Odometry
+    odometry: Odometry
     frame_ms: Array
 
 
-def dvio(method: str, rig: Rig, mount: str) -> Odometer:
-    """The odometry of a method (`METHODS`)."""
-    return Dvio(rig, options=Options(method=method, mount=mount))
-
-
-def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
+def follow(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
     """Runs an odometry on samples in time order."""
-    estimates: dict[int, Estimate] = {}
+    poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
     spent = 0.0
     for sample in samples:
-        assert isinstance(sample, Imu | Image | Depth)
         if isinstance(sample, Image):
             frame_ms.append(spent)
             spent = 0.0
         began = time.perf_counter()
-        estimate = odometer.update(sample)
+        estimate = odometry.update(sample)
         spent += 1e3 * (time.perf_counter() - began)
-        if estimate is not None:
-            estimates[estimate.t_ns] = estimate  # the last one at an instant uses most samples
-    return Ride(told=_odometry(estimates), frame_ms=np.array(frame_ms[1:]))
-
-
-def _odometry(estimates: Mapping[int, Estimate]) -> Odometry:
-    inorder = [estimates[t] for t in sorted(estimates)]
-    path = trajectory_of([e.pose for e in inorder])
-    return Odometry(path=path, healthy=np.array([e.health in HEALTHY for e in inorder], bool))
-
-
-@contextmanager
-def recorded(config: TwinConfig, case: Case, name: str) -> Iterator[Recording]:
-    """A walk, recorded into the case's folder; the file is deleted afterwards unless kept."""
-    file = case.file(f"_{name}.mcap")
-    if not (case.resume and file.exists()):
-        record(Twin(config, case.seed), file, lambda stage, share: None)
-    yield Recording(file)
-    if not case.keep:
-        file.unlink()
+        if (pose := pose_of(estimate, type(odometry).__name__)) is not None:
+            poses[pose.t_ns] = pose  # the last one at an instant uses most samples
+    path = [poses[t] for t in sorted(poses)]
+    healthy = np.array([pose.valid for pose in path], bool)
+    return OdometryRun(odometry=Odometry(path=trajectory_of(path), healthy=healthy), frame_ms=np.array(frame_ms[1:]))
 
 
 def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:
@@ -126,23 +91,21 @@ def true_path(recording: Recording, mount: str) -> TruePath:
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
-def figures(ride: Ride, truth: TruePath) -> dict[str, Any]:
+def figures(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
     """`drift_figures`, and `time_ms` per frame."""
-    return drift_figures(ride.told, truth) | {"time_ms": time_of(ride.frame_ms)}
+    return drift_figures(run.odometry, truth) | {"time_ms": time_of(run.frame_ms)}
 
 
-def every_method(
-    recording: Recording, mount: str, make: Maker, methods: Sequence[str] = METHODS
-) -> dict[str, dict[str, Any]]:
-    """Figures by method."""
+def every_method(recording: Recording, mount: str, make: Maker, others: Sequence[str] = ()) -> dict[str, Any]:
+    """Figures by method, then those of other installed estimators."""
     truth = true_path(recording, mount)
     return {
-        method: figures(follow(make(method, recording.rig, mount), odometry_samples(recording, mount)), truth)
-        for method in methods
+        name: figures(follow(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
+        for name in (*METHODS, *others)
     }
 
 
-def time_of(frame_ms: NDArray[np.float64]) -> dict[str, float]:
+def time_of(frame_ms: Array) -> dict[str, float]:
     """Mean and 99th percentile."""
     if not len(frame_ms):
         return {"mean": 0.0, "p99": 0.0}

@@ -20,18 +20,9 @@ from stridetwin.evaluation.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s
-from stridetwin.studies.zhao2023.odometry_walks import (
-    FIGURES,
-    METHODS,
-    SENSORS,
-    Maker,
-    dvio,
-    every_method,
-    mean,
-    recorded,
-    worst_time,
-)
+from stridetwin.studies.tables import table_lines
+from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.zhao2023.odometry_walks import FIGURES, SENSORS, Maker, every_method, mean, odometer, worst_time
 
 SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
 SEEDS = range(1000, 1000 + len(SUBJECTS) * len(MOUNTS))
@@ -45,13 +36,8 @@ def who_and_where(seed: int) -> tuple[str, str]:
     return SUBJECTS[subject], MOUNTS[turn % len(MOUNTS)]
 
 
-def run_case(scenario: str, case: Case, make: Maker = dvio) -> dict[str, Any]:
-    """One walk, by every method.
-
-    Args:
-        scenario: Name in the catalogue.
-        case: Seed and options.
-        make: Makes the odometries.
+def run_case(scenario: str, case: Case, make: Maker = odometer) -> dict[str, Any]:
+    """One walk of a scenario in the catalogue, by every odometry that `make` makes.
 
     Returns:
         `seed`, `physics`, `subject`, `mount`, `fell_at_s`, and `methods`: method to `odometry_walks.figures`.
@@ -61,21 +47,16 @@ def run_case(scenario: str, case: Case, make: Maker = dvio) -> dict[str, Any]:
         load_scenario(scenario).config, sensors=SENSORS, physics=case.physics, person=PEOPLE[subject], rig_mount=mount
     )
     with recorded(config, case, mount) as recording:
-        return {
-            "seed": case.seed,
-            "physics": case.physics,
-            "subject": subject,
-            "mount": mount,
-            "fell_at_s": fell_at_s(recording),
-            "methods": every_method(recording, mount, make),
-        }
+        methods = every_method(recording, mount, make, case.estimators)
+        return case.row(subject=subject, mount=mount, fell_at_s=fell_at_s(recording), methods=methods)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """Means by method over all walks and over those of each mount, and the number of failures; with the paper's."""
-    summary: dict[str, Any] = {m: _summary([r["methods"][m] for r in results]) for m in METHODS}
-    for method in METHODS:
+    summary: dict[str, Any] = {}
+    for method in results[0]["methods"]:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
+        summary[method] = _summary([r["methods"][method] for r in results])
         summary[method]["by_mount"] = {mount: _summary(walks) for mount, walks in by_mount.items() if walks}
     summary["time_ms"] = worst_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
@@ -97,39 +78,37 @@ def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
 
 def paper() -> dict[str, Any]:
     """Table V: drift along x, y and z, and its norm if reported."""
-    drifts = reference("zhao2023")["zhao_closed_loop_drift_m"]
-    told: dict[str, Any] = {}
-    for method, xyz in drifts.items():
+    found: dict[str, Any] = {}
+    for method, xyz in reference("zhao2023")["zhao_closed_loop_drift_m"].items():
         numbers = all(isinstance(value, int | float) for value in xyz)
-        told[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
-    return told
+        found[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
+    return found
+
+
+_COLUMNS = (
+    ("loop drift m", 14, "{loop_drift_m:.3f}"),
+    ("largest m", 11, "{loop_drift_max_m:.3f}"),
+    ("paper m", 9, "{paper:.2f}"),
+    ("APE m", 8, "{ape_rmse_m:.3f}"),
+    ("over 5 m %", 12, "{rpe_5m_pct:.2f}"),
+    ("climb, largest mm", 19, "{climb_error_max_m!m:.0f}"),
+    ("NEES in 95 %", 14, "{nees_within_95_pct:.0f}"),
+    ("failed", 8, "{failures}"),
+)
 
 
 def table(result: dict[str, Any]) -> list[str]:
     """Each method and the paper, as lines of text; means over the walks."""
     summary, theirs = result["summary"], result["paper"]
     time_ms = summary["time_ms"]
-    lines = [
+    rows = []
+    for method in result["cases"][0]["methods"]:
+        own = summary[method]
+        rows.append((method, {**own, "paper": theirs.get(method, {}).get("loop_drift_m", "")}))
+        rows += [(f"{'':<12}{mount}", {**figures, "paper": ""}) for mount, figures in own["by_mount"].items()]
+    return [
         f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall",
-        f"proposed: {time_ms['mean']:.1f} ms a frame, 99th percentile {time_ms['p99']:.1f}",
+        f"proposed: {time_ms['mean']:.1f} ms per frame, 99th percentile {time_ms['p99']:.1f}",
         "",
-        f"{'':<12}{'':<8}{'loop drift m':>14}{'largest m':>11}{'paper m':>9}{'APE m':>8}{'over 5 m %':>12}"
-        f"{'climb, largest mm':>19}{'NEES in 95 %':>14}{'failed':>8}",
+        *table_lines(_COLUMNS, rows, 20),
     ]
-    for method in METHODS:
-        for mount, own in {"": summary[method], **summary[method]["by_mount"]}.items():
-            paper = theirs.get(method, {}).get("loop_drift_m", "") if not mount else ""
-            climb = own["climb_error_max_m"]
-            lines.append(
-                f"{method if not mount else '':<12}{mount:<8}{_cell(own['loop_drift_m'], 14, 3)}"
-                f"{_cell(own['loop_drift_max_m'], 11, 3)}{_cell(paper, 9, 2)}{_cell(own['ape_rmse_m'], 8, 3)}"
-                f"{_cell(own['rpe_5m_pct'], 12, 2)}{_cell(None if climb is None else 1e3 * climb, 19, 0)}"
-                f"{_cell(own['nees_within_95_pct'], 14, 0)}{own['failures']:>8}"
-            )
-    return lines
-
-
-def _cell(value: float | str | None, width: int, digits: int) -> str:
-    if value is None:
-        return f"{'-':>{width}}"
-    return f"{value:>{width}}" if isinstance(value, str) else f"{value:>{width}.{digits}f}"

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("latex2mathml", reason="stridetwin[docs]")
 
-from tools import equations
-from tools.equations import numbers
+from tools import site
+from tools.site import numbers
 
 ROOT = Path(__file__).parents[2]
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md"))}
@@ -48,7 +48,7 @@ def test_equations_that_code_cites_exist():
 def test_equations_become_mathml_with_their_number_and_an_anchor():
     inline = '<p>a <span class="arithmatex">\\(x &lt; y\\)</span></p>'
     block = '<div class="arithmatex">\\[\n\\frac{a}{b} \\tag{3}\n\\]</div>'
-    made = equations.on_page_content(inline + block, None, None, None)
+    made = site.on_page_content(inline + block, None, None, None)
     assert "arithmatex" not in made
     assert "\\" not in made
     assert made.count("<math") == 2

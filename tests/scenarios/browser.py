@@ -74,7 +74,18 @@ class Browser:
         while not all(state["videos"]) and time.monotonic() < deadline:
             time.sleep(0.1)
             state = self._value(_STATE)
-        return state | {"errors": self._errors(), "requests": self._requests()}
+        return self.state()
+
+    def state(self) -> dict:
+        """The page's state, console errors and requests."""
+        return self._value(_STATE) | {"errors": self._errors(), "requests": self._requests()}
+
+    def wait(self, condition: str, seconds: float = 60.0) -> bool:
+        """Waits until a JavaScript expression is true; says whether it became so."""
+        deadline = time.monotonic() + seconds
+        while not (met := self._value(condition)) and time.monotonic() < deadline:
+            time.sleep(0.2)
+        return met
 
     def screenshot(self, path: Path) -> None:
         """Saves the whole page as PNG."""

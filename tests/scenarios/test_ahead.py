@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 import pytest
+from plots import figure
 
 from stridetwin.cli.score import score_table
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
@@ -19,13 +19,12 @@ from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead, See
 from stridetwin.pipeline.run import merged
 from stridetwin.pipeline.terrain_files import KINDS
 from stridetwin.report.figures_terrain import (
-    WRONG,
     ground_errors,
     ground_from_above,
     ground_from_aside,
     lead_times,
     mode_ribbon,
-    told_runs,
+    prediction_runs,
 )
 from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.world.route import lay_out
@@ -129,11 +128,6 @@ def ahead() -> Ahead:
     )  # fmt: skip
 
 
-def wide(figure: str) -> str:
-    """The parts of a figure for a wide window."""
-    return "".join(re.findall(r'<svg class="wide".*?</svg>', figure, re.S))
-
-
 def test_a_laid_world_goes_there_and_back():
     laid = Laying(told=np.array([1.0, 2.0, 3.0]), true=np.array([-1.0, 0.5, 3.2]), turn=math.pi / 2)
     points = np.array([[[1.0, 2.0, 3.0], [2.0, 2.0, 3.5]]])
@@ -142,18 +136,18 @@ def test_a_laid_world_goes_there_and_back():
     np.testing.assert_allclose(laid.to_true(points[..., :2]), laid.to_true(points)[..., :2], atol=1e-12)
 
 
-class Pictures:
-    """In the place of a recording with 30 depth pictures a second."""
+class DepthImages:
+    """In the place of a recording with 30 depth images per second."""
 
     def samples(self, topics):
         assert topics == ["/head/depth"]
         return (Depth(topic="/head/depth", t_ns=k * 10**9 // 30, depth=np.zeros((2, 2), np.float32)) for k in range(30))
 
 
-def test_map_and_prediction_are_given_every_picture_and_first_the_pose_of_its_instant():
+def test_map_and_prediction_are_given_every_image_and_first_the_pose_of_its_instant():
     t_ns = np.arange(30) * 10**9 // 30
     path = Trajectory(t_ns=t_ns, p_frame_in_world=np.zeros((30, 3)), q_world_frame=np.tile([1.0, 0, 0, 0], (30, 1)))
-    given = list(merged(path, Pictures(), ["/head/depth"]))
+    given = list(merged(path, DepthImages(), ["/head/depth"]))
     assert [s.t_ns for s in given if isinstance(s, Depth)] == t_ns.tolist()
     assert [type(s) for s in given] == [Odometry, Depth] * 30
 
@@ -167,58 +161,57 @@ def test_steps_told_in_a_turned_and_shifted_world_are_as_far_off_as_they_were_ma
     assert (up.distance_m, up.riser_m, up.tread_m) == pytest.approx((0.0, 0.001, 0.002), abs=1e-9)
 
 
-def test_the_plan_has_every_footprint_those_told_and_the_wrong_ones(ahead):
-    plan = wide(ground_from_above(ahead))
-    assert plan.count('fill="#ffffff" stroke="#46546a"') == len(ahead.footprints)
-    assert plan.count("<ellipse") == len(ahead.footprints) - 3  # of the first step nothing is told between two landings
-    assert plan.count(f'stroke="{WRONG}"') == 2 * len(WRONG_STEPS)
-    assert plan.count("<image ") == 1
-    for words in ("level", "stairs up", "told a step before"):
-        assert f">{words}</text>" in plan
-    assert "nan" not in plan
+def test_the_plan_has_every_footprint_those_predicted_and_the_wrong_ones(ahead):
+    plan = figure(ground_from_above(ahead))
+    assert len(plan.shapes("true footprint")) == len(ahead.footprints)
+    predicted = [label for label in plan.labels if label.startswith("predicted one step before")]
+    known = len(ahead.footprints) - 3  # nothing is predicted of the first step between two landings
+    assert sum(len(plan.shapes(label)) for label in predicted) == len(plan.shapes("its 95 % ellipse")) == known
+    assert len(plan.points("wrong")) == len(WRONG_STEPS)
+    assert len(plan.layout["images"]) == 1
+    assert {"mapped edge", "predicted one step before: level", "predicted one step before: stairs up"} <= set(
+        plan.labels
+    )
 
 
-def test_told_footprints_lie_where_they_were_told(ahead):
-    plan = wide(ground_from_above(ahead))
-    shapes = re.findall(r'<polygon points="([^"]+)" fill="#ffffff" stroke="#46546a"', plan)
-    lines = re.findall(r'<polyline points="([^"]+)" fill="none" [^>]*stroke-dasharray="3 2"', plan)
-    middle = [np.mean([[float(v) for v in p.split(",")] for p in text.split()[:4]], axis=0) for text in shapes + lines]
-    true, told_ = np.array(middle[3 : len(shapes)]), np.array(middle[len(shapes) :])
-    metre = (1120 - 58) / (5.4 + 0.8 + 0.5 - CELL_M / 2)
-    np.testing.assert_allclose(told_ - true, np.tile([0.02 * metre, 0.0], (len(told_), 1)), atol=0.15)
+def test_predicted_footprints_lie_where_they_were_predicted(ahead):
+    plan = figure(ground_from_above(ahead))
+    predicted = [s for label in plan.labels if label.startswith("predicted") for s in plan.shapes(label)]
+    predicted = np.array(sorted(np.mean([s[:4] for s in predicted], axis=1).tolist()))
+    true = np.array(sorted(np.mean([s[:4] for s in plan.shapes("true footprint")][3:], axis=1).tolist()))
+    np.testing.assert_allclose(predicted - true, np.tile([0.02, 0.0], (len(true), 1)), atol=1e-5)
 
 
 def test_the_ribbon_marks_what_the_score_calls_wrong(ahead):
-    ribbon = wide(mode_ribbon(ahead))
-    lines = ribbon.count(f'stroke="{WRONG}" stroke-width="2.4"')
-    assert lines == 2 * len(WRONG_STEPS)
-    runs = told_runs(ahead)
+    ribbon = figure(mode_ribbon(ahead))
+    crosses = [t for t in ribbon.traces if t.get("marker", {}).get("symbol") == "x"]
+    assert [len(t["x"]) for t in crosses] == [len(WRONG_STEPS)]
+    runs = prediction_runs(ahead)
     assert all(b > a for a, b, _, _ in runs)
-    last = {round(b, 6): right for _, b, _, right in runs}  # what is told at touch-down is what counts
+    last = {round(b, 6): right for _, b, _, right in runs}  # what is predicted at touch-down is what counts
     assert {s.t_s: last[round(s.t_s, 6)] for s in ahead.modes.steps} == {s.t_s: s.right for s in ahead.modes.steps}
-    assert ribbon.count(f'fill="{WRONG}"') == sum(not right for *_, right in runs) == 2
+    wrong_runs = [s for s in ribbon.shapes("wrong") if len(s) == 5]
+    assert len(wrong_runs) == sum(not right for *_, right in runs) == 2
     early = [(a, b) for a, b, mode, _ in runs if mode == "LG" and b < ahead.modes.steps[2].t_s]
     assert early[-1][1] == pytest.approx(ahead.modes.steps[2].t_s - 0.2, abs=0.051)  # right until just before
 
 
 def test_leads_are_bars_as_long_as_they_are(ahead):
-    lead = wide(lead_times(ahead))
-    bars = re.findall(r'<polygon points="[\d.]+,([\d.]+) [\d.]+,[\d.]+ [\d.]+,([\d.]+)', lead)
-    heights = [float(low) - float(high) for low, high in bars]
-    known = [s.lead_s for s in ahead.modes.steps if s.right]
-    assert len(heights) == len(known)
-    np.testing.assert_allclose(np.array(heights) / max(heights), np.array(known) / max(known), atol=0.01)
-    assert lead.count('r="2.6"') == sum(s.transition for s in ahead.modes.steps) == 2
+    lead = figure(lead_times(ahead))
+    bars = [s for label in ("level", "stairs up", "stairs down") if label in lead.labels for s in lead.shapes(label)]
+    known = [s.lead_s for s in ahead.modes.steps if s.lead_s > 0]
+    np.testing.assert_allclose(sorted(np.ptp(b[:, 1]) for b in bars), sorted(known), atol=1e-5)
+    assert len(lead.points("changes the mode")) == sum(s.transition for s in ahead.modes.steps) == 2
+    assert len(lead.points("wrong")) == len(WRONG_STEPS)
 
 
-def test_the_side_view_and_its_errors_tell_millimetres(ahead):
-    aside, errors = wide(ground_from_aside(ahead)), wide(ground_errors(ahead))
-    assert ">true ground</text>" in aside
-    assert errors.count('r="3"') == len(EDGES)
-    assert ">told less true, mm</text>" in errors
-    y = {float(v) for v in re.findall(r'cy="([\d.]+)" r="3"', errors)}
-    assert max(y) - min(y) < 0.2  # all edges 6 mm too far
-    assert "nan" not in aside + errors
+def test_the_side_view_and_its_errors_are_in_millimetres(ahead):
+    aside, errors = figure(ground_from_aside(ahead)), figure(ground_errors(ahead))
+    assert {"stair", "mapped edge"} <= set(aside.labels)
+    found = errors.points("position of an edge along the route")
+    assert len(found) == len(EDGES)
+    np.testing.assert_allclose(found[:, 1], 6.0, atol=1e-3)
+    assert errors.layout["yaxis"]["title"]["text"] == "estimated minus true, mm"
 
 
 class Listening:
@@ -239,22 +232,28 @@ class Listening:
 
 def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
     rr = pytest.importorskip("rerun")
-    from stridetwin.report.rerun_file import told_words, write_ahead
+    from stridetwin.report.rerun_file import prediction_text, write_ahead
 
     stream = Listening()
     write_ahead(rr, stream, ahead)
-    entities = {"world/ahead/ground", "world/ahead/planes", "world/ahead/edges", "world/steps/true", "world/steps/told"}
-    entities |= {"world/steps/ellipses", "modes/told", *(f"modes/probability/{m}" for m in MODES)}
+    entities = {
+        "world/ahead/ground",
+        "world/ahead/planes",
+        "world/ahead/edges",
+        "world/steps/true",
+        "world/steps/predicted",
+    }
+    entities |= {"world/steps/ellipses", "modes/predicted", *(f"modes/probability/{m}" for m in MODES)}
     assert entities <= set(stream.logged)
     assert [t for t, _ in stream.logged["world/ahead/ground"]] == [s.t_ns * 1e-9 for s in ahead.snapshots]
     assert len(stream.logged["world/steps/true"]) == len(ahead.footprints)
     assert len(stream.logged["world/steps/true"][-1][1].strips.as_arrow_array()) == len(ahead.footprints)
     landed = [f.t_ns * 1e-9 for f in ahead.footprints[3:]]
-    times = np.array([t for t, _ in stream.logged["world/steps/told"]])
+    times = np.array([t for t, _ in stream.logged["world/steps/predicted"]])
     assert all(0.0 < times[times > t].min() - t < 0.11 for t in landed[:-1])  # at once after each landing
-    first = np.array(stream.logged["world/steps/told"][0][1].strips.as_arrow_array().to_pylist()[0])
+    first = np.array(stream.logged["world/steps/predicted"][0][1].strips.as_arrow_array().to_pylist()[0])
     np.testing.assert_allclose(first[0, 0] - ahead.footprints[2].p_foot_in_world[0], 0.02, atol=1e-5)
-    assert told_words(ahead.estimates[0]) == (
+    assert prediction_text(ahead.estimates[0]) == (
         "next step (left): level, 96 %\nthen stairs up in 3.0 m, riser 151 mm, tread 302 mm"
     )
 

@@ -239,7 +239,7 @@ def test_pictures_that_have_waited_are_left_out_where_that_is_asked_for_and_reco
 ):
     monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
     recorded = tmp_path / "recorded.mcap"
-    words = ["dvio", "--skip-pictures", "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
+    words = ["dvio", "--skip-images", "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
     made = alive(words, sent(seen))  # all have waited longer
     for topic, counts in made.data["streams"].items():
         pictures = topic in ("/head/color", "/head/depth")

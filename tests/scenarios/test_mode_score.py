@@ -19,7 +19,7 @@ from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.zhao2023.zhao_generality import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
+from stridetwin.studies.zhao2023.zhao_walks import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
 
 
 def layout(*segments: Segment):

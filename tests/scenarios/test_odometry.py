@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 
 import numpy as np
 import pytest
+from plots import figures
 
 from stridetwin.cli.main import main
 from stridetwin.cli.recording import opened
@@ -81,12 +81,12 @@ def test_the_ground_and_the_steps_ahead_are_scored_and_shown(walked):
     assert len((walked / "locomotion_mode.csv").read_text().splitlines()) > modes["steps"] - 2
     assert (walked / "terrain_map.ply").read_bytes().startswith(b"ply")
     report = (walked / "report.html").read_text()
-    part = report[report.index("What lay ahead") :]
-    plan = "".join(re.findall(r'<svg class="wide"[^>]*aria-label="The ground from above".*?</svg>', part, re.S))
-    assert plan.count('stroke="#46546a"') - 1 == footprints  # one is the key's
+    part = report[report.index("Terrain ahead") :]
+    rows = [shown for title, shown in figures(part).items() if title.startswith("The ground from above")]
+    assert sum(len(row.shapes("true footprint")) for row in rows) == footprints
     assert "99.00 ± 0.95" in part
     live = (walked / "run.rrd").read_bytes()
-    for entity in ("/world/ahead/ground", "/world/steps/told", "/modes/probability/SA", "/modes/told"):
+    for entity in ("/world/ahead/ground", "/world/steps/predicted", "/modes/probability/SA", "/modes/predicted"):
         assert entity.encode() in live
 
 

@@ -4,12 +4,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
+from plots import figures
 
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.norms import level_norm, reference, speed_group
 from stridetwin.pipeline.run import all_paths
-from stridetwin.report.camera_views import colour_of_depth
 from stridetwin.report.figures_gait import level_strides
+from stridetwin.report.images import colour_of_depth
+from stridetwin.report.plot import library
 from stridetwin.report.rerun_file import recording_id, write_rerun
 from stridetwin.report.run_report import travelled
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
@@ -21,7 +23,10 @@ from stridetwin.streams.samples import Block, Imu
 @pytest.mark.parametrize("width", [1280, 390])
 def test_the_report_shows_everything_and_asks_the_network_for_nothing(walk, width):
     with Browser() as browser:
-        page = browser.open(walk / "report.html", width)
+        page = browser.open(walk / "report.html", width, height=12_000)
+        drawn = browser.wait("[...document.querySelectorAll('.plot')].every(d => d.querySelector('.main-svg'))")
+        page = browser.state()
+    assert drawn
     assert page["errors"] == []
     assert page["requests"] == []
     assert page["overflow"] <= 0
@@ -29,20 +34,31 @@ def test_the_report_shows_everything_and_asks_the_network_for_nothing(walk, widt
     assert all(page["images"])
     assert page["videos"] == [True]
     for words in (
-        "How well the estimate did",
-        "Where it went",
-        "How it walks",
+        "Accuracy",
+        "Paths",
+        "Gait",
         "stridetwin run level_20m --seed 3",
     ):
         assert words in page["text"]
 
 
-def test_the_report_has_no_script_no_address_and_no_gap(walk):
-    html = (walk / "report.html").read_text()
+def test_the_report_has_no_address_and_no_gap(walk):
+    html = (walk / "report.html").read_text().replace(library(), "")
     assert not re.search(r'(src|href|poster)="(?!data:)', html)
-    assert not re.search(r"<script|@import|url\(", html)
-    assert "nan" not in re.sub(r"base64,[^\"]*", "", html).lower().replace("finance", "")
-    assert "$" not in re.sub(r"base64,[^\"]*", "", html)
+    assert not re.search(r"<script [^>]*src|@import|url\(|https?:", html)
+    text = re.sub(r"<script.*?</script>", "", re.sub(r"base64,[^\"]*", "", html), flags=re.S)
+    assert "nan" not in text.lower().replace("finance", "")
+    assert "$" not in text
+
+
+def test_every_axis_has_a_title_and_every_curve_of_a_path_its_own_colour(walk):
+    found = figures((walk / "report.html").read_text())
+    assert {"Plan view", "Side view, left foot", "Position error over time, right foot"} <= set(found)
+    for title, shown in found.items():
+        assert shown.layout["yaxis"]["title"]["text"], title
+    assert found["Plan view"].layout["yaxis"]["title"]["text"].startswith("y, m")
+    colors = [t["line"]["color"] for t in found["Plan view"].traces if t.get("mode") == "lines" and "fill" not in t]
+    assert len(set(colors[2:])) == len(colors[2:])  # the first two are the true path of each foot
 
 
 def test_strides_are_level_and_inside_the_walk(walk):

@@ -1,16 +1,14 @@
 """Scores of the steps that the legs told, and their figures."""
 
-import re
-import xml.etree.ElementTree as ElementTree
-
 import numpy as np
 import pytest
+from plots import figure, figures
 
 from stridetwin.cli.score import score_table
 from stridetwin.evaluation.gate.compare import Rules, compare_scores
 from stridetwin.evaluation.gate.score_table import table_of
 from stridetwin.evaluation.step_scores import ScoredStep, step_scores
-from stridetwin.report.figures_steps import steps_from_above, steps_from_aside
+from stridetwin.report.figures_path import steps_from_above, steps_from_aside
 from stridetwin.sim.config import Level, Ramp, Route
 from stridetwin.sim.world.route import lay_out
 
@@ -56,17 +54,16 @@ def test_paths_and_steps_have_tables_of_their_own():
 def test_figures_show_every_step_that_was_seen():
     route = Route(segments=(Level(length_m=2.0), Ramp(angle_rad=0.1, rise_m=0.2), Level(length_m=2.0)))
     steps = [step(i, told=i != 2) for i in range(6)]
-    aside = steps_from_aside(lay_out(route), steps, "Ramp")
-    wide, narrow = re.findall(r"<svg.*?</svg>", aside)
-    assert ElementTree.fromstring(wide).get("aria-label") == "Ramp"
-    assert narrow.count("#c92a2a") == wide.count("#c92a2a") == 5
-    above = ElementTree.fromstring(re.findall(r"<svg.*?</svg>", steps_from_above(None, steps))[0])
-    assert len([e for e in above if e.tag == "circle" and e.get("r") == "2"]) == 5
+    aside = figures(steps_from_aside(lay_out(route), steps, "Ramp"))["Ramp"]
+    assert len(aside.shapes("estimated plane")) == len(aside.shapes("its normal")) == 5
+    assert {"level", "ramp"} <= set(aside.labels)
+    above = figure(steps_from_above(None, steps))
+    assert len(above.points("true footprints")) == 5
 
 
-def test_a_metre_is_as_long_both_ways():
+def test_planes_have_their_slope_in_a_figure_to_scale():
     tilted = [step(0, slope=0.5), step(1, slope=0.5)]
-    wide = ElementTree.fromstring(re.findall(r"<svg.*?</svg>", steps_from_aside(None, tilted))[0])
-    plane = next(e for e in wide if e.get("stroke-width") == "2.4")
-    (x0, y0), (x1, y1) = (map(float, p.split(",")) for p in plane.get("points").split())
-    assert np.arctan2(y0 - y1, x1 - x0) == pytest.approx(0.5, abs=0.02)
+    aside = figure(steps_from_aside(None, tilted))
+    assert aside.layout["yaxis"]["scaleanchor"] == "x"
+    (x0, y0), (x1, y1) = aside.shapes("estimated plane")[0]
+    assert np.arctan2(y1 - y0, x1 - x0) == pytest.approx(0.5, abs=1e-3)

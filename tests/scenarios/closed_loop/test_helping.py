@@ -149,5 +149,5 @@ def test_the_table_lists_saved_work_and_falls() -> None:
     assert predicted["gain_share"] == pytest.approx(5 / 6)
     assert result["summary"]["known"]["fell"] == 1
     text = "\n".join(assistance.table(result))
-    assert "-10.0 %" in text
+    assert "-10.0" in text
     assert "prediction gains 83%" in text

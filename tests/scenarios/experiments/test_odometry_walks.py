@@ -8,14 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stridetwin.estimators.registry import estimator
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose
 from stridetwin.studies.case import Case
+from stridetwin.studies.walks import recorded
 from stridetwin.studies.zhao2023 import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
-from stridetwin.studies.zhao2023.odometry_walks import METHODS, SENSORS, follow, recorded, true_path
+from stridetwin.studies.zhao2023.odometry_walks import METHODS, SENSORS, follow, true_path
 
 SHORT = """description: A few steps
 terrain:
@@ -36,16 +39,15 @@ class Standin:
     drift_m: float
     lost: bool = False
 
-    def update(self, sample: Sample) -> SimpleNamespace | None:
+    def update(self, sample: Sample) -> Pose | None:
         if not isinstance(sample, Imu):
             return None
         t, span = sample.t_ns - self.truth.t_ns[0], self.truth.t_ns[-1] - self.truth.t_ns[0]
         i = np.searchsorted(self.truth.t_ns, sample.t_ns)
         p = self.truth.p_frame_in_world[i] + [0.0, self.drift_m * t / span, 0.0]
         q = self.truth.q_world_frame[i]
-        pose = Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=q, covariance=1e-4 * np.eye(6))
-        health = "lost" if self.lost and 0.4 < t / span < 0.5 else "tracking"
-        return SimpleNamespace(t_ns=sample.t_ns, pose=pose, health=health)
+        valid = not (self.lost and 0.4 < t / span < 0.5)
+        return Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=q, covariance=1e-4 * np.eye(6), valid=valid)
 
 
 @pytest.fixture(scope="module")
@@ -64,21 +66,20 @@ def maker(truth: TruePath):
     return lambda method, rig, mount: Standin(truth, DRIFT[method])
 
 
-def test_time_is_counted_from_picture_to_picture_and_the_last_word_of_an_instant_counts() -> None:
+def test_time_is_counted_from_image_to_image_and_the_last_pose_of_an_instant_counts() -> None:
     imu = Imu(topic="/head/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3))
-    picture = Image(topic="/head/color", t_ns=0, pixels=np.zeros((2, 2), np.uint8))
-    samples = [sample for t in (0, 5, 10, 15) for sample in (replace(imu, t_ns=t), replace(picture, t_ns=t))]
-    told = iter(range(len(samples)))
+    image = Image(topic="/head/color", t_ns=0, pixels=np.zeros((2, 2), np.uint8))
+    samples = [sample for t in (0, 5, 10, 15) for sample in (replace(imu, t_ns=t), replace(image, t_ns=t))]
+    number = iter(range(len(samples)))
 
-    def update(sample: Sample) -> SimpleNamespace:
-        p = np.array([next(told), 0.0, 0.0])
-        pose = Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=np.eye(3), covariance=np.eye(6))
-        return SimpleNamespace(t_ns=sample.t_ns, pose=pose, health="imu_only")
+    def update(sample: Sample) -> Pose:
+        p = np.array([next(number), 0.0, 0.0])
+        return Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=np.eye(3), covariance=np.eye(6))
 
-    ride = follow(SimpleNamespace(update=update), samples)
-    assert ride.told.path.t_ns.tolist() == [0, 5, 10, 15]
-    assert ride.told.path.p_frame_in_world[:, 0].tolist() == [1, 3, 5, 7]
-    assert len(ride.frame_ms) == 3
+    run = follow(SimpleNamespace(update=update), samples)
+    assert run.odometry.path.t_ns.tolist() == [0, 5, 10, 15]
+    assert run.odometry.path.p_frame_in_world[:, 0].tolist() == [1, 3, 5, 7]
+    assert len(run.frame_ms) == 3
 
 
 def test_the_closed_loop_tells_every_method_beside_the_paper(walk) -> None:
@@ -96,6 +97,28 @@ def test_the_closed_loop_tells_every_method_beside_the_paper(walk) -> None:
     lines = zhao_closed_loop.table({**collected, "cases": [result]})
     assert any(line.startswith("dvio") and "0.26" in line for line in lines)
     assert walk.file.exists()
+
+
+def test_an_installed_estimator_has_a_row_of_its_own(walk) -> None:
+    drift = {**DRIFT, "mine": 0.1}
+    result = zhao_closed_loop.run_case(
+        walk.scenario,
+        replace(walk.case, estimators=("mine",)),
+        make=lambda method, rig, mount: Standin(walk.truth, drift[method]),
+    )
+    assert list(result["methods"]) == [*METHODS, "mine"]
+    collected = zhao_closed_loop.collect([result])
+    assert collected["summary"]["mine"]["loop_drift_m"] == pytest.approx(0.1, rel=0.02)
+    lines = zhao_closed_loop.table({**collected, "cases": [result]})
+    assert any(line.startswith("mine") and "0.10" in line for line in lines)
+
+
+def test_names_that_are_no_method_are_those_of_installed_estimators(walk) -> None:
+    with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
+        made = odometry_walks.odometer("dvio", recording.rig, "head"), estimator("dvio")
+    assert isinstance(*made)
+    with pytest.raises(StrideTwinError, match=r"nobody.*contact_terrain, dvio"):
+        odometry_walks.odometer("nobody", Rig(), "head")
 
 
 def test_each_subject_walks_once_with_each_mount() -> None:
@@ -200,5 +223,4 @@ def test_what_an_estimator_is_told_of_wrong_calibration(walk) -> None:
 
 
 def test_the_methods_are_the_papers_and_ours() -> None:
-    told = set(zhao_closed_loop.paper())
-    assert set(odometry_walks.METHODS) == told | {"proposed"}
+    assert set(odometry_walks.METHODS) == set(zhao_closed_loop.paper()) | {"proposed"}

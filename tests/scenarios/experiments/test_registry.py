@@ -74,16 +74,36 @@ def test_rows_of_another_physics_or_version_are_run_anew_and_their_number_is_tol
 
     assert [c["physics"] for c in resumed(subset=1, physics="kinematic")["cases"]] == ["kinematic"]
     assert ran == [5, 6, 5]
-    assert set(stages) == {"small, 1 of another version anew"}
+    assert set(stages) == {"small, 1 rows of another version are run again"}
     resumed(subset=3)
     assert ran == [5, 6, 5, 5, 7]
     monkeypatch.setattr(registry, "_version", lambda *_: "other sources")
     resumed(subset=4)
     assert ran == [5, 6, 5, 5, 7, 5, 6, 7, 8]
-    assert set(stages) == {"small, 3 of another version anew"}
+    assert set(stages) == {"small, 3 rows of another version are run again"}
     resumed(subset=4)
     assert len(ran) == 9
     assert set(stages) == {"small"}
+
+
+def test_estimators_of_another_kind_and_unknown_ones_are_refused_with_the_valid_names(tmp_path) -> None:
+    for name, estimator, valid in (
+        ("shim_table5", "dvio", "expected contact_terrain"),
+        ("zhao_closed_loop", "mine", "expected .*dvio"),
+        ("jao_simulation", "dvio", "expected none"),
+    ):
+        with pytest.raises(StrideTwinError, match=f"experiment {name}: invalid estimator '{estimator}': {valid}"):
+            run_experiment(name, Options(folder=tmp_path, estimators=(estimator,)), lambda *_: None)
+
+
+def test_rows_with_other_estimators_have_keys_of_their_own(tmp_path) -> None:
+    study = experiment("zhao_closed_loop")
+    keys = [
+        registry._keys("zhao_closed_loop", study, Case(seed=1, folder=tmp_path, estimators=estimators))
+        for estimators in ((), ("dvio",))
+    ]
+    assert keys[0].row != keys[1].row
+    assert keys[0].walks == keys[1].walks
 
 
 def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plots import figures
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
@@ -17,6 +18,7 @@ from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.evaluation.change_scores import ScoredApproach
 from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, told_and_right
 from stridetwin.evaluation.norms import reference
+from stridetwin.report.plot import library
 from stridetwin.sim.config import Turn
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
@@ -26,7 +28,7 @@ from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Odometry
 from stridetwin.studies.catalogue import experiment
-from stridetwin.studies.zhao2023 import mode_not_fooled, mode_report, mode_tables
+from stridetwin.studies.zhao2023 import mode_not_fooled, mode_results
 from stridetwin.studies.zhao2023.mode_walks import (
     EDGES,
     FORGETFUL,
@@ -37,8 +39,7 @@ from stridetwin.studies.zhao2023.mode_walks import (
     spread,
     together,
 )
-from stridetwin.studies.zhao2023.zhao_generality import condition
-from stridetwin.studies.zhao2023.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
+from stridetwin.studies.zhao2023.zhao_walks import TRIAL_SEEDS, TRIALS, condition, subject_and_turn, trial_config
 
 
 def step(mode: str, told: str, p: float) -> ScoredMode:
@@ -59,8 +60,8 @@ def row(seed: int, told: str = "SA", methods: tuple[str, ...] = ("proposed", "pu
 
 
 def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways() -> None:
-    turns = [subject_and_turn(seed) for seed in SEEDS]
-    assert len(set(turns)) == len(SEEDS) == 30
+    turns = [subject_and_turn(seed) for seed in TRIAL_SEEDS]
+    assert len(set(turns)) == len(TRIAL_SEEDS) == 30
     assert {who for who, _ in turns} == {name for name in PEOPLE if name.startswith("zhao_")}
     for first in (0, 10, 20):
         some = [(who.split("_")[1].upper(), turn) for who, turn in turns[first : first + 10]]
@@ -69,7 +70,7 @@ def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways() -> 
 
 
 def test_the_second_walk_is_on_the_chest_or_to_the_other_side() -> None:
-    first, second = (next(s for s in SEEDS if subject_and_turn(s)[1] == turn) for turn in (0, 1))
+    first, second = (next(s for s in TRIAL_SEEDS if subject_and_turn(s)[1] == turn) for turn in (0, 1))
     for name in ("zhao_directions", "zhao_disturbance"):
         configs = [trial_config(name, seed) for seed in (first, second)]
         assert [c.rig_mount for c in configs] == ["head", "chest"]
@@ -83,7 +84,7 @@ def test_the_second_walk_is_on_the_chest_or_to_the_other_side() -> None:
 
 
 def test_walls_of_a_corridor_stand_at_its_borders_and_nowhere_on_the_way() -> None:
-    config = trial_config("zhao_view", SEEDS[0])
+    config = trial_config("zhao_view", TRIAL_SEEDS[0])
     layout = lay_out(config.route)
     walls = [mark.box for mark in surroundings("corridor", layout, -1.0)]
     for s in np.arange(0.5, layout.profile[-1].s1 - 1.0, 0.25):
@@ -104,7 +105,7 @@ def _distance(box, p) -> float:
 
 @pytest.mark.parametrize("mount", ["head", "chest"])
 def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
-    config = replace(trial_config("zhao_view", SEEDS[0]), rig_mount=mount, sensors=("head_imu", "head_camera"))
+    config = replace(trial_config("zhao_view", TRIAL_SEEDS[0]), rig_mount=mount, sensors=("head_imu", "head_camera"))
     pitch = {}
     for degrees in (None, 8.0):
         asked = None if degrees is None else math.radians(degrees)
@@ -150,18 +151,20 @@ def test_table_and_page_have_the_papers_figures(name) -> None:
     assert result["summary"]["proposed"]["walks_accuracy_pct"]["sd"] == 25.0
     lines = study.table(result)
     accuracy = next(line for line in lines if line.startswith("accuracy %"))
-    theirs = mode_tables.paper(name)["published"]["accuracy_pct"]["mean"]
+    theirs = mode_results.paper(name)["published"]["accuracy_pct"]["mean"]
     assert accuracy.split()[2 : 3 + len(methods)] == [*["75.00"] * len(methods), f"{theirs:.2f}"]
     assert ("Table II" in lines) == (name not in TRIALS)
-    assert ("one picture" in "\n".join(lines)) == (FORGETFUL in methods)
+    assert ("one image" in "\n".join(lines)) == (FORGETFUL in methods)
     assert sum("0.26" in line for line in lines if line.startswith("  paper")) == (name not in TRIALS)
     assert study.report is not None
     html = study.report(result)
-    assert all(f"<h2>{title}</h2>" in html for title in ("Accuracy", "Figure 4", "Lead", "Calibration"))
+    assert all(f"<h2>{title}</h2>" in html for title in ("Accuracy", "Figure 4", "Lead time", "Calibration"))
     assert ("<h2>Table II</h2>" in html) == (name not in TRIALS)
-    assert not re.search(r'<script|@import|url\(|(src|href)="(?!data:)', html)
-    assert "nan" not in html.lower().replace("dominant", "")
-    assert mode_report.report is study.report
+    assert {"Lead time", "Calibration"} <= set(figures(html))
+    text = html.replace(library(), "")
+    assert not re.search(r'<script [^>]*src|@import|url\(|(src|href)="(?!data:)|https?:', text)
+    assert "nan" not in re.sub(r"<script.*?</script>", "", text, flags=re.S).lower().replace("dominant", "")
+    assert mode_results.report is study.report
 
 
 def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
@@ -190,7 +193,7 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     assert mean["over"] == len({(p.height_group, p.member) for p in persons}) == 2
     assert mean["of"] == "persons"
     assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
-    assert "walks that ended by a fall: 1001" in mode_tables.overall(result)
+    assert "walks that ended by a fall: 1001" in mode_results.overall(result)
 
 
 def test_sizes_that_were_not_seen_are_counted() -> None:
@@ -213,7 +216,7 @@ def test_steps_of_which_nothing_was_told_count() -> None:
 
 
 def test_a_map_that_forgets_knows_the_last_picture_alone() -> None:
-    rig = standard_rig(replace(trial_config("zhao_view", SEEDS[0]), sensors=("head_imu", "head_camera")))
+    rig = standard_rig(replace(trial_config("zhao_view", TRIAL_SEEDS[0]), sensors=("head_imu", "head_camera")))
     places = np.array([[1.5, 0.0], [3.0, 0.0]])
     known = {}
     for kind in (TerrainMap, SharedMap, ForgetfulMap):

@@ -9,7 +9,7 @@ import pytest
 from stridetwin.scenarios import versions
 from stridetwin.scenarios.versions import digest
 
-GENERALITY = "stridetwin.studies.zhao2023.zhao_generality"
+GENERALITY = "stridetwin.studies.zhao2023.zhao_walks"
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
         "evaluation/change_scores.py",
         "scenarios/record.py",
         "studies/zhao2023/mode_walks.py",
-        "studies/zhao2023/zhao_generality.py",
+        "studies/zhao2023/zhao_walks.py",
     ):
         copied(place)
         seen.add(digest(GENERALITY))
@@ -68,9 +68,8 @@ def test_pages_tables_and_other_experiments_do_not(copied) -> None:
         "report/run_report.py",
         "cli/main.py",
         "studies/registry.py",
-        "studies/zhao2023/mode_tables.py",
-        "studies/zhao2023/mode_report.py",
-        "studies/zhao2023/zhao_trials.py",
+        "studies/zhao2023/mode_results.py",
+        "studies/zhao2023/zhao_closed_loop.py",
         "studies/shim2019/shim_table5.py",
         "estimators/foot_to_foot/filter.py",
     ):

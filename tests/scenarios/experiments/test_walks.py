@@ -89,7 +89,7 @@ def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
     _, _, result = short
     found = jao_walk.collect("jao_loop_126m", [result, result])
     lines = jao_walk.table({**found, "cases": [result, result]})
-    (row, *_) = [line for line in lines if line.startswith("  zupt_relative_position")]
+    (row, *_) = [line for line in lines if line.startswith("zupt_relative_position")]
     assert row.split()[3:5] == ["1.53", "0.87"]
     assert {key for key in found["summary"] if key.startswith("mean_end_error")} == {
         f"mean_end_error{case}_{unit}" for case in ("", "_clipped", "_half_blind") for unit in ("m", "pct")

@@ -6,7 +6,7 @@ from stridetwin.sim.config import Level, Route
 from stridetwin.sim.wearer.limbs import Limbs
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import Board, CameraCalibration, Mount
-from stridetwin.studies.placement.posed_walk import Moving, PosedWalk
+from stridetwin.studies.placement.visibility import Moving, PosedWalk
 
 OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # looks forward
 FACING_BACK = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

@@ -4,7 +4,8 @@ import pytest
 from seen_board import BOARD, EXPOSURE_S, FACING_BACK, OPTICAL, camera, walk
 
 from stridetwin.streams.rig import Board, Mount
-from stridetwin.studies.placement.sight import Seeing, look_ahead, project, see_board
+from stridetwin.studies.placement.scores import Seeing
+from stridetwin.studies.placement.visibility import look_ahead, project, see_board
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from stridetwin.scenarios.fields import Where
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.placement.free import Knob
-from stridetwin.studies.placement.places import Place, check_ends, scenario_at
-from stridetwin.studies.placement.problem_file import problems, read_problem
+from stridetwin.studies.placement.problem_file import Place, check_ends, problems, read_problem, scenario_at
 
 GOOD = {
     "placement": "An IMU on the shoe",
@@ -46,13 +45,13 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
         ({"scores": ["weight_g", "weight_g"]}, r"scores\[1\]: 'weight_g'.*every score once"),
         ({"scores": [{"score": "weight_g", "weight": 0}]}, "at least one score with a weight above 0"),
         ({"free": {"sensors.foot_imu.position_mm[0]": {"between": [5, 1]}}}, "two numbers, the lower one first"),
-        ({"free": {"gait.speed_mps": {"between": [1.0, 1.2]}}}, "a step too, as the method is sweep"),
+        ({"free": {"gait.speed_mps": {"between": [1.0, 1.2]}}}, "a step, as the method is sweep"),
         ({"free": {"sensors.foot_imu.position_mm": {"over": "knee"}}}, r"\.over: 'knee'.*shoe, head, chest"),
         ({"free": {"a b": {"choice": [1, 2]}}}, "keys with dots between"),
         ({"free": {"sensors.foot_imu.part": {"choice": ["../x.yaml", "D455"]}}}, "a file in the placement's folder"),
         ({"scenarios": ["../level.yaml"]}, "a file in the placement's folder"),
-        ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*what is to be chosen"),
-        ({"method": {"optimise": {"budget": 10}}}, "sweep, as there is nothing but choices"),
+        ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*free variables belong in free"),
+        ({"method": {"optimise": {"budget": 10}}}, "sweep, as all free variables are choices"),
         (
             {"method": {"optimise": {"budget": 1, "starts": 2}}, "free": NUMBER},
             r"method\.optimise\.budget: invalid 1: expected 2 or more",

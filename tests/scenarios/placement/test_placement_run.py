@@ -10,8 +10,8 @@ from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.placement import measure as measuring
+from stridetwin.studies.placement.measure import ROWS, held
 from stridetwin.studies.placement.problem_file import read_problem
-from stridetwin.studies.placement.rows import NAME, held
 from stridetwin.studies.placement.run import Options, run_placement
 
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
@@ -38,7 +38,7 @@ SIGHT = {
     },
     "scores": ["visibility_pct", "occlusion_pct"],
 }
-FILES = ("placement.json", "placement.html", "places.csv", NAME)
+FILES = ("placement.json", "placement.html", "places.csv", ROWS)
 
 
 def silent(stage, share):
@@ -85,8 +85,8 @@ def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monk
 
     with pytest.raises(KeyboardInterrupt):
         run_placement(asked, Options(folder=stopped), killed)
-    rows = (stopped / NAME).read_text()
-    (stopped / NAME).write_text(rows[:-20])  # a line that was being written
+    rows = (stopped / ROWS).read_text()
+    (stopped / ROWS).write_text(rows[:-20])  # a line that was being written
     made, scores = [], measuring.geometric_scores
     monkeypatch.setattr(measuring, "geometric_scores", lambda *a: made.append(1) or scores(*a))
     assert run_placement(asked, Options(folder=stopped, resume=True), silent) == whole
@@ -118,7 +118,7 @@ def test_a_score_that_nobody_tells_ends_it_with_the_first_place(tmp_path):
     node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
     with pytest.raises(StrideTwinError, match=r"scores: invalid 'foot_ins\.nope': expected of this .*end_error_m"):
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
-    assert len((tmp_path / "out" / NAME).read_text().splitlines()) == 1
+    assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
     with pytest.raises(StrideTwinError, match=r"no place has all that weigh, magic\.end_error_m: .*of this name"):
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
@@ -127,11 +127,11 @@ def test_a_score_that_nobody_tells_ends_it_with_the_first_place(tmp_path):
 def test_a_run_that_is_refused_leaves_the_rows_of_the_one_before(tmp_path):
     out = Options(folder=tmp_path / "out")
     run_placement(read_problem(problem(tmp_path, PARTS | {"seeds": 1})), out, silent)
-    before = (tmp_path / "out" / NAME).read_bytes()
+    before = (tmp_path / "out" / ROWS).read_bytes()
     node = PARTS | {"free": {"camera_mount": {"choice": ["head", "knee"]}}}
     with pytest.raises(StrideTwinError, match="'knee'"):
         run_placement(read_problem(problem(tmp_path, node)), out, silent)
-    assert before == (tmp_path / "out" / NAME).read_bytes() != b""
+    assert before == (tmp_path / "out" / ROWS).read_bytes() != b""
 
 
 def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):
@@ -139,7 +139,7 @@ def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_
     node = PARTS | {"scenarios": twice, "seeds": 1}
     told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert told["walks"] == ["steps, seed 0", "steps_2, seed 0"]
-    rows = [json.loads(line) for line in (tmp_path / "out" / NAME).read_text().splitlines()]
+    rows = [json.loads(line) for line in (tmp_path / "out" / ROWS).read_text().splitlines()]
     weights = {}
     for row in rows:
         weights.setdefault(row["walk"], set()).add(row["scores"]["weight_g"])
@@ -191,4 +191,4 @@ def test_where_only_the_place_as_it_is_has_a_score_its_page_is_made_without_figu
     told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert [row["label"] for row in told["table"]] == ["as it is"]
     assert told["failed"] == told["tried"] == 8
-    assert "Over each value" not in (tmp_path / "out" / "placement.html").read_text()
+    assert "Score over each value" not in (tmp_path / "out" / "placement.html").read_text()

@@ -5,8 +5,9 @@ from seen_board import BOARD, EXPOSURE_S, OPTICAL, camera, walk
 from stridetwin.scenarios.fields import Where
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise
+from stridetwin.studies.placement.scores import Seeing
 from stridetwin.studies.placement.search import grid, optimise
-from stridetwin.studies.placement.sight import Seeing, see_board
+from stridetwin.studies.placement.visibility import see_board
 
 AT = Where(source="test")
 KNOBS = [

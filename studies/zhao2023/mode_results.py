@@ -1,38 +1,42 @@
-"""Summary of walks with predicted steps, and the figures of Zhao et al. 2023."""
+"""Results of walks with predicted steps: summary, text tables and HTML page, with those of Zhao et al. 2023."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from scipy.stats import t as student_t
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, told_and_right
 from stridetwin.evaluation.norms import reference, reference_rows
+from stridetwin.report.html import boxes, page, preformatted, section
+from stridetwin.report.html import table as html_table
+from stridetwin.report.plot import INK, MUTED, PALETTE, Plot
+from stridetwin.studies.catalogue import STUDIES
 from stridetwin.studies.zhao2023.mode_walks import EDGES, FORGETFUL, GROUPS, MOUNTS, together
-from stridetwin.studies.zhao2023.zhao_generality import PATTERNS, TERRAINS
-from stridetwin.studies.zhao2023.zhao_trials import TRIALS
+from stridetwin.studies.zhao2023.zhao_walks import PATTERNS, TERRAINS, TRIALS
 
 Walk = tuple[dict[str, Any], ModeScores]
-WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one picture"}
+WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one image"}
 """Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
 _ACCURACIES = (
     ("accuracy %", ("walks_accuracy_pct", "mean")),
     ("strict %", ("walks_strict_accuracy_pct", "mean")),
-    ("steps right %", ("accuracy_pct",)),
-    ("strictly %", ("strict_accuracy_pct",)),
+    ("steps correct %", ("accuracy_pct",)),
+    ("strictly correct %", ("strict_accuracy_pct",)),
     ("straddling %", ("straddling_pct",)),
     ("transitions %", ("transition_accuracy_pct",)),
 )
 """The first two are means over walks, as in the paper; the others are shares of all steps."""
 _AHEAD = (
-    ("changes found %", ("changes_found_pct",), 1.0),
-    ("stairs, ramps found %", ("begins_found_pct",), 1.0),
+    ("changes detected %", ("changes_found_pct",), 1.0),
+    ("stairs, ramps detected %", ("begins_found_pct",), 1.0),
     ("distance to stairs mm, median", ("distance_median_mm", "stairs"), 1.0),
     ("distance to ramps mm, median", ("distance_median_mm", "ramps"), 1.0),
     ("sizes inside 95 %", ("inside_95_pct",), 1.0),
@@ -46,13 +50,16 @@ _WHO = ("height_group", "member", "subject")
 """Keys of a row that identify the walker."""
 
 
-def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Figures by method over all walks, by condition and cell; with the paper's.
+_LEAD_EDGES = np.linspace(0.0, 5.0, 21)
+_MOUNT_NOTE = (
+    "From the truth, between the first step and the last; pitch down is positive. The paper does not report how its "
+    "camera is mounted. Ours looks 25° (0.44 rad) down where head or chest are upright, or 8° (0.14 rad) in the "
+    "shallow walks. Means therefore differ by the mount; spreads can be compared."
+)
 
-    Args:
-        name: Of the experiment.
-        results: One per walk.
-    """
+
+def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures of an experiment by method over all walks, by condition and cell; with the paper's."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
@@ -95,9 +102,9 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
     walker is unknown.
     """
     of: dict[Any, list[float]] = {}
-    is_told = any(k in rows[0] for k in _WHO)
+    is_known = any(k in rows[0] for k in _WHO)
     for row, share in zip(rows, shares):
-        of.setdefault(tuple(row[k] for k in _WHO if k in row) if is_told else row["seed"], []).append(share)
+        of.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
     means = [float(np.mean(own)) for own in of.values()]
     n = len(means)
     half = float(student_t.ppf(0.975, n - 1) * np.std(means, ddof=1) / math.sqrt(n)) if n > 1 else None
@@ -106,7 +113,7 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
         "sd": float(np.std(shares)),
         "ci95": half,
         "over": n,
-        "of": "persons" if is_told else "walks",
+        "of": "persons" if is_known else "walks",
     }
 
 
@@ -136,22 +143,18 @@ def table_2() -> dict[str, float]:
 
 
 def paper(name: str) -> dict[str, Any]:
-    """Accuracy of the paper: all walks, by condition (Table III), by cell (Table II); its Figure 4; its time.
-
-    Args:
-        name: Of the experiment.
-    """
-    told = reference("zhao2023")
+    """The paper's accuracy in an experiment: over all walks, by condition and by cell; its Figure 4 and its time."""
+    theirs = reference("zhao2023")
     if name in TRIALS:
-        published = {"accuracy_pct": told[TRIALS[name].paper], "accuracy_by_condition_pct": {}, "cells_pct": {}}
-        return {"published": published, "time_ms": told["time_ms"]}
-    generality = told["generality"]
+        published = {"accuracy_pct": theirs[TRIALS[name].paper], "accuracy_by_condition_pct": {}, "cells_pct": {}}
+        return {"published": published, "time_ms": theirs["time_ms"]}
+    generality = theirs["generality"]
     published = {
         "accuracy_pct": generality["accuracy_pct"],
-        "accuracy_by_condition_pct": {k: v[0] for k, v in told["accuracy_by_condition_pct"].items()},
+        "accuracy_by_condition_pct": {k: v[0] for k, v in theirs["accuracy_by_condition_pct"].items()},
         "cells_pct": table_2(),
     }
-    return {"published": published, "time_ms": told["time_ms"], "spread": {q: generality[q] for q in EDGES}}
+    return {"published": published, "time_ms": theirs["time_ms"], "spread": {q: generality[q] for q in EDGES}}
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -175,8 +178,8 @@ def overall(result: dict[str, Any]) -> list[str]:
     return [
         f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions",
         f"walks that ended by a fall: {', '.join(fell) or 'none'}",
-        f"map and prediction without odometry: {time_ms['mean']:.1f} ms of processor a depth picture in the mean of "
-        f"the walks, 95th percentile {time_ms['p95']:.1f} on the slowest walk",
+        f"map and prediction without odometry: {time_ms['mean']:.1f} ms of CPU time per depth image, "
+        f"mean over the walks; 95th percentile {time_ms['p95']:.1f} on the slowest walk",
         "",
         _head(result),
         *(
@@ -191,7 +194,7 @@ def overall(result: dict[str, Any]) -> list[str]:
             for words, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
             for key in ("median", "p5")
         ),
-        "accuracy and strict are means of the walks, the others shares of all steps",
+        "accuracy and strict: means over the walks; others: shares of all steps",
         f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['over']} {mean['of']}",
     ]
 
@@ -203,10 +206,10 @@ def ahead(result: dict[str, Any]) -> list[str]:
         f"1.5 s before: {ours['changes']} changes",
         *(f"{words:<{_NAME}}{_cell(_at(ours, keys, factor))}" for words, keys, factor in _AHEAD),
         "",
-        f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all told':>18}",
+        f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
         *(
             f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(own['seen_pct'])}{_cell(own['rmse'], 16)}"
-            f"{_cell(own['told_rmse'], 18)}"
+            f"{_cell(own['told_rmse'], 23)}"
             for size, ways in ours["sizes"].items()
             for way, own in ways.items()
         ),
@@ -255,19 +258,19 @@ def spreads(result: dict[str, Any]) -> list[str]:
 def confusion(result: dict[str, Any]) -> list[str]:
     """Steps of our method by true and predicted mode."""
     counts = result["summary"][methods(result)[0]]["confusion"]
-    lines = [f"{'true / told':<12}" + "".join(f"{m:>7}" for m in MODES) + f"{'nothing':>9}"]
+    lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
     return lines + [
-        f"{true:<12}" + "".join(f"{row[m]:>7}" for m in MODES) + f"{row['']:>9}" for true, row in counts.items()
+        f"{true:<17}" + "".join(f"{row[m]:>7}" for m in MODES) + f"{row['']:>7}" for true, row in counts.items()
     ]
 
 
 def methods(result: dict[str, Any]) -> list[str]:
     """Methods of a result; ours first."""
-    return [m for m in WORDS if m in result["summary"]]
+    return list(result["cases"][0]["methods"])
 
 
 def _head(result: dict[str, Any]) -> str:
-    return " " * _NAME + "".join(f"{WORDS[m]:>12}" for m in methods(result)) + f"{'paper':>9}"
+    return " " * _NAME + "".join(f"{WORDS.get(m, m):>12}" for m in methods(result)) + f"{'paper':>9}"
 
 
 def _rows(result: dict[str, Any], key: str, names: Sequence[str], theirs: dict[str, float]) -> list[str]:
@@ -280,3 +283,134 @@ def _rows(result: dict[str, Any], key: str, names: Sequence[str], theirs: dict[s
 
 def _cell(value: float | None, width: int = 12) -> str:
     return f"{'-':>{width}}" if value is None else f"{value:>{width}.2f}"
+
+
+def report(result: dict[str, Any]) -> str:
+    """The experiment as HTML text."""
+    cases, ours = result["cases"], methods(result)[0]
+    steps = {m: [s for c in cases for s in ModeScores.of(c["methods"][m]).steps] for m in methods(result)}
+    lead_lead = "Time from the final correct prediction to touch-down; 0 where the prediction was wrong."
+    lead_calibration = "Predicted probability and share of correct predictions, by tenths, with the number of steps."
+    lead_confusion = "Steps by true mode and by the last mode predicted before touch-down."
+    sections = [
+        section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall(result))),
+        _conditions(result),
+        _table_2(result),
+        section("Confusion matrix", lead_confusion, _confusion(result["summary"][ours]["confusion"])),
+        section(
+            "Figure 4",
+            _MOUNT_NOTE,
+            boxes([preformatted(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
+            "stack",
+        ),
+        section("Lead time", lead_lead, _lead(steps)),
+        section("Calibration", lead_calibration, _calibration(steps[ours])),
+    ]
+    name = result["experiment"]
+    return page(
+        name.replace("_", " ").capitalize(),
+        STUDIES[name].description if name in STUDIES else "",
+        [f"{len(cases)} walks", f"{len(steps[ours])} steps", f"{cases[0]['physics']} physics"],
+        sections,
+        "The results of every walk are in JSON files beside this page.",
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
+    return html_table(head, rows, range(1, len(head)))
+
+
+def _two(value: str, below: str) -> Markup:
+    """A cell with a second value in small print below."""
+    return Markup("{}<br><small>{}</small>").format(value, below)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
+
+
+def _conditions(result: dict[str, Any]) -> str:
+    """Table III."""
+    key, columns = "accuracy_by_condition_pct", methods(result)
+    theirs = result["paper"]["published"][key]
+    ours = result["summary"][columns[0]][key]
+    rows = [
+        [name, *(_number(result["summary"][m][key].get(name)) for m in columns), _number(theirs.get(name))]
+        for name in conditions()
+        if name in ours
+    ]
+    lead = "Accuracy by condition, %: mean over its walks."
+    return (
+        section(conditions_title(result), lead, _table(["", *(WORDS.get(m, m) for m in columns), "paper"], rows))
+        if rows
+        else ""
+    )
+
+
+def _table_2(result: dict[str, Any]) -> str:
+    """Table II, in the paper's layout."""
+    ours, theirs = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
+    if not ours:
+        return ""
+    columns = [(terrain, mount) for terrain in TERRAINS for mount in MOUNTS]
+    rows = []
+    for group in GROUPS:
+        for pattern in PATTERNS:
+            cells = [f"{group} {pattern} {terrain} {mount}" for terrain, mount in columns]
+            pairs = [(ours[c], theirs[c]) if c in ours else None for c in cells]
+            shown = ["" if pair is None else _two(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
+            rows.append([f"{group} {pattern}", *shown])
+    head = ["", *(f"{terrain} {mount}" for terrain, mount in columns)]
+    return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table(head, rows))
+
+
+def _confusion(counts: dict[str, dict[str, int]]) -> str:
+    def cell(row: dict[str, int], mode: str) -> str:
+        share = 100.0 * row[mode] / max(sum(row.values()), 1)
+        return _two(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
+
+    rows = [[true, *(cell(row, mode) for mode in (*MODES, ""))] for true, row in counts.items()]
+    return _table(["true / predicted", *MODES, "none"], rows)
+
+
+def _spread(quantity: str, result: dict[str, Any]) -> str:
+    """Histogram of pitch or speed, with mean and standard deviation, ours and the paper's."""
+    ours, edges = result["summary"]["spread"][quantity], EDGES[quantity]
+    theirs = result["paper"].get("spread", {}).get(quantity)
+    shares = 100.0 * np.array(ours["bins"]) / ours["count"]
+    top = 1.25 * float(shares.max())
+    plot = Plot(
+        title=QUANTITIES[quantity], x=(float(edges[0]), float(edges[-1])), y=(0.0, top), x_label=QUANTITIES[quantity],
+        y_label="share of the time, %", height=260,
+    )  # fmt: skip
+    plot.bars(edges[:-1], edges[1:], 0.0, shares, PALETTE[4], label="ours")
+    for found, at, color, label in ((ours, 0.90, INK, "ours"), (theirs, 0.96, PALETTE[1], "paper")):
+        if found is not None:
+            mean, sd = found["mean"], found["sd"]
+            plot.line([mean - sd, mean, mean + sd], [at * top] * 3, color, width=2.0, label=f"{label}: mean ± SD")
+            plot.dots([mean], [at * top], color, size=8, label=f"{label}: mean ± SD")
+    return plot.html()
+
+
+def _lead(steps: dict[str, list[ScoredMode]]) -> str:
+    plot = Plot(
+        title="Lead time", x=(0.0, 5.0), x_label="time before touch-down, s", y_label="share of the steps, %",
+        height=280,
+    )  # fmt: skip
+    for (method, own), color in zip(steps.items(), PALETTE):
+        counts = np.histogram(np.clip([s.lead_s for s in own], 0.0, 4.999), _LEAD_EDGES)[0]
+        shares = np.repeat(100.0 * counts / max(len(own), 1), 2)
+        plot.line(np.repeat(_LEAD_EDGES, 2)[1:-1], shares, color, width=2.0, label=WORDS.get(method, method))
+    return plot.html()
+
+
+def _calibration(steps: Sequence[ScoredMode]) -> str:
+    bins = told_and_right(steps)
+    plot = Plot(
+        title="Calibration", x=(0.0, 1.05), y=(0.0, 1.12), x_label="predicted probability",
+        y_label="share of correct predictions", height=320,
+    )  # fmt: skip
+    plot.line([0.0, 1.0], [0.0, 1.0], MUTED, dash="dash", label="calibrated")
+    x, y, counts = zip(*bins) if bins else ((), (), ())
+    plot.dots(x, y, PALETTE[0], size=8, label="steps (number)", words=[str(count) for count in counts])
+    return plot.html()

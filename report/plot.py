@@ -1,0 +1,227 @@
+"""Interactive figures: Plotly traces as JSON inside a page; a script of the page draws each when it comes into view."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import ArrayLike
+
+from stridetwin.streams.samples import Array
+
+Range = tuple[float, float]
+INK, MUTED, ERROR = "#0f1c2e", "#5b6b7f", "#e03131"
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#aa3377", "#56b4e9", "#e69f00")
+"""Distinct with any colour vision (after Okabe and Ito 2008)."""
+_MOST_POINTS = 2000  # of a curve
+_NARROWEST_SCALE = 0.12  # height over width of a figure true to scale; flatter ones have their y axis stretched
+
+
+def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float = 0.06) -> Range:
+    """The span of the finite values, with a margin; never empty."""
+    parts = [np.asarray(v, dtype=float).ravel() for v in values] + [np.asarray(include, dtype=float)]
+    everything = np.concatenate(parts)
+    finite = everything[np.isfinite(everything)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    pad = margin * (high - low) or max(abs(high), 1.0) * 0.1
+    return low - pad, high + pad
+
+
+def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
+    """At most two points per bucket, the lowest and the highest; every gap (NaN) stays a gap."""
+    if len(x) <= 2 * buckets:
+        return x, y
+    edges = np.linspace(0, len(x), buckets + 1).astype(int)
+    kept = {0, len(x) - 1}
+    for a, b in pairwise(edges.tolist()):
+        part = y[a:b]
+        if np.isfinite(part).any():
+            kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
+        if not np.isfinite(part).all():
+            kept.add(a + int(np.argmin(np.isfinite(part))))
+    index = sorted(kept)
+    return x[index], y[index]
+
+
+def joined(parts: Iterable[ArrayLike]) -> Array:
+    """The (N, 2) rows of all parts, each followed by NaN: separate curves or polygons in one trace."""
+    gap = np.full((1, 2), np.nan)
+    return np.concatenate([rows for part in parts for rows in (np.asarray(part, float), gap)] or [gap])
+
+
+def faint(color: str, opacity: float = 0.15) -> str:
+    """A hexadecimal colour, translucent."""
+    return "rgba({},{},{},{:g})".format(*(int(color[i : i + 2], 16) for i in (1, 3, 5)), opacity)
+
+
+@dataclass(kw_only=True)
+class Plot:
+    """One pair of axes; what is drawn first lies below.
+
+    Traces with equal labels have one entry in the legend, which shows and hides them together.
+
+    Attributes:
+        title: Above the figure.
+        x: First range of the x axis; None shows all data.
+        y: First range of the y axis; None shows all data.
+        x_label: Title of the axis, with the unit.
+        y_label: Title of the axis, with the unit.
+        height: In pixels.
+        to_scale: Both axes have one scale, and the height follows from the width; needs both ranges. The y axis of a
+            very flat figure is stretched instead, and its title says so.
+        x_names: Labels at x = 0, 1, 2 and so on instead of numbers.
+        y_names: Labels by y instead of numbers.
+        hover: Plotly's `hovermode`.
+        continued: It continues the figure above: without title and legend.
+    """
+
+    title: str
+    x: Range | None = None
+    y: Range | None = None
+    x_label: str = ""
+    y_label: str = ""
+    height: int = 300
+    to_scale: bool = False
+    x_names: Sequence[str] = ()
+    y_names: Mapping[float, str] = field(default_factory=dict)
+    hover: str = "closest"
+    continued: bool = False
+    _traces: list[dict[str, Any]] = field(default_factory=list)
+    _layout: dict[str, Any] = field(default_factory=dict)
+
+    def line(
+        self, x: ArrayLike, y: ArrayLike, color: str, *, label: str = "", width: float = 1.6, dash: str = "solid"
+    ) -> None:
+        """A line through the points, interrupted where y is not finite; dense curves are thinned."""
+        xs, ys = np.asarray(x, float), np.asarray(y, float)
+        if np.all(np.diff(xs) >= 0):
+            xs, ys = thin(xs, ys, _MOST_POINTS // 2)
+        line = {"color": color, "width": width, "dash": dash}
+        self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
+
+    def curves(self, parts: Iterable[ArrayLike], color: str, *, label: str = "", width: float = 1.6) -> None:
+        """Separate curves of one kind, (N, 2) each."""
+        points = joined(parts)
+        self.line(points[:, 0], points[:, 1], color, label=label, width=width)
+
+    def band(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = "") -> None:
+        """The area between two curves."""
+        xs = np.asarray(x, float)
+        self.areas([np.column_stack([np.r_[xs, xs[::-1]], np.r_[low, np.asarray(high)[::-1]]])], color, label=label)
+
+    def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
+        """Filled shapes from their outlines, (N, 2) each."""
+        if len(outlines):
+            points = joined([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
+            line = {"color": stroke, "width": 1} if stroke else {"width": 0}
+            self._add(
+                label, x=_numbers(points[:, 0]), y=_numbers(points[:, 1]), mode="lines", line=line, fill="toself",
+                fillcolor=fill, hoverinfo="name" if label else "skip", hoveron="fills",
+            )  # fmt: skip
+
+    def bars(
+        self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = ""
+    ) -> None:
+        """Upright rectangles."""
+        sides = np.broadcast_arrays(*(np.asarray(v, float) for v in (left, right, low, high)))
+        self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
+
+    def dots(
+        self, x: ArrayLike, y: ArrayLike, color: str, *, size: float = 6.0, label: str = "", symbol: str = "circle",
+        sd: ArrayLike | None = None, words: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        """Markers, with error bars (`sd`) and words where given."""
+        mark = {"color": color, "size": size, "symbol": symbol}
+        more: dict[str, Any] = {} if sd is None else {"error_y": {"array": _numbers(sd), "color": color}}
+        if words:
+            more |= {"text": list(words), "textposition": "top center"}
+        self._add(
+            label, x=_numbers(x), y=_numbers(y), mode="markers+text" if words else "markers", marker=mark, **more
+        )  # fmt: skip
+
+    def heatmap(self, x: ArrayLike, y: ArrayLike, z: Array, *, label: str, reverse: bool) -> None:
+        """(Y, X) values as colours, bright where they are high, or low with `reverse`; NaN stays empty."""
+        self._add(
+            "", type="heatmap", x=_numbers(x), y=_numbers(y), colorscale="Viridis", reversescale=reverse,
+            z=[[None if np.isnan(v) else float(f"{v:.6g}") for v in row] for row in z],
+            colorbar={"title": {"text": label, "side": "right"}}, hoverinfo="x+y+z",
+        )  # fmt: skip
+
+    def image(self, x: Range, y: Range, uri: str) -> None:
+        """An image below everything, stretched over a range of the data."""
+        self._layout.setdefault("images", []).append(
+            {"source": uri, "xref": "x", "yref": "y", "x": x[0], "y": y[1], "sizex": x[1] - x[0],
+             "sizey": y[1] - y[0], "sizing": "stretch", "layer": "below"}
+        )  # fmt: skip
+
+    def key(self, label: str, color: str) -> None:
+        """An entry of the legend for a colour of an image."""
+        self._add(label, x=[None], y=[None], mode="markers", marker={"color": color, "symbol": "square", "size": 11})
+
+    @property
+    def drawn(self) -> bool:
+        """Whether there is anything in it."""
+        return bool(self._traces)
+
+    def html(self) -> Markup:
+        """The figure as an element of a page of `report.html`."""
+        figure = {"data": self._traces, "layout": self._axes() | self._layout, "aspect": self._aspect}
+        text = json.dumps(figure, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+        caption = Markup("") if self.continued else Markup("<figcaption>{}</figcaption>").format(self.title)
+        return Markup(
+            '<figure>{}<div class="plot" role="img" aria-label="{}" style="height:{}px">'
+            '<script type="application/json">{}</script></div></figure>'
+        ).format(caption, self.title, self.height, Markup(text))
+
+    def _add(self, label: str, **trace: Any) -> None:
+        first = bool(label) and all(t.get("name") != label for t in self._traces)
+        named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
+        self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})
+
+    @property
+    def _aspect(self) -> float:
+        """Height over width of a figure true to scale; 0 for one of fixed height."""
+        if not self.to_scale or self.x is None or self.y is None:
+            return 0.0
+        aspect = (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])
+        return aspect if aspect >= _NARROWEST_SCALE else 0.0
+
+    def _axes(self) -> dict[str, Any]:
+        scaled = self._aspect > 0.0
+        y_label = f"{self.y_label} (stretched)" if self.to_scale and not scaled else self.y_label
+        x_axis: dict[str, Any] = {"title": {"text": self.x_label}}
+        y_axis: dict[str, Any] = {"title": {"text": y_label}}
+        if self.x is not None:
+            x_axis["range"] = list(self.x)
+        if self.y is not None:
+            y_axis["range"] = list(self.y)
+        if self.x_names:
+            x_axis |= {"tickvals": list(range(len(self.x_names))), "ticktext": list(self.x_names)}
+        if self.y_names:
+            y_axis |= {"tickvals": list(self.y_names), "ticktext": list(self.y_names.values()), "showgrid": False}
+        if scaled:
+            x_axis["constrain"] = "domain"
+            y_axis |= {"scaleanchor": "x", "constrain": "domain"}
+        return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover, "showlegend": not self.continued}
+
+
+def _numbers(values: ArrayLike) -> dict[str, str]:
+    """An array as single-precision numbers in base64, as Plotly reads them."""
+    data = np.asarray(values, "<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")}
+
+
+@cache
+def library() -> str:
+    """Plotly's script, compressed, in base64: about 2 MB."""
+    from plotly.offline import get_plotlyjs
+
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode("ascii")

@@ -1,0 +1,327 @@
+"""Geometric scores of a place: lines of sight from its sensors over a walk, without recording or rendering."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.scenarios.record import make_twin
+from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
+from stridetwin.sim.rendering.cameras import board_seen_by
+from stridetwin.sim.sensors.standard_rig import SensorRig
+from stridetwin.sim.wearer.limbs import Limbs
+from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rig import Board, CameraCalibration
+from stridetwin.streams.samples import Array
+from stridetwin.studies.placement.scores import GEOMETRIC, Seeing
+
+RATE_HZ = 50.0
+AHEAD_M, ASIDE_M = np.arange(0.5, 2.51, 0.25), (-0.25, 0.0, 0.25)
+"""The ground that determines the next steps: m ahead of the pelvis along the route, and to its left."""
+NEAR_M = 0.03
+_EVERY = 5  # every n-th instant is used where each needs hundreds of lines of sight
+_FAN = (16, 12)
+_ARM_M = 1.0
+_SHORT_OF_M = 0.02  # a line of sight ends this far before the ground
+_CELLS = {"insole": 4, "interaction": 2}
+_WITHIN = ("head_imu", "exo_imu", "actuator")  # components of other parts, or of the exoskeleton
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moving:
+    """A body at N instants.
+
+    Attributes:
+        T_world_body: (N, 4, 4); for a foot, that of the shoe's upper with the sensors.
+        v: (N, 3) m/s of its origin, world axes.
+        w: (N, 3) rad/s, world axes.
+    """
+
+    T_world_body: Array
+    v: Array
+    w: Array
+
+    def seats(self, T_body_sensor: Array) -> Array:
+        """(N, 4, 4) poses of a sensor mounted on it."""
+        return np.asarray(self.T_world_body @ T_body_sensor)
+
+    def velocity(self, p_in_world: Array) -> Array:
+        """(N, 3) m/s, velocities of (N, 3) points fixed to it."""
+        return self.v + np.cross(self.w, p_in_world - self.T_world_body[:, :3, 3])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PosedWalk:
+    """A walk.
+
+    Attributes:
+        bodies: Bodies with sensors, by name.
+        limbs: Limbs that may occlude.
+        terrain: The terrain.
+        ground: Points on the ground ahead of the walker, (N, A, 3) m in the world.
+    """
+
+    bodies: dict[str, Moving]
+    limbs: Limbs
+    terrain: Terrain
+    ground: Array
+
+    def __len__(self) -> int:
+        return len(self.ground)
+
+
+def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
+    """The walk of a scenario, independent of its sensors.
+
+    Raises:
+        StrideTwinError: The walk is infeasible, or the simulator is not installed.
+    """
+    bare = replace(scenario, config=replace(scenario.config, sensors=(), fittings={}, faults=()))
+    twin = make_twin(bare, seed)
+    steps = [step for side in SIDES for step in twin.walk.steps[side]]
+    offs = [step.t_off for step in steps if np.isfinite(step.t_off)]
+    ends = [step.t_touch for step in steps if np.isfinite(step.t_touch)]
+    t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)
+    q, v = twin.walk.moving(t)
+    motion = twin.player().motion(np.round(t * 1e9).astype(np.int64))
+    bodies = {}
+    for name in motion.tracks:
+        track = motion.carrier(name)
+        T = track.poses()
+        w = np.einsum("nij,nj->ni", T[:, :3, :3], track.w_body)
+        bodies[name] = Moving(T_world_body=T, v=track.v_body_in_world, w=w)
+    layout = twin.terrain.layout
+    s = layout.way.project(bodies["pelvis"].T_world_body[:, :2, 3])
+    ahead = np.stack([layout.way.point((s[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
+    ahead = ahead.reshape(len(t), -1, 2)
+    ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
+    return PosedWalk(bodies=bodies, limbs=Limbs.of(twin.model, q, v), terrain=twin.terrain, ground=ground)
+
+
+def project(camera: CameraCalibration, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Image coordinates of points (Brown 1966 and Conrady 1919; Kannala & Brandt 2006, as OpenCV has them).
+
+    Args:
+        camera: Intrinsics and distortion.
+        points: (..., 3) m, optical frame.
+
+    Returns:
+        (..., 2) pixels, the centre of the top-left one is (0, 0); and (...) whether the point is in front of the camera
+        and inside the image, within the valid range of the distortion model.
+    """
+    z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.inf)
+    x, y = points[..., 0] / z, points[..., 1] / z
+    bent, fair = _radtan if camera.distortion_model == "radtan" else _equidistant, np.isfinite(z)
+    x, y, straight = bent(x, y, *camera.distortion)
+    fu, fv, pu, pv = camera.intrinsics
+    u, v = fu * x + pu, fv * y + pv
+    inside = fair & straight & (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
+    return np.stack([u, v], axis=-1), inside
+
+
+def _radtan(x: Array, y: Array, k1: float, k2: float, p1: float, p2: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    r2 = x**2 + y**2
+    radial = 1.0 + r2 * (k1 + r2 * k2)
+    out = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    return *out, 1.0 + r2 * (3 * k1 + 5 * k2 * r2) > 0.0
+
+
+def _equidistant(
+    x: Array, y: Array, k1: float, k2: float, k3: float, k4: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    r = np.hypot(x, y)
+    angle = np.arctan(r)
+    a2 = angle**2
+    bent = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+    scale = np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0)
+    grows = 1.0 + a2 * (3 * k1 + a2 * (5 * k2 + a2 * (7 * k3 + a2 * 9 * k4))) > 0.0
+    return x * scale, y * scale, grows
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sight:
+    """What a camera sees of a board at N instants.
+
+    Attributes:
+        in_view: (N,) the whole board is in the image, large and flat enough; occlusion is not considered.
+        behind_limbs: (N,) in view, and partly occluded by a limb.
+        seen: (N,) in view without occlusion.
+        sharp: (N,) seen with little blur.
+        px: (N,) edge of a square, pixels.
+        blur_px: (N,) displacement of the centre during the exposure, pixels.
+    """
+
+    in_view: Flags
+    behind_limbs: Flags
+    seen: Flags
+    sharp: Flags
+    px: Array
+    blur_px: Array
+
+
+def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure_s: float, seeing: Seeing) -> Sight:
+    """What a camera sees of a board.
+
+    Args:
+        walk: Walk with N instants.
+        camera: On one body.
+        board: On another one.
+        exposure_s: Exposure of its images, s.
+        seeing: What counts.
+    """
+    carrier, other = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
+    T_world_camera, T_world_board = carrier.seats(camera.mount.T_body_sensor), other.seats(board.mount.T_body_sensor)
+    eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]
+    half = np.array([*board.squares, 0.0]) * board.square_m / 2
+    corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
+    points = corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + middle[:, None]
+    R_world_camera = T_world_camera[:, :3, :3]
+    seen_from = (points - eye[:, None]) @ R_world_camera
+    _, inside = project(camera, seen_from)
+    away = eye - middle
+    distance = np.linalg.norm(away, axis=1)
+    facing = np.sum(away * T_world_board[:, :3, 2], axis=1) / np.maximum(distance, 1e-9)
+    x, y, z = seen_from[:, 0].T
+    z = np.maximum(z, 1e-6)
+    focal = math.sqrt(camera.intrinsics[0] * camera.intrinsics[1])
+    px = focal * board.square_m / z
+    in_view = inside.all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
+
+    relative = other.velocity(middle) - carrier.velocity(eye) - np.cross(carrier.w, middle - eye)
+    vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T
+    blur_px = exposure_s * focal * np.hypot((vx * z - x * vz) / z**2, (vy * z - y * vz) / z**2)
+
+    behind, buried = np.zeros_like(in_view), np.zeros_like(in_view)
+    rows = np.flatnonzero(in_view)
+    if len(rows):
+        behind[rows] = walk.limbs.hide(rows, eye[rows], points[rows]).any(axis=1)
+        buried[rows] = _buried(walk, eye[rows], points[rows]).any(axis=1)
+    seen = in_view & ~behind & ~buried
+    sharp = seen & (blur_px < seeing.blur_squares * px)
+    return Sight(in_view=in_view, behind_limbs=behind, seen=seen, sharp=sharp, px=px, blur_px=blur_px)
+
+
+def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
+    """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points."""
+    sight = points - eyes[:, None]
+    length = np.linalg.norm(sight, axis=-1)
+    origins = np.broadcast_to(eyes[:, None], points.shape).reshape(-1, 3)
+    hit = walk.terrain.ray_cast(origins, sight.reshape(-1, 3)).reshape(length.shape)
+    return np.asarray(hit < length - _SHORT_OF_M)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outlook:
+    """Contents of a depth camera's view.
+
+    Attributes:
+        ahead: Share of the ground 0.5 to 2.5 m ahead on the route that it sees, over the walk.
+        own_body: Share of its image that the walker's body fills, over the walk.
+    """
+
+    ahead: float
+    own_body: float
+
+
+def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> Outlook:
+    """Visible ground ahead of a depth camera.
+
+    Args:
+        walk: The walk.
+        camera: The camera with its mount.
+        range_m: Smallest and largest depth that it measures.
+    """
+    rows = np.arange(0, len(walk), _EVERY)
+    T = walk.bodies[camera.mount.body].seats(camera.mount.T_body_sensor)[rows]
+    eye, R = T[:, :3, 3], T[:, :3, :3]
+    ground = walk.ground[rows]
+    seen_from = (ground - eye[:, None]) @ R
+    _, seen = project(camera, seen_from)
+    seen &= (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
+    seen &= ~walk.limbs.hide(rows, eye, ground)
+    seen &= ~_buried(walk, eye, ground)
+    u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
+    fu, fv, pu, pv = camera.intrinsics
+    rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
+    fan = rays @ np.swapaxes(R, 1, 2) + eye[:, None]
+    return Outlook(ahead=float(seen.mean()), own_body=float(walk.limbs.hide(rows, eye, fan).mean()))
+
+
+def geometric_scores(
+    sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
+) -> dict[str, float]:
+    """Scores by name; undefined scores (no board ever in view) are left out.
+
+    Args:
+        sensor_rig: Sensors of the place.
+        walk: True motion; None where only weights are needed.
+        names: Of `GEOMETRIC`.
+        seeing: When a board counts as seen.
+
+    Raises:
+        StrideTwinError: A sensor that a score needs is off, or a part has no weight.
+    """
+    groups = {sensor.group for sensor in sensor_rig.sensors.values()}
+    for name in names:
+        needed = GEOMETRIC[name][0]
+        if needed and needed not in groups:
+            raise StrideTwinError(f"{name} needs {needed}, which is off")
+    groups_needed = {GEOMETRIC[name][0] for name in names}
+    found: dict[str, float] = {}
+    if walk is not None and "foot_camera" in groups_needed:
+        found |= _of_boards(sensor_rig, walk, seeing)
+    if walk is not None and "head_camera" in groups_needed:
+        found |= _of_the_way(sensor_rig, walk)
+    if "weight_g" in names:
+        found["weight_g"] = _weight_g(sensor_rig)
+    if "foot_weight_g" in names:
+        found["foot_weight_g"] = _weight_g(sensor_rig, "foot_l")
+    return {name: found[name] for name in names if name in found}
+
+
+def _of_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
+    sights = []
+    for topic, camera in sensor_rig.rig.cameras.items():
+        board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
+        if board is not None and isinstance(part, CameraPart):
+            sights.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
+    seen = np.array([s.seen for s in sights])
+    in_view = sum(int(s.in_view.sum()) for s in sights)
+    found = {
+        "visibility_pct": 100.0 * float(seen.any(axis=0).mean()),
+        "sharp_pct": 100.0 * float(np.array([s.sharp for s in sights]).any(axis=0).mean()),
+    }
+    if in_view:
+        found["occlusion_pct"] = 100.0 * sum(int(s.behind_limbs.sum()) for s in sights) / in_view
+    if seen.any():
+        found["square_px"] = float(np.concatenate([s.px[s.seen] for s in sights]).mean())
+    return found
+
+
+def _of_the_way(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
+    topic = next(t for t, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
+    part = sensor_rig.sensors[topic].part
+    assert isinstance(part, RgbdPart)
+    outlook = look_ahead(walk, sensor_rig.rig.cameras[topic], (part.depth.range_min, part.depth.range_max))
+    return {"ahead_pct": 100.0 * outlook.ahead, "own_body_pct": 100.0 * outlook.own_body}
+
+
+def _weight_g(sensor_rig: SensorRig, body: str | None = None) -> float:
+    """Weight of all sensors, or of those on one body, g."""
+    total = 0.0
+    for topic, sensor in sensor_rig.sensors.items():
+        if sensor.group in _WITHIN or body not in (None, sensor.calibration.mount.body):
+            continue
+        if not sensor.part.mass_kg:
+            raise StrideTwinError(f"the part of {topic}, {sensor.part.name}, has no mass_g, which weight needs")
+        total += 1e3 * sensor.part.mass_kg * _CELLS.get(sensor.group, 1)
+    return total

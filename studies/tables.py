@@ -1,0 +1,56 @@
+"""Text tables of the studies: labelled rows of figures in declared columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from string import Formatter
+from typing import Any
+
+Column = tuple[str, int, str]
+"""Header, width, and format string of a row's figures; missing figures print as -, `!m` multiplies by 1000."""
+
+
+def table_lines(
+    columns: Sequence[Column], rows: Iterable[tuple[str, Mapping[str, Any]]], width: int, title: str = ""
+) -> list[str]:
+    """Lines of text: the header, then one line per row.
+
+    Args:
+        columns: Of each line.
+        rows: Label and figures; one with `error` was refused by the estimator.
+        width: Of the labels.
+        title: Of the labels.
+    """
+    header = "".join(f"{head:>{wide}}" for head, wide, _ in columns)
+    return [f"{title:<{width}}{header}", *(f"{label:<{width}}{_line(columns, figures)}" for label, figures in rows)]
+
+
+def _line(columns: Sequence[Column], figures: Mapping[str, Any]) -> str:
+    if "error" in figures:
+        return f"{figures['refused']} of {figures['of']} refused: {figures['error']}"
+    return "".join(f"{_CELL.vformat(cell, (), figures):>{wide}}" for _, wide, cell in columns).rstrip()
+
+
+class _Cell(Formatter):
+    """Formats lists value by value, and a missing value as -."""
+
+    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        try:
+            return super().get_field(field_name, args, kwargs)
+        except (KeyError, TypeError):
+            return None, field_name
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        if conversion != "m":
+            return super().convert_field(value, conversion)
+        return None if value is None else [1e3 * v for v in value] if isinstance(value, list) else 1e3 * value
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, list):
+            return " ".join(format(v, format_spec) for v in value)
+        if value is None:
+            return format("-", format_spec.split(".")[0].lstrip("+"))
+        return str(value) if isinstance(value, str) else format(value, format_spec)
+
+
+_CELL = _Cell()
