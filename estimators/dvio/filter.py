@@ -165,7 +165,7 @@ class Dvio:
         streams = [Stream(role="imu", topic=f"/{mount}/imu", kind=Imu), Stream(role="camera", topic=color, kind=Image)]
         if color in rig.cameras and rig.cameras[color].depth_topic:
             streams.append(Stream(role="depth", topic=depth, kind=Depth))
-        return (*streams, Stream(role="depth", topic=right, kind=Image, nav=False))
+        return (*streams, Stream(role="depth", topic=right, kind=Image, live=False))
 
     @classmethod
     def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:

@@ -380,7 +380,7 @@ class Initializer:
             sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=p.inverse_depth_again_sd_per_m,
             parameters=p.structure,
         )  # fmt: skip
-        found = structure_with_depth(s) if (s.prior_sd > 0).any() else structure_of_bearings(s)
+        found = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
         return None if found is None or len(found.R) < self._parameters.views_min else found
 
     def _priors(self) -> Priors:

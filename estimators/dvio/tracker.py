@@ -212,7 +212,7 @@ class Stereo:
         D = [np.array(c.distortion, dtype=float) for c in (left, right)]
         # The rectifying rotation of each camera depends only on the rotation between them.
         none = np.zeros(4)
-        R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], delta_p=0)[:4]
+        R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], alpha=0)[:4]
         P1, P2 = (np.diag([1 / p.shrink, 1 / p.shrink, 1.0]) @ P for P in (P1, P2))
         maps = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
         self._maps = [
