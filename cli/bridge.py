@@ -23,13 +23,13 @@ from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 
 if TYPE_CHECKING:
-    from stridetwin.streams.live.wire import Message
+    from stridetwin.streams.live.messages import Message
 
 TRUTH = "/truth/"
 FIGURES = {
-    "received": "received", "late": "late", "lost": "dropped by the sender", "not_increasing": "stamps not increasing",
-    "not_finite": "not finite", "before_start": "before the start", "other_kind": "of another kind",
-    "other_size": "of another size", "skipped": "left out for having waited",
+    "received": "received", "late": "late", "lost": "lost before they arrived",
+    "not_increasing": "stamps not increasing", "not_finite": "not finite", "before_start": "before the start",
+    "other_kind": "of another kind", "other_size": "of another size", "skipped": "left out for having waited",
 }  # fmt: skip
 _OVER_BUDGET = 1
 _LEAD_NS = 500_000_000
@@ -107,8 +107,8 @@ class LiveOptions(Options):
 
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """`send`."""
+    from stridetwin.streams.live.message_files import stored_messages
     from stridetwin.streams.live.sender import Sender
-    from stridetwin.streams.live.stored_messages import stored_messages
     from stridetwin.streams.live.wire import parse_address
     from stridetwin.streams.rig import Rig
 

@@ -16,9 +16,8 @@ from stridetwin.pipeline.live_chain import Chain, Fit, Request, chain_of
 from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.live.live_recorder import LiveRecorder
-from stridetwin.streams.live.receiver import Arrival, Receiver
-from stridetwin.streams.live.reorder import Reorder
+from stridetwin.streams.live.message_files import LiveRecorder
+from stridetwin.streams.live.receiver import Arrival, Receiver, Reorder
 from stridetwin.streams.live.wire import Hello
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image
@@ -172,11 +171,11 @@ class _Live:
         return self._chain.finish() if self._chain is not None else {}
 
     def _know(self, hello: Hello) -> None:
-        self._rig, differing = _joined(self._rig, hello.rig)
+        self._rig, differing = _joined(self._rig, hello.calibration)
         known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - known:
-            self._say(f"warning: a sender tells {name} otherwise than the one before; the first holds")
-        self._metadata = dict(hello.metadata) | self._metadata
+            self._say(f"warning: another sender describes {name} differently; the first description is used")
+        self._metadata = hello.metadata | self._metadata
         if self._recorder is not None:
             self._recorder.know(self._rig, self._metadata)
         self._try_chain()
@@ -253,7 +252,7 @@ class _Live:
         """Reports each problem of a stream and each refused sender once."""
         for topic, traffic in list(receiver.traffic.items()):
             for count, what in (
-                (traffic.lost, "the sender drops samples: they come faster than they are taken"),
+                (traffic.lost, "samples are lost: they come faster than they are taken, or the connection breaks"),
                 (traffic.not_increasing, "stamps do not increase: such samples are left out"),
                 (traffic.not_finite, "NaN or infinity: such samples are left out"),
             ):

@@ -11,7 +11,6 @@ import numpy as np
 
 from stridetwin.streams.bounded import check_pixels, image_size
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.live.wire import Message
 from stridetwin.streams.recording.cdr import Layout, layout_of
 from stridetwin.streams.recording.ros_images import (
     COMPRESSED,
@@ -26,10 +25,32 @@ from stridetwin.streams.recording.ros_samples import SMALL, Small, block_of, fil
 from stridetwin.streams.recording.ros_types import deserialise, serialise, typestore
 from stridetwin.streams.recording.topic_reader import READABLE
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Depth, Image, Sample
+from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 MOST_PIXELS = 1920 * 1200
 """Most pixels of an image: bounds the size to which a message of a few kilobytes could unpack."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """One message in transit.
+
+    Attributes:
+        t_ns: Its stamp.
+        topic: Name of the stream.
+        typename: ROS 2 type, such as `sensor_msgs/msg/Imu`.
+        payload: CDR bytes.
+    """
+
+    t_ns: int
+    topic: str
+    typename: str
+    payload: bytes
+
+
+def rank_of(kind: type[Sample]) -> int:
+    """Rank among samples of one instant: IMUs, which close an interval, then other small samples, then images."""
+    return 0 if kind is Imu else 2 if kind in (Image, Depth) else 1
 
 
 class Encoder:

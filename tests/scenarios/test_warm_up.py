@@ -54,7 +54,7 @@ from stridetwin.pipeline.live_chain import Request, chain_of
 from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
 from stridetwin.streams.live.messages import Decoder
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.live.stored_messages import stored_messages
+from stridetwin.streams.live.message_files import stored_messages
 
 def compiled():
     found = [d for d in gc.get_objects() if isinstance(d, Dispatcher)]

@@ -1,9 +1,10 @@
-"""Records the messages from the bridge unchanged, byte for byte."""
+"""Messages to and from recordings: an MCAP file holds the messages of the bridge unchanged, byte for byte."""
 
 from __future__ import annotations
 
+import heapq
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,17 +14,20 @@ import numpy as np
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.wire import Message
+from stridetwin.streams.live.messages import Encoder, Message, rank_of
 from stridetwin.streams.recording import index
+from stridetwin.streams.recording.index import RecordingIndex
+from stridetwin.streams.recording.mcap_scan import chunk_contents, read_chunk
 from stridetwin.streams.recording.mcap_writer import McapWriter, message_rows
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_images import CAMERA_INFO, IMAGES, camera_info_message
 from stridetwin.streams.recording.ros_types import definition
-from stridetwin.streams.recording.topic_reader import READABLE
+from stridetwin.streams.recording.topic_reader import READABLE, increasing
 from stridetwin.streams.recording.writer import METADATA_NAME, RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, Rig
 
 _INFO_PERIOD_NS = 1_000_000_000
-_PICTURE_LANE = 1
+_IMAGE_LANE = 1
 
 
 class LiveRecorder:
@@ -42,7 +46,7 @@ class LiveRecorder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.count = 0
-        self._told: tuple[str, dict[str, str]] | None = None
+        self._known: tuple[str, dict[str, str]] | None = None
         self._channels: dict[str, int] = {}
         self._cameras: dict[str, CameraCalibration] = {}
         self._next_info: dict[str, int] = {}
@@ -68,12 +72,12 @@ class LiveRecorder:
 
     def know(self, rig: Rig, metadata: Mapping[str, str]) -> None:
         """Sets rig and metadata of the senders: before their first message, and when further senders connect."""
-        told = rig_to_yaml(rig), dict(metadata)
-        if told == self._told:
+        known = rig_to_yaml(rig), dict(metadata)
+        if known == self._known:
             return
-        self._told = told
-        self._file.attachment(RIG_NAME, "application/yaml", told[0].encode())
-        self._file.metadata(METADATA_NAME, told[1])
+        self._known = known
+        self._file.attachment(RIG_NAME, "application/yaml", known[0].encode())
+        self._file.metadata(METADATA_NAME, known[1])
         self._cameras = dict(rig.cameras) | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
 
     def write(self, message: Message, t_ns: int) -> None:
@@ -84,7 +88,7 @@ class LiveRecorder:
             t_ns: Stamp of its sample.
         """
         camera = self._cameras.get(message.topic)
-        lane = _PICTURE_LANE if message.typename in IMAGES else 0
+        lane = _IMAGE_LANE if message.typename in IMAGES else 0
         if camera and t_ns >= self._next_info.get(message.topic, 0):
             self._next_info[message.topic] = t_ns + _INFO_PERIOD_NS
             info = camera_info_message(camera, message.topic, t_ns)
@@ -98,3 +102,57 @@ class LiveRecorder:
         layout = np.dtype(f"V{len(payload)}")
         rows, _ = message_rows(self._channels[topic], payload, layout, np.array([t_ns], np.int64))
         self._file.messages(rows, lane)
+
+
+def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
+    """Messages of some topics in time order, at equal stamps IMUs first and images last.
+
+    Args:
+        recording: The messages of an MCAP file are returned unchanged; for other sources images are lossless, and depth
+            is in float metres.
+        topics: Topics to return.
+    """
+    if not recording.is_mcap:
+        rig = recording.rig if recording.has_rig else Rig()
+        encoder = Encoder(rig, depth_encoding="32FC1", jpeg_quality=None)
+        yield from _sorted(map(encoder.message, recording.samples(topics)), recording)
+        return
+    scan = RecordingIndex(recording.path, recording.lenient)
+    last: dict[str, int] = {}
+    heap: list[tuple[tuple[int, int, str], int, Message]] = []
+    chunks = [
+        (min(c.parts[t].first for t in here), c, here) for c in scan.chunks if (here := c.parts.keys() & set(topics))
+    ]
+    count = 0
+    for start, chunk, here in sorted(chunks, key=lambda c: (c[0], c[1].offset)):
+        while heap and heap[0][0][0] < start:
+            yield heapq.heappop(heap)[2]
+        _, by_channel = chunk_contents(read_chunk(scan.path, chunk.offset))
+        for channel, messages in by_channel.items():
+            topic = scan.channels.get(channel, "")
+            if topic not in here:
+                continue
+            reader = scan.readers[topic]
+            times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
+            before = chunk.parts[topic].before
+            for i in increasing(times, before).nonzero()[0].tolist():
+                t_ns = int(times[i])
+                if t_ns > last.get(topic, -1):
+                    last[topic] = t_ns
+                    message = Message(t_ns=t_ns, topic=topic, typename=reader.typename, payload=messages.payload(i))
+                    rank = rank_of(recording.topics[topic].kind)
+                    count += 1
+                    heapq.heappush(heap, ((t_ns, rank, topic), count, message))
+    while heap:
+        yield heapq.heappop(heap)[2]
+
+
+def _sorted(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:
+    """Messages in time order; those of one instant in our order."""
+    group: list[Message] = []
+    for message in messages:
+        if group and message.t_ns != group[0].t_ns:
+            yield from sorted(group, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))
+            group = []
+        group.append(message)
+    yield from sorted(group, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))
