@@ -36,7 +36,6 @@ class Forward(Node):
             config.insert_json5(key, json.dumps(value))
         self.session = zenoh.open(config)
         self.key, self.numbers = f"stridetwin/{self.session.zid()}", Counter()
-        self.alive = self.session.liveliness().declare_token(f"{self.key}/alive")
         self.ask("hello", {"version": 2, "rig": rig, "epoch_ns": 0})  # ROS stamps are system time
         for theirs, (ours, typename) in TOPICS.items():
             forward = partial(self.forward, ours, typename)

@@ -129,7 +129,7 @@ class Receiver:
         link.answer("*/hello", self._answering(self._begin))
         link.answer("*/end", self._answering(self._end))
         link.hear("*/samples/**", self._on_sample)
-        link.watch("*/alive", lambda key, is_present: None if is_present else self._leave(key.partition("/")[0]))
+        link.when_gone(self._leave)
         link.appear(f"receiver/{link.name}")
         return self
 
@@ -193,9 +193,10 @@ class Receiver:
             sender = self._senders.get(name)
             if sender is None:
                 raise WireError("end without a hello")
-            for topic, number in numbers.items():
-                self._count_gap(sender, topic, number)
-            self._has_ended = True
+            if sender.is_connected:  # not one that was refused
+                for topic, number in numbers.items():
+                    self._count_gap(sender, topic, number)
+                self._has_ended = True
         self._leave(name)
         return sender
 

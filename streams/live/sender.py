@@ -131,7 +131,6 @@ class Sender:
             link = Link(connect=self._address)
             try:
                 link.hear(f"{link.name}/refused", lambda _, sample: self._refused(sample.payload.to_string()))
-                link.appear(f"{link.name}/alive")
                 link.watch("receiver/*", self._on_receiver)
                 while self._has_receiver() and not self._deliver(link):
                     pass

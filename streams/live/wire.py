@@ -3,7 +3,6 @@
 The receiver listens at one TCP endpoint, senders connect to it, and discovery is off. `ID` is a sender's Zenoh ID:
 
 - `stridetwin/receiver/RID`: liveliness token of a receiver. A sender greets each one that appears.
-- `stridetwin/ID/alive`: liveliness token of a sender.
 - `stridetwin/ID/hello`: query of a sender with a `Hello` in JSON. The reply is JSON `{TOPIC: samples received from this
   sender}`, or an error with the reason of a refusal.
 - `stridetwin/ID/samples/TOPIC`: the message as in a recording (CDR), with the encoding `application/cdr;TYPE` and the
@@ -234,6 +233,12 @@ class Link:
     def hear(self, key: str, act: Callable[[str, zenoh.Sample], None]) -> None:
         """Calls a function with the sender's ID and each sample of a key."""
         self._session.declare_subscriber(f"{_ROOT}/{key}", self._direct(lambda s: act(_name_in(s.key_expr), s)))
+
+    def when_gone(self, act: Callable[[str], None]) -> None:
+        """Calls a function with the Zenoh ID of each peer whose connection ends."""
+        put = self._zenoh.SampleKind.PUT
+        handler = self._direct(lambda event: None if event.kind == put else act(str(event.transport.zid)))
+        self._session.info.declare_transport_events_listener(handler)
 
     def appear(self, key: str) -> None:
         """Shows a token while the connection lasts."""
