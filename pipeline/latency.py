@@ -43,8 +43,8 @@ class Times:
 
     def figures(self) -> dict[str, float]:
         """Mean, quantiles and maximum in ms."""
-        told = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
-        return {n: 1e3 * s for n, s in (told | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
+        means = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
+        return {n: 1e3 * s for n, s in (means | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
 
 
 class Latency:
@@ -58,10 +58,10 @@ class Latency:
         self.budget_s = budget_s
         self._whole: dict[tuple[str, str], Times] = {}
         self._work: dict[tuple[str, str], Times] = {}
-        self._told: dict[tuple[str, str], int] = {}
+        self._estimates: dict[tuple[str, str], int] = {}
         self._travel: dict[str, Times] = {}
 
-    def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, told: bool) -> None:
+    def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, estimated: bool) -> None:
         """Adds the times of one sample.
 
         Args:
@@ -69,14 +69,14 @@ class Latency:
             topic: Its stream.
             whole_s: From its arrival until the estimator was done with it.
             work_s: The estimator's own part of that.
-            told: Whether it produced an estimate.
+            estimated: Whether it produced an estimate.
         """
         key = estimator, topic
         if key not in self._whole:
-            self._whole[key], self._work[key], self._told[key] = Times(), Times(), 0
+            self._whole[key], self._work[key], self._estimates[key] = Times(), Times(), 0
         self._whole[key].add(whole_s)
         self._work[key].add(work_s)
-        self._told[key] += told
+        self._estimates[key] += estimated
 
     def travelled(self, topic: str, seconds: float) -> None:
         """Adds the time from a sample's stamp until its arrival."""
@@ -99,7 +99,7 @@ class Latency:
             work = self._work[estimator, topic]
             estimators.setdefault(estimator, {})[topic] = {
                 "samples": whole.count,
-                "estimates": self._told[estimator, topic],
+                "estimates": self._estimates[estimator, topic],
                 **whole.figures(),
                 "work_mean_ms": 1e3 * work.mean_s,
                 "work_p99_ms": 1e3 * work.quantile_s(0.99),

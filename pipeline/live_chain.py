@@ -27,9 +27,9 @@ from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 Done = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
-_KIND = "of another kind than the estimator takes: such samples are left out"
-_SIZE = "of another size than the rig tells: such pictures are left out"
-_COLOUR = "in colour where the estimator takes grey: such pictures are left out"
+_KIND = "of another kind than the estimator reads: such samples are left out"
+_SIZE = "of another size than in the rig: such images are left out"
+_COLOUR = "in colour where the estimator reads grey: such images are left out"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
     return _Ahead(found, rig, options, request.output)
 
 
-def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
+def _built(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
     """An estimator, and the kind of sample that it takes by topic."""
     streams = [s for s in found.streams(rig, options) if s.live]
     for stream in streams:
@@ -100,7 +100,7 @@ class _Paths:
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._name, self._parts = found.declaration.name, found.declaration.parts
-        self._estimator, self.takes = _at_work(found, rig, options)
+        self._estimator, self.takes = _built(found, rig, options)
         files = {part: part_file(output, part) if output else None for part in self._parts.values() or ("",)}
         self._paths = {part: _LivePath(file) for part, file in files.items()}
 
@@ -131,7 +131,7 @@ class _Steps:
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._name, self._output = found.declaration.name, output
-        self._estimator, self.takes = _at_work(found, rig, options)
+        self._estimator, self.takes = _built(found, rig, options)
         self._last: dict[int, StepEstimate] = {}
 
     def update(self, sample: Sample) -> Iterator[Done]:
@@ -158,7 +158,7 @@ class _Ahead:
         self._led = Led(rig, found, options)
         self._name, self._kind, self._output = found.declaration.name, found.declaration.kind, output
         self.takes = self._led.takes
-        self._steps, self._made = MadeSteps(), list[PredictedStep]()
+        self._steps, self._predicted = MadeSteps(), list[PredictedStep]()
 
     def update(self, sample: Sample) -> Iterator[Done]:
         if self._led.feeds_odometry(sample):
@@ -171,17 +171,17 @@ class _Ahead:
             return None
         if self._kind == MAP:
             return json.dumps(document(estimate), allow_nan=False)
-        if (made := self._steps.add(estimate)) is not None:
-            self._made.append(made)
-        coming = PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=self._steps.steady_s(estimate))
-        return _csv(mode_cells(coming))
+        if (done := self._steps.add(estimate)) is not None:
+            self._predicted.append(done)
+        next_step = PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=self._steps.steady_s(estimate))
+        return _csv(mode_cells(next_step))
 
     def finish(self) -> dict[Path, int]:
         if self._output is None:
             return {}
         if self._kind != MAP:
-            write_modes(self._made, self._output)
-            return {self._output: len(self._made)}
+            write_modes(self._predicted, self._output)
+            return {self._output: len(self._predicted)}
         files, known = write_terrain(self._led.estimator, self._output), self._led.estimator.estimate
         return {file: len(known.planes) if known else 0 for file in files}
 
@@ -250,14 +250,14 @@ class Fit:
         topic, kind = sample.topic, self._takes[sample.topic]
         if not isinstance(sample, kind):
             self.other_kind[topic] += 1
-            return _KIND, f"{type(sample).__name__} and not {kind.__name__}"
+            return _KIND, f"{type(sample).__name__}, not {kind.__name__}"
         camera = self._cameras.get(topic)
         if camera is None or not isinstance(sample, Image | Depth):
             return None
         height, width, *channels = (sample.pixels if isinstance(sample, Image) else sample.depth).shape
         if (height, width) != (camera.height, camera.width):
             self.other_size[topic] += 1
-            return _SIZE, f"{width} × {height} and not {camera.width} × {camera.height}"
+            return _SIZE, f"{width} × {height}, not {camera.width} × {camera.height}"
         if channels and camera.mount.body.startswith("foot"):
             self.other_size[topic] += 1
             return _COLOUR, f"{channels[0]} channels"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stridetwin.pipeline.live_chain import Request, chain_of
-from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
+from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
@@ -18,8 +18,8 @@ from stridetwin.sim.twin import Twin
 
 def told(estimator):
     """The last row of each estimator of a chain."""
-    chain, rows = chain_of(Request(estimator=estimator), made_up_rig(), {}), {}
-    for sample in made_up_samples(chain.takes):
+    chain, rows = chain_of(Request(estimator=estimator), synthetic_rig(), {}), {}
+    for sample in synthetic_samples(chain.takes):
         rows |= {name: row for name, row in chain.update(sample) if row}
     return rows
 
@@ -51,7 +51,7 @@ LEFT_TO_COMPILE = """
 import gc, json, sys
 from numba.core.dispatcher import Dispatcher
 from stridetwin.pipeline.live_chain import Request, chain_of
-from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
+from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.streams.live.messages import Decoder
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.live.message_files import stored_messages
@@ -72,8 +72,8 @@ def read(recording, topics):
         yield decoder.sample(message)
 
 recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])
-chain = chain_of(asked, made_up_rig(), recording.metadata)
-show(chain, made_up_samples(chain.takes))
+chain = chain_of(asked, synthetic_rig(), recording.metadata)
+show(chain, synthetic_samples(chain.takes))
 before = compiled()
 chain = chain_of(asked, recording.rig, recording.metadata)
 show(chain, read(recording, list(chain.takes)))
