@@ -107,7 +107,7 @@ class LiveOptions(Options):
 
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """`send`."""
-    from stridetwin.streams.live.message_files import stored_messages
+    from stridetwin.streams.live.messages import stored_messages
     from stridetwin.streams.live.sender import Sender
     from stridetwin.streams.live.wire import parse_address
     from stridetwin.streams.rig import Rig

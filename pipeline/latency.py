@@ -62,15 +62,7 @@ class Latency:
         self._travel: dict[str, Times] = {}
 
     def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, estimated: bool) -> None:
-        """Adds the times of one sample.
-
-        Args:
-            estimator: Estimator that processed it.
-            topic: Its stream.
-            whole_s: From its arrival until the estimator was done with it.
-            work_s: The estimator's own part of that.
-            estimated: Whether it produced an estimate.
-        """
+        """Adds the time from a sample's arrival until an estimator has processed it, and the estimator's own part."""
         key = estimator, topic
         if key not in self._whole:
             self._whole[key], self._work[key], self._estimates[key] = Times(), Times(), 0
@@ -110,29 +102,27 @@ class Latency:
 
     def table(self) -> list[str]:
         """The same as text."""
-        heads = ("samples", "estimates", "mean ms", "p50", "p95", "p99", "max", "work mean", "work p99")
-        lines = []
+        heads = ("mean ms", "p50", "p95", "p99", "max")
+        data, lines = self.data(), list[str]()
         if self._whole:
-            lines.append(_row("from arrival to estimate", heads))
-        for estimator, topics in self.data()["arrival_to_estimate"].items():
+            lines.append(_row("from arrival to estimate", ("samples", "estimates", *heads, "work mean", "work p99")))
+        for estimator, topics in data["arrival_to_estimate"].items():
             for topic, row in topics.items():
-                cells = [str(row["samples"]), str(row["estimates"]), *_cells(row)]
-                cells += [f"{row[n]:.2f}" for n in ("work_mean_ms", "work_p99_ms")]
-                verdict = "" if row["within_budget"] else "  over budget"
-                lines.append(_row(f"{estimator} {topic}", cells) + verdict)
+                work = [f"{row[n]:.2f}" for n in ("work_mean_ms", "work_p99_ms")]
+                cells = _row(f"{estimator} {topic}", [row["samples"], row["estimates"], *_cells(row), *work])
+                lines.append(cells + ("" if row["within_budget"] else "  over budget"))
         if self._whole:
             lines.append(f"budget: 99 % within {1e3 * self.budget_s:g} ms: {'kept' if self.within else 'not kept'}")
         if self._travel:
-            lines.append(_row("from stamp to arrival", ("samples", "min", *heads[2:7])))
-        for topic, times in self._travel.items():
-            figures = {"min_ms": 1e3 * times.least_s, **times.figures()}
-            lines.append(_row(topic, [str(times.count), f"{figures['min_ms']:.2f}", *_cells(figures)]))
+            lines.append(_row("from stamp to arrival", ("samples", "min", *heads)))
+        for topic, row in data["stamp_to_arrival"].items():
+            lines.append(_row(topic, [self._travel[topic].count, f"{row['min_ms']:.2f}", *_cells(row)]))
         return lines
 
 
-def _cells(figures: dict[str, float]) -> list[str]:
-    return [f"{figures[n]:.2f}" for n in ("mean_ms", *QUANTILES, "max_ms")]
+def _cells(row: dict[str, float]) -> list[str]:
+    return [f"{row[n]:.2f}" for n in ("mean_ms", *QUANTILES, "max_ms")]
 
 
-def _row(name: str, cells: Sequence[str]) -> str:
+def _row(name: str, cells: Sequence[object]) -> str:
     return f"{name:<36}" + "".join(f"{c:>11}" for c in cells)

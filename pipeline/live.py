@@ -16,7 +16,7 @@ from stridetwin.pipeline.live_chain import Chain, Fit, Request, chain_of
 from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.live.message_files import LiveRecorder
+from stridetwin.streams.live.messages import LiveRecorder
 from stridetwin.streams.live.receiver import Arrival, Receiver, Reorder
 from stridetwin.streams.live.wire import Hello
 from stridetwin.streams.rig import Rig

@@ -6,11 +6,12 @@ import csv
 import io
 import json
 import os
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, PATH, STEPS, Options
@@ -47,7 +48,7 @@ class Request:
     output: Path | None = None
 
 
-class Chain(Protocol):
+class Chain(ABC):
     """One or more estimators, each feeding the next.
 
     Attributes:
@@ -56,34 +57,28 @@ class Chain(Protocol):
 
     takes: dict[str, type[Sample]]
 
+    @abstractmethod
     def update(self, sample: Sample) -> Iterator[Done]:
         """Processes a sample that `takes` allows; yields each time an estimator has finished with it."""
 
+    @abstractmethod
     def finish(self) -> dict[Path, int]:
         """Writes the files; returns rows by file."""
 
-    def abandon(self) -> None:
+    def abandon(self) -> None:  # noqa: B027 (most have nothing to undo)
         """Leaves existing files unchanged."""
 
 
 def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
     """The chain of an estimator.
 
-    Args:
-        request: The estimator to run.
-        rig: Known rig.
-        metadata: Texts from the senders.
-
     Raises:
         StrideTwinError: The rig lacks what the estimator needs; the message names it.
     """
     found = registry.estimator(request.estimator)
     options = replace(request.options, metadata=metadata, source="hello")
-    if found.declaration.kind == PATH:
-        return _Paths(found, rig, options, request.output)
-    if found.declaration.kind == STEPS:
-        return _Steps(found, rig, options, request.output)
-    return _Ahead(found, rig, options, request.output)
+    kind = {PATH: _Paths, STEPS: _Steps}.get(found.declaration.kind, _Ahead)
+    return kind(found, rig, options, request.output)
 
 
 def _built(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
@@ -95,7 +90,7 @@ def _built(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, typ
     return found(rig, options=options), {s.topic: s.kind for s in streams}
 
 
-class _Paths:
+class _Paths(Chain):
     """An estimator of paths: one row per pose, prefixed with the part's name if it estimates several parts."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
@@ -126,7 +121,7 @@ def part_file(file: Path, part: str) -> Path:
     return file.with_name(f"{file.stem}_{part}{file.suffix}") if part else file
 
 
-class _Steps:
+class _Steps(Chain):
     """An estimator of steps: one row per estimate."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
@@ -147,11 +142,8 @@ class _Steps:
         write_steps([self._last[step] for step in sorted(self._last)], self._output)
         return {self._output: len(self._last)}
 
-    def abandon(self) -> None:
-        pass
 
-
-class _Ahead:
+class _Ahead(Chain):
     """An estimator of the ground ahead, on the poses of an odometry: one row per predicted step, or a map as JSON."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
@@ -184,9 +176,6 @@ class _Ahead:
             return {self._output: len(self._predicted)}
         files, known = write_terrain(self._led.estimator, self._output), self._led.estimator.estimate
         return {file: len(known.planes) if known else 0 for file in files}
-
-    def abandon(self) -> None:
-        pass
 
 
 class _LivePath:

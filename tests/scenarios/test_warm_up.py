@@ -52,9 +52,8 @@ import gc, json, sys
 from numba.core.dispatcher import Dispatcher
 from stridetwin.pipeline.live_chain import Request, chain_of
 from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
-from stridetwin.streams.live.messages import Decoder
+from stridetwin.streams.live.messages import Decoder, stored_messages
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.live.message_files import stored_messages
 
 def compiled():
     found = [d for d in gc.get_objects() if isinstance(d, Dispatcher)]

@@ -17,8 +17,7 @@ from test_wire import compressed, same, told_size
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.message_files import LiveRecorder, stored_messages
-from stridetwin.streams.live.messages import Encoder, Message
+from stridetwin.streams.live.messages import Encoder, LiveRecorder, Message, stored_messages
 from stridetwin.streams.live.receiver import MOST_SENDERS, Arrival, Receiver, Reorder
 from stridetwin.streams.live.sender import IMAGES_HELD, SAMPLES_HELD, Sender
 from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, Link, WireError, write_counts
