@@ -7,6 +7,7 @@ sender notices that it is too fast: it drops messages, and the gaps in their num
 from __future__ import annotations
 
 import heapq
+import json
 import socket
 import threading
 import time
@@ -18,16 +19,7 @@ from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.live.messages import Decoder, Message, rank_of
-from stridetwin.streams.live.wire import (
-    LATEST_NS,
-    Hello,
-    Link,
-    WireError,
-    read_counts,
-    read_hello,
-    read_message,
-    write_counts,
-)
+from stridetwin.streams.live.wire import LATEST_NS, Counts, Hello, Link, WireError, read, read_message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import Depth, Image, Sample
 
@@ -160,20 +152,20 @@ class Receiver:
     def _connected(self) -> int:
         return sum(sender.is_connected for sender in self._senders.values())
 
-    def _answering(self, act: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[bytes, bool]]:
+    def _answering(self, act: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[str, bool]]:
         """The answer to a query: what was received from the sender, or why it is refused."""
 
-        def answer(name: str, body: bytes) -> tuple[bytes, bool]:
+        def answer(name: str, body: bytes) -> tuple[str, bool]:
             try:
-                return write_counts(act(name, body).received), True
+                return json.dumps(act(name, body).received), True
             except Exception as error:  # whatever unexpected bytes lead to
-                return self._refuse(name, error).encode(), False
+                return self._refuse(name, error), False
 
         return answer
 
     def _begin(self, name: str, body: bytes) -> _Sender:
         """Accepts a new sender, or a reconnecting one."""
-        hello = read_hello(body)
+        hello: Hello = read(Hello, body, "hello")
         _ = hello.calibration  # an invalid one is refused
         with self._changed:
             if self._connected() >= MOST_SENDERS:
@@ -188,7 +180,7 @@ class Receiver:
         return sender
 
     def _end(self, name: str, body: bytes) -> _Sender:
-        numbers = read_counts(body, "end")
+        numbers = read(Counts, body, "end")
         with self._changed:
             sender = self._senders.get(name)
             if sender is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from collections import Counter, deque
@@ -12,16 +13,7 @@ from typing import Self
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.live.messages import Encoder, Message
-from stridetwin.streams.live.wire import (
-    LARGEST_HELLO,
-    VERSION,
-    Hello,
-    Link,
-    WireError,
-    check_message,
-    read_counts,
-    write_counts,
-)
+from stridetwin.streams.live.wire import LARGEST_HELLO, VERSION, Counts, Hello, Link, WireError, check_message, read
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
@@ -66,7 +58,7 @@ class Sender:
         self._where, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
         self._address = address
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
-        if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:  # beside numbers by topic
+        if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
             raise WireError(f"rig and metadata: invalid size of {size} bytes: expected up to {LARGEST_HELLO // 2}")
         self._encoder = encoder or Encoder(rig)
         self.sent: Counter[str] = Counter()
@@ -171,7 +163,7 @@ class Sender:
         elif waiting:
             link.send(message, number)
         else:
-            return self._settle(link.ask(f"{link.name}/end", write_counts(self._numbers)))
+            return self._settle(link.ask(f"{link.name}/end", json.dumps(self._numbers)))
         return False
 
     def _greet(self, link: Link) -> None:
@@ -181,14 +173,14 @@ class Sender:
                 self._put.clear()
                 self._known, self._first = self._receiver, dict(self._next)
             hello = self._hello.model_copy(update={"next": self._first})
-        if not self._settle(link.ask(f"{link.name}/hello", hello.model_dump_json().encode())):
+        if not self._settle(link.ask(f"{link.name}/hello", hello.model_dump_json())):
             self._is_greeted = False
 
     def _settle(self, answer: bytes | None) -> bool:
         """Counts the samples that the receiver has not received as dropped; returns whether it has answered."""
         if answer is None:
             return False
-        received = read_counts(answer, "answer")
+        received = read(Counts, answer, "answer")
         with self._changed:
             missing = self._put - Counter(received)
             self.sent -= missing

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stridetwin.streams.bounded import check_pixels
 from stridetwin.streams.errors import StrideTwinError
@@ -29,6 +29,7 @@ from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.live.messages import Message
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
+from stridetwin.streams.validation import adapter
 from stridetwin.streams.yaml_file import check_yaml
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ VERSION: Literal[2] = 2
 PORT = 7365
 LARGEST = 10 << 20
 """Bytes of a message: a depth image of 1920 × 1200 in float metres."""
-LARGEST_HELLO = 1 << 18
+LARGEST_HELLO = 1 << 19
+"""Bytes of a hello; half of it is for rig and metadata, the rest for numbers by topic."""
 LARGEST_SMALL = 1 << 16
 """Bytes of a message without an image."""
 LATEST_NS = 2**31 * 1_000_000_000
@@ -62,7 +64,9 @@ _CONFIG: Mapping[str, Any] = {
     "transport/shared_memory/enabled": False,
 }
 
-Counts = dict[Annotated[str, Field(max_length=255)], Annotated[int, Field(ge=0, lt=2**53)]]
+Counts = Annotated[
+    dict[Annotated[str, Field(max_length=255)], Annotated[int, Field(ge=0, lt=2**53)]], Field(max_length=1000)
+]
 """Numbers of samples by topic."""
 
 
@@ -87,7 +91,7 @@ class Hello(BaseModel):
     rig: str = ""
     metadata: dict[str, str] = {}
     epoch_ns: Annotated[int, Field(gt=-(2**62), lt=2**62)] | None = None
-    next: Annotated[Counts, Field(max_length=1000)] = {}
+    next: Counts = {}
 
     @cached_property
     def calibration(self) -> Rig:
@@ -106,39 +110,16 @@ class Hello(BaseModel):
         return rig
 
 
-_COUNTS = TypeAdapter(Annotated[Counts, Field(max_length=1000)])
-
-
-def read_hello(body: bytes) -> Hello:
-    """A hello from its query.
+def read(kind: Any, body: bytes, what: str) -> Any:
+    """A `Hello` or `Counts` from the JSON of a query.
 
     Raises:
-        WireError: The body is not a hello, or of another version.
+        WireError: The body is not one; names the first invalid field.
     """
     if len(body) > LARGEST_HELLO:
-        raise WireError(f"invalid hello of {len(body)} bytes: expected up to {LARGEST_HELLO}")
-    hello: Hello = _checked(Hello.model_validate_json, body, "hello")
-    return hello
-
-
-def write_counts(counts: Mapping[str, int]) -> bytes:
-    """Numbers of samples by topic."""
-    return json.dumps(dict(counts)).encode()
-
-
-def read_counts(body: bytes, what: str) -> dict[str, int]:
-    """Numbers of samples by topic.
-
-    Raises:
-        WireError: The body is invalid.
-    """
-    counts: dict[str, int] = _checked(_COUNTS.validate_json, body, what)
-    return counts
-
-
-def _checked(read: Callable[[bytes], Any], body: bytes, what: str) -> Any:
+        raise WireError(f"invalid {what} of {len(body)} bytes: expected up to {LARGEST_HELLO}")
     try:
-        return read(body)
+        return adapter(kind).validate_json(body)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place, given = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]
@@ -250,7 +231,7 @@ class Link:
         handler = self._direct(lambda s: act(str(s.key_expr).removeprefix(f"{_ROOT}/"), s.kind == put))
         self._session.liveliness().declare_subscriber(f"{_ROOT}/{key}", handler, history=True)
 
-    def answer(self, key: str, act: Callable[[str, bytes], tuple[bytes, bool]]) -> None:
+    def answer(self, key: str, act: Callable[[str, bytes], tuple[str, bool]]) -> None:
         """Answers queries of a key: a function takes the sender's ID and the body; returns a reply and its success."""
 
         def reply(query: zenoh.Query) -> None:
@@ -260,7 +241,7 @@ class Link:
 
         self._session.declare_queryable(f"{_ROOT}/{key}", self._direct(reply))
 
-    def ask(self, key: str, body: bytes) -> bytes | None:
+    def ask(self, key: str, body: str) -> bytes | None:
         """The receiver's answer to a query; None if the connection is lost.
 
         Raises:

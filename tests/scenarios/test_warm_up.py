@@ -16,7 +16,7 @@ from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 
 
-def told(estimator):
+def last_rows(estimator):
     """The last row of each estimator of a chain."""
     chain, rows = chain_of(Request(estimator=estimator), synthetic_rig(), {}), {}
     for sample in synthetic_samples(chain.takes):
@@ -24,22 +24,22 @@ def told(estimator):
     return rows
 
 
-def test_who_stands_stays_where_he_is():
+def test_a_stationary_wearer_stays_in_place():
     for name in ("foot_ins", "dvio"):
-        row = np.array(told(name)[name].split(), float)
+        row = np.array(last_rows(name)[name].split(), float)
         assert row[0] == pytest.approx(6.0)
         assert np.abs(row[1:4]).max() < 1e-4
 
 
 def test_the_shoes_see_each_other():
-    foot, *row = told("foot_to_foot")["foot_to_foot"].split()
+    foot, *row = last_rows("foot_to_foot")["foot_to_foot"].split()
     # Without a board in view the right shoe would stay where it is guessed, at (0, -0.1).
     assert foot == "r"
     assert 0.01 < float(row[1]) < 0.03
 
 
 def test_the_stair_ahead_is_found():
-    cells = told("locomotion_mode")["locomotion_mode"].split(",")
+    cells = last_rows("locomotion_mode")["locomotion_mode"].split(",")
     at = cells.index("SA")
     distance, riser, tread = (float(cells[at + i]) for i in (1, 4, 6))
     assert abs(distance - 1.5) < 0.02

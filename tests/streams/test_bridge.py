@@ -1,4 +1,4 @@
-"""Senders and receivers over loopback: what comes through, what does not, and who is told."""
+"""Senders and receivers over loopback: what comes through, what does not, and who learns of it."""
 
 import json
 import socket
@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rigs import every_small_block, small_rig
-from test_wire import compressed, same, told_size
+from test_wire import claimed_size, compressed, same
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.live.messages import Encoder, LiveRecorder, Message, stored_messages
 from stridetwin.streams.live.receiver import MOST_SENDERS, Arrival, Receiver, Reorder
 from stridetwin.streams.live.sender import IMAGES_HELD, SAMPLES_HELD, Sender
-from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, Link, WireError, write_counts
+from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, Link, WireError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image, Imu
 
@@ -31,7 +31,7 @@ def imu(i, topic="/head/imu"):
     return Imu(topic=topic, t_ns=(i + 1) * 5_000_000, angular_rate=np.full(3, 0.1 * i), specific_force=np.ones(3))
 
 
-def picture(i):
+def image(i):
     return Image(topic="/head/color", t_ns=(i + 1) * 33_000_000, pixels=np.full((24, 32, 3), i, np.uint8))
 
 
@@ -92,7 +92,7 @@ def test_what_comes_is_recorded_byte_for_byte(recorded, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"live.mcap", "half.mcap"}
 
 
-def test_a_slow_receiver_is_told_how_much_it_has_missed(monkeypatch):
+def test_a_slow_receiver_counts_what_it_has_missed(monkeypatch):
     monkeypatch.setattr("stridetwin.streams.live.receiver.INBOX_COUNT", 3)
     rng = np.random.default_rng(0)
     with Receiver(LOCAL) as receiver:
@@ -117,11 +117,11 @@ def test_a_lossless_sender_waits(monkeypatch):
         with Sender(small_rig(), receiver.address, lossless=True) as sender:
             came = []
             for i in range(40):
-                sender.send(picture(i))
+                sender.send(image(i))
                 came += receiver.take(0.0)
             take_until(receiver, came, lambda: len(came) == 41)
         came += everything(receiver)
-    assert [a.sample.t_ns for a in came[1:]] == [picture(i).t_ns for i in range(40)]
+    assert [a.sample.t_ns for a in came[1:]] == [image(i).t_ns for i in range(40)]
     assert not sender.dropped
 
 
@@ -311,14 +311,14 @@ def linked(address):
 
 
 def refusal(link, receiver, *messages, hello=None):
-    """What a peer is told that says hello and sends messages."""
+    """Why a peer is refused that says hello and sends messages."""
     heard = []
     link.hear(f"{link.name}/refused", lambda _, sample: heard.append(sample.payload.to_string()))
     try:
-        link.ask(f"{link.name}/hello", hello or Hello(version=VERSION).model_dump_json().encode())
+        link.ask(f"{link.name}/hello", hello or Hello(version=VERSION).model_dump_json())
         for number, message in enumerate(messages):
             link.send(message, number)
-        link.ask(f"{link.name}/end", write_counts({}))
+        link.ask(f"{link.name}/end", "{}")
     except WireError as error:
         return str(error)
     return "".join(heard)
@@ -364,9 +364,9 @@ def test_an_unforeseen_hello_is_refused(monkeypatch):
             ({"version": 1}, "hello: invalid version 1: Input should be 2"),
         ):
             assert values != {"rig": rig}
-            body = json.dumps({"version": VERSION, **values}).encode()
+            body = json.dumps({"version": VERSION, **values})
             assert said in refusal(link, receiver, hello=body)
-        monkeypatch.setattr("stridetwin.streams.live.receiver.read_hello", lambda body: 1 // 0)
+        monkeypatch.setattr("stridetwin.streams.live.receiver.read", lambda *_: 1 // 0)
         assert "ZeroDivisionError" in refusal(link, receiver)
         assert receiver.refusals == 6
 
@@ -464,7 +464,7 @@ def hostile_messages():
         message(bytes(LARGEST - 1), "sensor_msgs/msg/Image"),
         message(bytes(100_000)),
         message(b"", "x" * 200),
-        compressed(told_size(60_000, 60_000)),
+        compressed(claimed_size(60_000, 60_000)),
         message(b"\0\1\0\0" + b"\xff\xff\xff\x7f" * 9000),
         message(b"\0\1\0\0" + bytes(12) + struct.pack("<I", 15_000) + struct.pack("<I", 0) * 15_000, topic="/b"),
     )
@@ -489,7 +489,7 @@ def test_a_hostile_peer_is_refused_soon_and_costs_little():
                     assert refusal(link, None, message) != "", message.typename
                 assert time.perf_counter() - began < 4.0, i
             with linked(address) as link:  # longer than any message
-                link.ask(f"{link.name}/hello", Hello(version=VERSION).model_dump_json().encode())
+                link.ask(f"{link.name}/hello", Hello(version=VERSION).model_dump_json())
                 link.send(Message(t_ns=1, topic="/c", typename="sensor_msgs/msg/Image", payload=bytes(200 << 20)), 0)
             sender.send(imu(i + 1))
             peak = peak_mib(server)

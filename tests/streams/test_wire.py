@@ -17,14 +17,13 @@ from stridetwin.streams.live.messages import Decoder, Encoder, Message, stored_m
 from stridetwin.streams.live.wire import (
     LARGEST_HELLO,
     VERSION,
+    Counts,
     Hello,
     WireError,
     check_message,
     parse_address,
-    read_counts,
-    read_hello,
+    read,
     read_message,
-    write_counts,
 )
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_types import serialise, typestore
@@ -69,7 +68,7 @@ def test_what_is_sent_is_what_a_recording_holds_and_says_the_same(recorded):
     assert count == sum(t.count for t in recording.topics.values())
 
 
-def test_messages_come_in_order_imus_first_and_pictures_last(recorded):
+def test_messages_come_in_order_imus_first_and_images_last(recorded):
     recording = Recording(recorded)
     kinds = {Imu: 0, Image: 2, Depth: 2}
     keys = [
@@ -79,7 +78,7 @@ def test_messages_come_in_order_imus_first_and_pictures_last(recorded):
     assert keys == sorted(keys)
 
 
-def test_pictures_can_travel_with_every_pixel():
+def test_images_can_travel_with_every_pixel():
     pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), np.uint8)
     depth = np.random.default_rng(1).uniform(0.2, 5, (24, 32)).astype(np.float32)
     encoder = Encoder(small_rig(), depth_encoding="32FC1", jpeg_quality=None)
@@ -96,14 +95,18 @@ def test_a_payload_is_the_ros_message_that_rosbags_reads():
     block = next(b for b in every_small_block() if b.kind is Imu)
     sample = next(iter(block))
     message = Encoder(small_rig()).message(sample)
-    told = typestore().deserialize_cdr(message.payload, message.typename)
+    decoded = typestore().deserialize_cdr(message.payload, message.typename)
     assert message.typename == "sensor_msgs/msg/Imu"
-    assert (told.header.stamp.sec * 10**9 + told.header.stamp.nanosec, told.header.frame_id) == (
+    assert (decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec, decoded.header.frame_id) == (
         sample.t_ns,
         "head/imu",
     )
-    assert [told.angular_velocity.x, told.angular_velocity.y, told.angular_velocity.z] == sample.angular_rate.tolist()
-    force = told.linear_acceleration
+    assert [
+        decoded.angular_velocity.x,
+        decoded.angular_velocity.y,
+        decoded.angular_velocity.z,
+    ] == sample.angular_rate.tolist()
+    force = decoded.linear_acceleration
     assert [force.x, force.y, force.z] == sample.specific_force.tolist()
 
 
@@ -116,7 +119,7 @@ def test_a_hello_brings_rig_texts_and_clock():
         next={"/a": 3},
         visit=2,
     )
-    back = read_hello(hello.model_dump_json().encode())
+    back = read(Hello, hello.model_dump_json().encode(), "hello")
     assert rig_to_yaml(back.calibration) == hello.rig
     assert back == hello
 
@@ -141,7 +144,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\nc: [*b,*b
         (hello_of(epoch_ns="now"), "epoch_ns 'now'"),
         (hello_of(epoch_ns=10**300), "epoch_ns"),
         (hello_of(next={"/a": -1}), r"hello: invalid next\./a -1"),
-        (b" " * (LARGEST_HELLO + 1), "hello of 262145 bytes: expected up to 262144"),
+        (b" " * (LARGEST_HELLO + 1), "hello of 524289 bytes: expected up to 524288"),
         (hello_of(rig="imu0: 1"), "imu0"),
         (hello_of(rig="[" * 50_000), "levels"),
         (hello_of(rig="- " * 50_000), "levels"),
@@ -151,7 +154,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\nc: [*b,*b
 def test_an_invalid_hello_is_refused_at_once(body, said):
     began = time.perf_counter()
     with pytest.raises(WireError, match=said):
-        _ = read_hello(body).calibration
+        _ = read(Hello, body, "hello").calibration
     assert time.perf_counter() - began < 2.0
 
 
@@ -185,14 +188,14 @@ def test_a_topic_that_is_no_key_is_not_sent(topic):
 
 
 def test_numbers_of_samples_are_checked():
-    assert read_counts(write_counts({"/a": 3}), "end") == {"/a": 3}
+    assert read(Counts, b'{"/a": 3}', "end") == {"/a": 3}
     many = json.dumps({f"/{i}": 1 for i in range(2000)}).encode()
     for body in (b'{"/a": -1}', b'{"/a": 1.5}', b'{"/a": 1' + b"0" * 40 + b"}", b"[1]", many):
         with pytest.raises(WireError, match="end: invalid"):
-            read_counts(body, "end")
+            read(Counts, body, "end")
 
 
-def told_size(width, height):
+def claimed_size(width, height):
     """A small PNG that claims to be large."""
     data = bytearray(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes())
     data[16:24] = struct.pack(">II", width, height)
@@ -218,8 +221,8 @@ def of_scans(count):
     [
         (compressed(of_scans(4000), "jpeg"), "a JPEG of 40.. scans is not valid; valid: up to 100"),
         (compressed(b"\xff\xd8" + b"\xff" * 4_000_000, "jpeg"), "neither JPEG nor PNG"),
-        (compressed(told_size(50_000, 50_000)), "50000 × 50000"),
-        (compressed(bytes(12) + told_size(30_000, 30_000), "16UC1; compressedDepth png"), "30000"),
+        (compressed(claimed_size(50_000, 50_000)), "50000 × 50000"),
+        (compressed(bytes(12) + claimed_size(30_000, 30_000), "16UC1; compressedDepth png"), "30000"),
         (compressed(b"II*\0" + bytes(64)), "neither JPEG nor PNG"),
         (compressed(b"\xff\xd8\xff\xe0"), "neither JPEG nor PNG"),
         (compressed(b""), "neither"),
@@ -240,18 +243,18 @@ def test_payloads_that_lie_are_refused(message, said):
         Decoder(message.topic, message.typename).sample(message)
 
 
-def test_sizes_of_pictures_are_read_without_unpacking_them():
+def test_sizes_of_images_are_read_without_unpacking_them():
     pixels = np.zeros((37, 53, 3), np.uint8)
     for form in (".jpg", ".png"):
         assert image_size(cv2.imencode(form, pixels)[1].tobytes()) == (53, 37)
 
 
-def test_progressive_pictures_are_read():
+def test_progressive_images_are_read():
     message = compressed(of_scans(20), "jpeg")
     assert Decoder(message.topic, message.typename).sample(message).pixels.shape == (64, 64)
 
 
-def test_pictures_of_endless_marks_cost_nothing():
+def test_images_of_endless_marks_cost_nothing():
     began = time.process_time()
     for mark in (b"\xff", b"\xff\x01", b"\xff\xe0\0\0"):
         with pytest.raises(ValueError, match="neither"):
