@@ -8,7 +8,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -77,8 +77,8 @@ def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
     """
     found = registry.estimator(request.estimator)
     options = replace(request.options, metadata=metadata, source="hello")
-    kind = {PATH: _Paths, STEPS: _Steps}.get(found.declaration.kind, _Ahead)
-    return kind(found, rig, options, request.output)
+    kinds: dict[str, Callable[[Found, Rig, Options, Path | None], Chain]] = {PATH: _Paths, STEPS: _Steps}
+    return kinds.get(found.declaration.kind, _Ahead)(found, rig, options, request.output)
 
 
 def _built(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:

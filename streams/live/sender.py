@@ -147,18 +147,19 @@ class Sender:
     def _deliver(self, link: Link) -> bool:
         """Sends the hello, the next message or the end; returns whether it was the end."""
         with self._changed:
+            is_greeted = self._is_greeted
             waiting = [topic for topic, queue in self._queues.items() if queue]
-            if self._is_greeted and not waiting and not self._ending:
+            if is_greeted and not waiting and not self._ending:
                 self._changed.wait(_POLL_S)
                 return False
-            if self._is_greeted and waiting:
+            if is_greeted and waiting:
                 topic = min(waiting, key=lambda t: self._queues[t][0][0])
                 _, number, message = self._queues[topic].popleft()
                 self.sent[topic] += 1
                 self._put[topic] += 1
                 self._next[topic] = number + 1
                 self._changed.notify_all()
-        if not self._is_greeted:
+        if not is_greeted:
             self._greet(link)
         elif waiting:
             link.send(message, number)

@@ -235,9 +235,12 @@ class Link:
         """Answers queries of a key: a function takes the sender's ID and the body; returns a reply and its success."""
 
         def reply(query: zenoh.Query) -> None:
-            body, done = act(_name_in(query.key_expr), query.payload.to_bytes() if query.payload is not None else b"")
+            answer, done = act(_name_in(query.key_expr), query.payload.to_bytes() if query.payload is not None else b"")
             with query:
-                _ = query.reply(query.key_expr, body) if done else query.reply_err(body)
+                if done:
+                    query.reply(query.key_expr, answer)
+                else:
+                    query.reply_err(answer)
 
         self._session.declare_queryable(f"{_ROOT}/{key}", self._direct(reply))
 
