@@ -95,7 +95,7 @@ class Hello(BaseModel):
 
     @cached_property
     def calibration(self) -> Rig:
-        """The rig itself.
+        """The rig, parsed.
 
         Raises:
             WireError: It is invalid.
