@@ -38,7 +38,7 @@ $(READY): pyproject.toml constraints.txt tools/system_packages.sh
 	@PYTHON="$(PYTHON)" bash tools/system_packages.sh
 	@test -x $(BIN)/python || { echo "creating $(VENV)"; $(PYTHON) -m venv $(VENV); }
 	@echo "installing the pinned environment into $(VENV) (about 500 MB to download the first time)"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[twin,closed-loop,placement,view,docs,dev]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[twin,closed-loop,placement,view,live,docs,dev]"
 	@touch $@
 
 clean:

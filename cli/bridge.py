@@ -23,13 +23,13 @@ from stridetwin.estimators.base import current_name
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 
 if TYPE_CHECKING:
-    from stridetwin.streams.live.wire import Message
+    from stridetwin.streams.live.messages import Message
 
 TRUTH = "/truth/"
 FIGURES = {
-    "received": "received", "late": "late", "lost": "dropped by the sender", "not_increasing": "stamps not increasing",
-    "not_finite": "not finite", "before_start": "before the start", "other_kind": "of another kind",
-    "other_size": "of another size", "skipped": "left out for having waited",
+    "received": "received", "late": "late", "lost": "lost before they arrived",
+    "not_increasing": "stamps not increasing", "not_finite": "not finite", "before_start": "before the start",
+    "other_kind": "of another kind", "other_size": "of another size", "skipped": "skipped for having waited",
 }  # fmt: skip
 _OVER_BUDGET = 1
 _LEAD_NS = 500_000_000
@@ -98,7 +98,7 @@ class LiveOptions(Options):
             help="Skip images that have waited longer, so that a slow estimator keeps up (default: none).",
         ),
     ] = None
-    skip_pictures: Annotated[float | None, typer.Option(parser=positive, metavar="MS", hidden=True)] = None
+    skip_pictures: Annotated[float | None, typer.Option(parser=positive, hidden=True)] = None
     output: Annotated[
         Path | None,
         typer.Option(
@@ -109,8 +109,8 @@ class LiveOptions(Options):
 
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """`send`."""
+    from stridetwin.streams.live.messages import stored_messages
     from stridetwin.streams.live.sender import Sender
-    from stridetwin.streams.live.stored_messages import stored_messages
     from stridetwin.streams.live.wire import parse_address
     from stridetwin.streams.rig import Rig
 
@@ -160,7 +160,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     """`live`."""
     from stridetwin.cli.estimate import goes_with, options_of
     from stridetwin.estimators import registry
-    from stridetwin.pipeline.live import Session, run_live
+    from stridetwin.pipeline.live import LiveRequest, run_live
     from stridetwin.pipeline.live_chain import Request
     from stridetwin.streams.live.wire import parse_address
 
@@ -168,31 +168,31 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     if name is None and arguments.record is None:
         raise StrideTwinError("live: nothing to do: expected an estimator, --record FILE, or both")
     if name is None and arguments.output is not None:
-        raise StrideTwinError("-o goes with an estimator; a recording is made with --record FILE")
+        raise StrideTwinError("-o goes with an estimator; --record FILE writes a recording")
     if name is None and arguments.foot:
         raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
-    asked = None
+    wanted = None
     if name is not None:
         options = options_of(arguments, registry.estimator(name).declaration)
-        asked = Request(estimator=name, options=options, output=arguments.output)
+        wanted = Request(estimator=name, options=options, output=arguments.output)
     address = parse_address(arguments.listen, "--listen")
     if not _is_loopback(address[0]):
-        _say(f"warning: {address[0]} can be reached from other machines, and who reaches it is believed")
+        _say(f"warning: {address[0]} can be reached from other machines, and there is no password")
     skip_ms = arguments.skip_images
     if arguments.skip_pictures is not None:
-        _say("warning: --skip-pictures is deprecated; use --skip-images")
+        _say("warning: --skip-pictures is now --skip-images; the former name goes with the next release")
         skip_ms = arguments.skip_pictures
-    session = Session(
-        asked=asked, address=address, rig=arguments.rig, record=arguments.record,
+    request = LiveRequest(
+        chain=wanted, address=address, rig=arguments.rig, record=arguments.record,
         budget_s=None if arguments.budget is None else arguments.budget * 1e-3,
         window_s=None if arguments.window is None else arguments.window * 1e-3,
         skip_images_s=None if skip_ms is None else skip_ms * 1e-3,
     )  # fmt: skip
-    prints = asked is not None and asked.output is None and not arguments.json
+    prints = wanted is not None and wanted.output is None and not arguments.json
     sys.setswitchinterval(_SWITCH_S)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped service writes its files, too
-    done = run_live(session, _say, _print if prints else lambda _: None)
+    done = run_live(request, _say, _print if prints else lambda _: None)
     code = _OVER_BUDGET if arguments.budget is not None and done.latency and not done.latency.within else 0
     data = {
         "estimator": name, "files": [str(f) for f in done.files], "rows": {str(f): n for f, n in done.files.items()},
@@ -204,8 +204,8 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     if arguments.record:
         lines.append(f"{arguments.record}: {done.recorded} messages")
     for topic, counts in done.streams.items():
-        told = ", ".join(f"{counts[n]} {words}" for n, words in FIGURES.items() if counts[n] or n == "received")
-        lines.append(f"  {topic:<34} {told}")
+        counted = ", ".join(f"{counts[n]} {words}" for n, words in FIGURES.items() if counts[n] or n == "received")
+        lines.append(f"  {topic:<34} {counted}")
     lines += done.latency.table() if done.latency else []
     if prints:  # the estimates have already gone to stdout
         print("\n".join(lines), file=sys.stderr)

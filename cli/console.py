@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 _LINE_EVERY_S = 30.0
 """Time between two lines of one stage, which keeps the log of a long run short."""
+_KNOWN_FROM = 0.05
+"""Share of a stage from which its speed, and so the time left, is known: kernels may compile at first."""
 
 
 class Console:
@@ -64,30 +66,39 @@ class _Bar:
 
 def _started(stream: TextIO) -> Progress:
     from rich.console import Console as Terminal
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
 
-    columns = (TextColumn("{task.description:<9}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    class TimeLeft(TimeRemainingColumn):
+        def render(self, task: Task) -> Text:
+            return super().render(task) if task.completed >= _KNOWN_FROM else Text("-:--:--")
+
+    columns = (TextColumn("{task.description:<9}"), BarColumn(), TaskProgressColumn(), TimeLeft())
     bar = Progress(*columns, console=Terminal(file=stream), transient=True, redirect_stdout=False)
     bar.start()
     return bar
 
 
 class _Lines:
-    """One line per stage; long stages add a line with the time left every half minute."""
+    """One line per stage; long stages add a line every half minute, with the time left once it is known."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._stage = ""
-        self._begun_s = self._written_s = 0.0
+        self._begun_s = self._begun_share = self._written_s = 0.0
 
     def show(self, stage: str, share: float) -> None:
         now_s = time.monotonic()
         if stage != self._stage:
-            self._stage, self._begun_s = stage, now_s
+            self._stage, self._begun_share = stage, 0.0
             self._write(f"{stage} ...", now_s)
-        elif now_s - self._written_s >= _LINE_EVERY_S and 0.0 < share < 1.0:
-            left_s = (now_s - self._begun_s) * (1.0 - share) / share
-            self._write(f"{stage} {share:.0%}, {_clock(left_s)} left ...", now_s)
+        if not self._begun_share:  # what was prepared before the first share of the work says nothing of its speed
+            self._begun_s, self._begun_share = now_s, share
+        if now_s - self._written_s >= _LINE_EVERY_S and 0.0 < share < 1.0:
+            done, left = share - self._begun_share, ""
+            if done >= _KNOWN_FROM:
+                left = f", {_clock((now_s - self._begun_s) * (1.0 - share) / done)} left"
+            self._write(f"{stage} {share:.0%}{left} ...", now_s)
 
     def close(self) -> None:
         pass

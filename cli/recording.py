@@ -15,12 +15,12 @@ import typer
 from stridetwin.cli.options import ImportableOptions, SourceOptions, positive
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.evaluation.evaluate import true_path
-from stridetwin.pipeline.source import opened
 from stridetwin.scenarios.files import staged
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.euroc_export import write_euroc
 from stridetwin.streams.formats.imu_table import write_imu_table
 from stridetwin.streams.formats.mcap_export import write_rosbag2
+from stridetwin.streams.formats.opening import opened
 from stridetwin.streams.formats.opensim_export import write_opensim
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
@@ -37,7 +37,7 @@ def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
         rig=arguments.rig,
         depth_scale=arguments.depth_scale,
     )
-    return opened(arguments.source, arguments.lenient, options, tell=tell)
+    return opened(arguments.source, arguments.lenient, options, reports=tell)
 
 
 def _mapped(text: str) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """An IMU on a serial port or on the network, sent to `stridetwin live`.
 
-It says a line a sample: microseconds of its own clock, angular rate (rad/s) and specific force (m/s²), as
-`12345678,0.01,-0.02,0.00,0.1,0.2,9.8`. Other lines are passed over and counted.
+The device sends one line per sample: microseconds of its own clock, angular rate (rad/s) and specific force (m/s²), as
+`12345678,0.01,-0.02,0.00,0.1,0.2,9.8`. Other lines are skipped and counted.
 
     python examples/imu.py --topic /foot_l/imu --rig rig.yaml --udp 5005
     python examples/imu.py --topic /foot_l/imu --rig rig.yaml --serial /dev/ttyUSB0
@@ -25,20 +25,20 @@ from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Imu
 
-CREEP = 100e-6  # how much faster or slower than ours the device's clock may be
+CREEP = 100e-6  # rate error of the device's clock, at most
 
 
 class DeviceClock:
-    """Device time to system time: the line that came fastest tells best how they lie to each other.
+    """Device time to system time: the line that arrived fastest gives the best offset.
 
-    It begins anew where the device's time goes back: its counter has come round, or it has started again.
+    It starts again when the device's time goes back: its counter has wrapped, or it has been restarted.
     """
 
     def __init__(self) -> None:
         self.offset_ns, self.device_ns, self.last_ns = None, 0, 0
 
     def system_ns(self, device_ns: int) -> int:
-        """System time, ns, of a line that has just come."""
+        """System time, ns, of a line that has just arrived."""
         now_ns = time.time_ns()
         offset_ns = now_ns - device_ns
         if self.offset_ns is not None and device_ns > self.device_ns:
@@ -59,13 +59,13 @@ def from_serial(port: str) -> Iterator[str]:
     import serial  # pip install pyserial
 
     with serial.Serial(port, 921600) as device:
-        device.readline()  # the rest of one that had begun before we came
+        device.readline()  # the rest of a line that had begun before
         while True:
             yield device.readline().decode(errors="replace")
 
 
 def parsed(line: str) -> tuple[int, np.ndarray] | None:
-    """Device time, ns, with (6,) rate and force; None of a line that is not seven finite numbers: cut or disturbed."""
+    """Device time, ns, with (6,) rate and force; None if the line is not seven finite numbers."""
     words = line.split(",")
     try:
         device_ns, numbers = int(words[0]) * 1000, np.array([float(word) for word in words[1:]])
@@ -75,7 +75,7 @@ def parsed(line: str) -> tuple[int, np.ndarray] | None:
 
 
 def play(recording: Recording, topic: str, speed: float, port: int) -> None:
-    """Says the samples of a recording as the device would."""
+    """Sends the samples of a recording as the device would."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for sample in paced(recording, [topic], speed):
             numbers = ",".join(f"{v:.9g}" for v in (*sample.angular_rate, *sample.specific_force))
@@ -107,16 +107,16 @@ def main() -> None:
     clock, skipped = DeviceClock(), 0
     with Sender(rig, parse_address(arguments.to, "--to"), epoch_ns=0) as sender:  # stamps are system time
         for line in lines:
-            told = parsed(line)
-            if told is None:
+            values = parsed(line)
+            if values is None:
                 skipped += 1
                 if skipped == 1:
-                    print(f"passed over: {line[:80]!r} is not time, rate and force", file=sys.stderr)
+                    print(f"skipped {line[:80]!r}: expected time, rate and force", file=sys.stderr)
                 continue
-            device_ns, numbers = told
+            device_ns, numbers = values
             t_ns = clock.system_ns(device_ns)
             sender.send(Imu(topic=arguments.topic, t_ns=t_ns, angular_rate=numbers[:3], specific_force=numbers[3:]))
-    print(f"sent {dict(sender.sent)}, dropped {dict(sender.dropped)}, passed over {skipped} lines")
+    print(f"sent {dict(sender.sent)}, dropped {dict(sender.dropped)}, skipped {skipped} lines")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ TOPICS = ("/head/imu", "/head/color", "/head/depth")
 
 
 def camera() -> Iterator[Sample]:
-    """What the camera says; stamps are system time (its global time domain), of the middle of the exposure."""
+    """Samples of the camera; stamps are system time (its global time domain), of the middle of the exposure."""
     import pyrealsense2 as rs
 
     config, frames = rs.config(), queue.Queue(maxsize=64)
@@ -70,10 +70,10 @@ def main() -> None:
     if arguments.replay:
         recording = open_any(arguments.replay)
         rig, samples = recording.rig, paced(recording, TOPICS, arguments.speed)
-        began_ns = time.time_ns() - min(recording.topics[t].first_ns for t in TOPICS)
+        epoch_ns = time.time_ns() - min(recording.topics[t].first_ns for t in TOPICS)
     else:
-        rig, samples, began_ns = read_rig(arguments.rig), camera(), 0  # stamps are system time
-    with Sender(rig, parse_address(arguments.to, "--to"), epoch_ns=began_ns) as sender:
+        rig, samples, epoch_ns = read_rig(arguments.rig), camera(), 0  # stamps are system time
+    with Sender(rig, parse_address(arguments.to, "--to"), epoch_ns=epoch_ns) as sender:
         for sample in samples:
             sender.send(sample)
     print(f"sent {dict(sender.sent)}, dropped {dict(sender.dropped)}")

@@ -1,4 +1,4 @@
-"""A recording in the place of hardware: its samples at the pace at which they were taken."""
+"""A recording in place of hardware: its samples at the pace at which they were taken."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -8,7 +8,7 @@ from stridetwin.streams.samples import Sample
 
 
 def paced(recording: Recording, topics: Sequence[str], speed: float) -> Iterator[Sample]:
-    """Samples of those of the topics that there are, each when it is due."""
+    """Samples of the topics that the recording has, each when it is due."""
     start_ns, first_ns = time.monotonic_ns(), None
     for sample in recording.samples([t for t in topics if t in recording.topics]):
         first_ns = sample.t_ns if first_ns is None else first_ns

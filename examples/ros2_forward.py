@@ -1,17 +1,18 @@
-"""A ROS 2 node that forwards topics to `stridetwin live` as they are: a frame's payload is the message's CDR bytes.
+"""A ROS 2 node that forwards topics to `stridetwin live` as they are: a sample's payload is the message's CDR bytes.
 
-It needs rclpy and nothing of StrideTwin: python3 ros2_forward.py rig.yaml 127.0.0.1 7365
+It needs rclpy and eclipse-zenoh, and nothing of StrideTwin: python3 ros2_forward.py rig.yaml 127.0.0.1 7365
 """
 
 import json
-import socket
 import struct
 import sys
 import time
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
 import rclpy
+import zenoh
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rosidl_runtime_py.utilities import get_message
@@ -22,12 +23,7 @@ TOPICS = {  # theirs: ours, type
     "/camera/aligned_depth_to_color/image_raw": ("/head/depth", "sensor_msgs/msg/Image"),
     "/xsens/imu": ("/foot_l/imu", "sensor_msgs/msg/Imu"),
 }
-HELLO, SAMPLE = 1, 2
-
-
-def frame(kind: int, body: bytes) -> bytes:
-    """Length, kind, body."""
-    return struct.pack("<IB", len(body) + 1, kind) + body
+SETTINGS = {"mode": "client", "scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
 
 
 class Forward(Node):
@@ -35,19 +31,41 @@ class Forward(Node):
 
     def __init__(self, rig: str, host: str, port: int) -> None:
         super().__init__("stridetwin_forward")
-        self.peer = socket.create_connection((host, port))
-        hello = {"stridetwin": 1, "rig": rig, "metadata": {}, "epoch_ns": 0}  # ROS stamps are system time
-        self.peer.sendall(frame(HELLO, json.dumps(hello).encode()))
+        config = zenoh.Config()
+        for key, value in {**SETTINGS, "connect/endpoints": [f"tcp/{host}:{port}"]}.items():
+            config.insert_json5(key, json.dumps(value))
+        self.session = zenoh.open(config)
+        self.key, self.numbers = f"stridetwin/{self.session.zid()}", Counter()
+        self.ask("hello", {"version": 2, "rig": rig, "epoch_ns": 0})  # ROS stamps are system time
         for theirs, (ours, typename) in TOPICS.items():
-            forward = partial(self.forward, ours.encode(), typename.encode())
+            forward = partial(self.forward, ours, typename)
             self.create_subscription(get_message(typename), theirs, forward, qos_profile_sensor_data, raw=True)
 
-    def forward(self, topic: bytes, typename: bytes, payload: bytes) -> None:
+    def forward(self, topic: str, typename: str, payload: bytes) -> None:
         """Sends one message; the stamp in its header counts, not the one here."""
-        head = struct.pack("<q", time.time_ns()) + bytes([len(topic)]) + topic + bytes([len(typename)]) + typename
-        self.peer.sendall(frame(SAMPLE, head + bytes(payload)))
+        mark = struct.pack("<qQ", time.time_ns(), self.numbers[topic])
+        self.numbers[topic] += 1
+        encoding = f"application/cdr;{typename}"
+        self.session.put(f"{self.key}/samples{topic}", bytes(payload), encoding=encoding, attachment=mark)
+
+    def ask(self, what: str, content: dict) -> None:
+        """Says hello or the end."""
+        for reply in self.session.get(f"{self.key}/{what}", payload=json.dumps(content), timeout=10):
+            if reply.err is None:
+                return
+            raise SystemExit(reply.err.payload.to_string())
+        raise SystemExit("no `stridetwin live` there")
+
+    def end(self) -> None:
+        """Says that nothing more comes."""
+        self.ask("end", self.numbers)
+        self.session.close()
 
 
 if __name__ == "__main__":
     rclpy.init()
-    rclpy.spin(Forward(Path(sys.argv[1]).read_text(), sys.argv[2], int(sys.argv[3])))
+    node = Forward(Path(sys.argv[1]).read_text(), sys.argv[2], int(sys.argv[3]))
+    try:
+        rclpy.spin(node)
+    finally:
+        node.end()

@@ -43,8 +43,8 @@ class Times:
 
     def figures(self) -> dict[str, float]:
         """Mean, quantiles and maximum in ms."""
-        told = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
-        return {n: 1e3 * s for n, s in (told | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
+        means = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
+        return {n: 1e3 * s for n, s in (means | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
 
 
 class Latency:
@@ -58,25 +58,17 @@ class Latency:
         self.budget_s = budget_s
         self._whole: dict[tuple[str, str], Times] = {}
         self._work: dict[tuple[str, str], Times] = {}
-        self._told: dict[tuple[str, str], int] = {}
+        self._estimates: dict[tuple[str, str], int] = {}
         self._travel: dict[str, Times] = {}
 
-    def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, told: bool) -> None:
-        """Adds the times of one sample.
-
-        Args:
-            estimator: Estimator that processed it.
-            topic: Its stream.
-            whole_s: From its arrival until the estimator was done with it.
-            work_s: The estimator's own part of that.
-            told: Whether it produced an estimate.
-        """
+    def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, estimated: bool) -> None:
+        """Adds the time from a sample's arrival until an estimator has processed it, and the estimator's own part."""
         key = estimator, topic
         if key not in self._whole:
-            self._whole[key], self._work[key], self._told[key] = Times(), Times(), 0
+            self._whole[key], self._work[key], self._estimates[key] = Times(), Times(), 0
         self._whole[key].add(whole_s)
         self._work[key].add(work_s)
-        self._told[key] += told
+        self._estimates[key] += estimated
 
     def travelled(self, topic: str, seconds: float) -> None:
         """Adds the time from a sample's stamp until its arrival."""
@@ -99,7 +91,7 @@ class Latency:
             work = self._work[estimator, topic]
             estimators.setdefault(estimator, {})[topic] = {
                 "samples": whole.count,
-                "estimates": self._told[estimator, topic],
+                "estimates": self._estimates[estimator, topic],
                 **whole.figures(),
                 "work_mean_ms": 1e3 * work.mean_s,
                 "work_p99_ms": 1e3 * work.quantile_s(0.99),
@@ -110,29 +102,27 @@ class Latency:
 
     def table(self) -> list[str]:
         """The same as text."""
-        heads = ("samples", "estimates", "mean ms", "p50", "p95", "p99", "max", "work mean", "work p99")
-        lines = []
+        heads = ("mean ms", "p50", "p95", "p99", "max")
+        data, lines = self.data(), list[str]()
         if self._whole:
-            lines.append(_row("from arrival to estimate", heads))
-        for estimator, topics in self.data()["arrival_to_estimate"].items():
+            lines.append(_row("from arrival to estimate", ("samples", "estimates", *heads, "work mean", "work p99")))
+        for estimator, topics in data["arrival_to_estimate"].items():
             for topic, row in topics.items():
-                cells = [str(row["samples"]), str(row["estimates"]), *_cells(row)]
-                cells += [f"{row[n]:.2f}" for n in ("work_mean_ms", "work_p99_ms")]
-                verdict = "" if row["within_budget"] else "  over budget"
-                lines.append(_row(f"{estimator} {topic}", cells) + verdict)
+                work = [f"{row[n]:.2f}" for n in ("work_mean_ms", "work_p99_ms")]
+                cells = _row(f"{estimator} {topic}", [row["samples"], row["estimates"], *_cells(row), *work])
+                lines.append(cells + ("" if row["within_budget"] else "  over budget"))
         if self._whole:
             lines.append(f"budget: 99 % within {1e3 * self.budget_s:g} ms: {'kept' if self.within else 'not kept'}")
         if self._travel:
-            lines.append(_row("from stamp to arrival", ("samples", "min", *heads[2:7])))
-        for topic, times in self._travel.items():
-            figures = {"min_ms": 1e3 * times.least_s, **times.figures()}
-            lines.append(_row(topic, [str(times.count), f"{figures['min_ms']:.2f}", *_cells(figures)]))
+            lines.append(_row("from stamp to arrival", ("samples", "min", *heads)))
+        for topic, row in data["stamp_to_arrival"].items():
+            lines.append(_row(topic, [self._travel[topic].count, f"{row['min_ms']:.2f}", *_cells(row)]))
         return lines
 
 
-def _cells(figures: dict[str, float]) -> list[str]:
-    return [f"{figures[n]:.2f}" for n in ("mean_ms", *QUANTILES, "max_ms")]
+def _cells(row: dict[str, float]) -> list[str]:
+    return [f"{row[n]:.2f}" for n in ("mean_ms", *QUANTILES, "max_ms")]
 
 
-def _row(name: str, cells: Sequence[str]) -> str:
+def _row(name: str, cells: Sequence[object]) -> str:
     return f"{name:<36}" + "".join(f"{c:>11}" for c in cells)

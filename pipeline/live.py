@@ -13,12 +13,11 @@ from typing import Any
 from stridetwin.estimators import registry
 from stridetwin.pipeline.latency import Latency
 from stridetwin.pipeline.live_chain import Chain, Fit, Request, chain_of
-from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
+from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.live.live_recorder import LiveRecorder
-from stridetwin.streams.live.receiver import Arrival, Receiver
-from stridetwin.streams.live.reorder import Reorder
+from stridetwin.streams.live.messages import LiveRecorder
+from stridetwin.streams.live.receiver import Arrival, Receiver, Reorder
 from stridetwin.streams.live.wire import Hello
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image
@@ -31,11 +30,11 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Session:
-    """Options of a live session.
+class LiveRequest:
+    """What to do with incoming samples.
 
     Attributes:
-        asked: The estimator; None only records.
+        chain: The estimator to run; None only records.
         address: Address to listen on.
         rig: Kalibr YAML that takes precedence over the senders' rigs.
         record: Recording to write; None writes none.
@@ -44,7 +43,7 @@ class Session:
         skip_images_s: Images that have waited longer are skipped; None skips none.
     """
 
-    asked: Request | None
+    chain: Request | None
     address: tuple[str, int]
     rig: Path | None = None
     record: Path | None = None
@@ -55,7 +54,7 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Result of a live session.
+    """Result of a live run.
 
     Attributes:
         latency: None without an estimator.
@@ -78,32 +77,32 @@ class Outcome:
     duration_s: float
 
 
-def run_live(session: Session, say: Say, tell: Say) -> Outcome:
+def run_live(request: LiveRequest, say: Say, emit: Say) -> Outcome:
     """Processes samples until every sender has finished or the user interrupts.
 
     Args:
-        session: Options.
+        request: What to run and to record.
         say: Receives status messages.
-        tell: Receives each estimate as a row of its file.
+        emit: Receives each estimate as a row of its file.
 
     Raises:
         StrideTwinError: The address or a file is unavailable, nothing arrived, or the estimator rejects the input.
     """
-    files = (session.asked.output if session.asked else None, session.record)
+    files = (request.chain.output if request.chain else None, request.record)
     for file in files:
         if file is not None and not file.parent.is_dir():
             raise StrideTwinError(f"{file}: no folder {file.parent}")
-    return _Live(session, say, tell).run()
+    return _Live(request, say, emit).run()
 
 
 class _Live:
-    def __init__(self, session: Session, say: Say, tell: Say) -> None:
-        self._session, self._say, self._tell = session, say, tell
-        own = registry.estimator(session.asked.estimator).declaration if session.asked else None
-        window_s = session.window_s if session.window_s is not None else own.window_s if own else WINDOW_S
-        self._latency = Latency(session.budget_s if session.budget_s is not None else own.budget_s if own else 0.0)
+    def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
+        self._request, self._say, self._emit = request, say, emit
+        own = registry.estimator(request.chain.estimator).declaration if request.chain else None
+        window_s = request.window_s if request.window_s is not None else own.window_s if own else WINDOW_S
+        self._latency = Latency(request.budget_s if request.budget_s is not None else own.budget_s if own else 0.0)
         self._window_s, self._reorder = window_s, Reorder(window_s)
-        self._given = Rig() if session.rig is None else read_rig(session.rig)
+        self._given = Rig() if request.rig is None else read_rig(request.rig)
         self._rig, self._metadata = self._given, dict[str, str]()
         self._chain: Chain | None = None
         self._compiled = False
@@ -113,16 +112,16 @@ class _Live:
         self._fit = Fit({}, Rig())
         self._early: Counter[str] = Counter()
         self._skipped: Counter[str] = Counter()
-        self._refusals_told = 0
+        self._refusals_reported = 0
 
     def run(self) -> Outcome:
         with ExitStack() as stack:
             self._compile()
-            if self._session.rig is not None:
+            if self._request.rig is not None:
                 self._try_chain()
-            if self._session.record is not None:
-                self._recorder = stack.enter_context(LiveRecorder(self._session.record))
-            receiver = stack.enter_context(Receiver(self._session.address))
+            if self._request.record is not None:
+                self._recorder = stack.enter_context(LiveRecorder(self._request.record))
+            receiver = stack.enter_context(Receiver(self._request.address))
             self._say(f"listening at {receiver.address[0]}:{receiver.address[1]}")
             try:
                 self._follow(receiver)
@@ -164,50 +163,50 @@ class _Live:
 
     def _finish(self) -> dict[Path, int]:
         if self._span is None:
-            raise StrideTwinError("nothing has come")
-        if self._session.asked is not None and self._chain is None:
+            raise StrideTwinError("no samples arrived")
+        if self._request.chain is not None and self._chain is None:
             raise StrideTwinError(f"nothing was estimated: {self._lacks}")
         if self._chain is not None and not self._latency.took_any:
-            raise StrideTwinError(f"nothing was estimated: nothing has come of {', '.join(self._chain.takes)}")
+            raise StrideTwinError(f"nothing was estimated: no samples arrived of {', '.join(self._chain.takes)}")
         return self._chain.finish() if self._chain is not None else {}
 
     def _know(self, hello: Hello) -> None:
-        self._rig, differing = _joined(self._rig, hello.rig)
+        self._rig, differing = _joined(self._rig, hello.calibration)
         known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - known:
-            self._say(f"warning: a sender tells {name} otherwise than the one before; the first holds")
-        self._metadata = dict(hello.metadata) | self._metadata
+            self._say(f"warning: another sender describes {name} differently; the first description is used")
+        self._metadata = hello.metadata | self._metadata
         if self._recorder is not None:
             self._recorder.know(self._rig, self._metadata)
         self._try_chain()
 
     def _try_chain(self) -> None:
         """Starts the estimator once the rig is sufficient; otherwise reports what is missing."""
-        asked = self._session.asked
-        if asked is None or self._chain is not None:
+        wanted = self._request.chain
+        if wanted is None or self._chain is not None:
             return
         self._compile()
         try:
-            self._chain = chain_of(asked, self._rig, self._metadata)
+            self._chain = chain_of(wanted, self._rig, self._metadata)
         except StrideTwinError as error:
             if str(error) != self._lacks:
                 self._lacks = str(error)
                 self._say(f"waiting: {error}")
             return
         self._fit = Fit(self._chain.takes, self._rig)
-        self._say(f"{asked.estimator} takes {', '.join(self._chain.takes)}")
+        self._say(f"{wanted.estimator} reads {', '.join(self._chain.takes)}")
 
     def _compile(self) -> None:
         """Feeds synthetic samples to a trial chain once; an exoskeleton estimator without geometry has no chain yet."""
-        asked = self._session.asked
-        if asked is None or self._compiled:
+        wanted = self._request.chain
+        if wanted is None or self._compiled:
             return
         try:
-            trial = chain_of(replace(asked, output=None), made_up_rig(), self._metadata)
+            trial = chain_of(replace(wanted, output=None), synthetic_rig(), self._metadata)
         except StrideTwinError:
             return
-        self._say(f"{asked.estimator} is compiled, which takes minutes the first time")
-        for sample in made_up_samples(trial.takes):
+        self._say(f"{wanted.estimator} is being compiled, which takes minutes the first time")
+        for sample in synthetic_samples(trial.takes):
             for _ in trial.update(sample):
                 pass
         self._compiled = True
@@ -238,29 +237,29 @@ class _Live:
                 now = time.perf_counter_ns()
                 self._latency.add(
                     estimator, topic, whole_s=(now - arrival.since_ns) * 1e-9, work_s=(now - before) * 1e-9,
-                    told=line is not None,
+                    estimated=line is not None,
                 )  # fmt: skip
                 if line:
-                    self._tell(line)
+                    self._emit(line)
                 before = time.perf_counter_ns()
 
     def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
         """Whether an image has waited longer than allowed; other samples are never skipped."""
-        most_s, is_image = self._session.skip_images_s, isinstance(arrival.sample, Image | Depth)
+        most_s, is_image = self._request.skip_images_s, isinstance(arrival.sample, Image | Depth)
         return most_s is not None and is_image and now_ns - arrival.since_ns > most_s * 1e9
 
     def _warn(self, receiver: Receiver) -> None:
         """Reports each problem of a stream and each refused sender once."""
         for topic, traffic in list(receiver.traffic.items()):
             for count, what in (
-                (traffic.lost, "the sender drops samples: they come faster than they are taken"),
+                (traffic.lost, "samples are lost: they come faster than they are taken, or the connection breaks"),
                 (traffic.not_increasing, "stamps do not increase: such samples are left out"),
                 (traffic.not_finite, "NaN or infinity: such samples are left out"),
             ):
                 if count:
                     self._warn_once(topic, what)
-        for words in receiver.refused[self._refusals_told :]:
-            self._refusals_told += 1
+        for words in receiver.refused[self._refusals_reported :]:
+            self._refusals_reported += 1
             self._say(f"warning: refused {words}")
 
     def _warn_once(self, topic: str, what: str, first: str = "") -> None:

@@ -6,11 +6,12 @@ import csv
 import io
 import json
 import os
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, PATH, STEPS, Options
@@ -33,9 +34,9 @@ from stridetwin.streams.trajectory import Pose
 
 Done = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
-_KIND = "of another kind than the estimator takes: such samples are left out"
-_SIZE = "of another size than the rig tells: such pictures are left out"
-_COLOUR = "in colour where the estimator takes grey: such pictures are left out"
+_KIND = "of another kind than the estimator reads: such samples are left out"
+_SIZE = "of another size than in the rig: such images are left out"
+_COLOUR = "in colour where the estimator reads grey: such images are left out"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +54,7 @@ class Request:
     output: Path | None = None
 
 
-class Chain(Protocol):
+class Chain(ABC):
     """One or more estimators, each feeding the next.
 
     Attributes:
@@ -62,37 +63,31 @@ class Chain(Protocol):
 
     takes: dict[str, type[Sample]]
 
+    @abstractmethod
     def update(self, sample: Sample) -> Iterator[Done]:
         """Processes a sample that `takes` allows; yields each time an estimator has finished with it."""
 
+    @abstractmethod
     def finish(self) -> dict[Path, int]:
         """Writes the files; returns rows by file."""
 
-    def abandon(self) -> None:
+    def abandon(self) -> None:  # noqa: B027 (most have nothing to undo)
         """Leaves existing files unchanged."""
 
 
 def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
     """The chain of an estimator.
 
-    Args:
-        request: The estimator to run.
-        rig: Known rig.
-        metadata: Texts from the senders.
-
     Raises:
         StrideTwinError: The rig lacks what the estimator needs; the message names it.
     """
     found = registry.estimator(request.estimator)
     options = replace(request.options, metadata=metadata, source="hello")
-    if found.declaration.kind == PATH:
-        return _Paths(found, rig, options, request.output)
-    if found.declaration.kind == STEPS:
-        return _Steps(found, rig, options, request.output)
-    return _Ahead(found, rig, options, request.output)
+    kinds: dict[str, Callable[[Found, Rig, Options, Path | None], Chain]] = {PATH: _Paths, STEPS: _Steps}
+    return kinds.get(found.declaration.kind, _Ahead)(found, rig, options, request.output)
 
 
-def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
+def _built(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
     """An estimator, and the kind of sample that it takes by topic."""
     streams = [s for s in found.streams(rig, options) if s.live]
     for stream in streams:
@@ -101,12 +96,12 @@ def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, t
     return found(rig, options=options), {s.topic: s.kind for s in streams}
 
 
-class _Paths:
+class _Paths(Chain):
     """An estimator of paths: one row per pose, prefixed with the part's name if it estimates several parts."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._name, self._parts = found.declaration.name, found.declaration.parts
-        self._estimator, self.takes = _at_work(found, rig, options)
+        self._estimator, self.takes = _built(found, rig, options)
         files = {part: part_file(output, part) if output else None for part in self._parts.values() or ("",)}
         self._paths = {part: _LivePath(file) for part, file in files.items()}
 
@@ -132,12 +127,12 @@ def part_file(file: Path, part: str) -> Path:
     return file.with_name(f"{file.stem}_{part}{file.suffix}") if part else file
 
 
-class _Steps:
+class _Steps(Chain):
     """An estimator of steps: one row per estimate."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._name, self._output = found.declaration.name, output
-        self._estimator, self.takes = _at_work(found, rig, options)
+        self._estimator, self.takes = _built(found, rig, options)
         self._last: dict[int, StepEstimate] = {}
 
     def update(self, sample: Sample) -> Iterator[Done]:
@@ -153,18 +148,15 @@ class _Steps:
         write_steps([self._last[step] for step in sorted(self._last)], self._output)
         return {self._output: len(self._last)}
 
-    def abandon(self) -> None:
-        pass
 
-
-class _Ahead:
+class _Ahead(Chain):
     """An estimator of the ground ahead, on the poses of an odometry: one row per predicted step, or a map as JSON."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._led = Led(rig, found, options)
         self._name, self._kind, self._output = found.declaration.name, found.declaration.kind, output
         self.takes = self._led.takes
-        self._steps, self._made = CompletedSteps(), list[PredictedStep]()
+        self._steps, self._predicted = CompletedSteps(), list[PredictedStep]()
 
     def update(self, sample: Sample) -> Iterator[Done]:
         if self._led.feeds_odometry(sample):
@@ -177,22 +169,19 @@ class _Ahead:
             return None
         if self._kind == MAP:
             return json.dumps(document(estimate), allow_nan=False)
-        if (made := self._steps.add(estimate)) is not None:
-            self._made.append(made)
-        coming = PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=self._steps.steady_s(estimate))
-        return _csv(mode_cells(coming))
+        if (done := self._steps.add(estimate)) is not None:
+            self._predicted.append(done)
+        next_step = PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=self._steps.steady_s(estimate))
+        return _csv(mode_cells(next_step))
 
     def finish(self) -> dict[Path, int]:
         if self._output is None:
             return {}
         if self._kind != MAP:
-            write_modes(self._made, self._output)
-            return {self._output: len(self._made)}
+            write_modes(self._predicted, self._output)
+            return {self._output: len(self._predicted)}
         files, known = write_terrain(self._led.estimator, self._output), self._led.estimator.estimate
         return {file: len(known.planes) if known else 0 for file in files}
-
-    def abandon(self) -> None:
-        pass
 
 
 class _LivePath:
@@ -256,14 +245,14 @@ class Fit:
         topic, kind = sample.topic, self._takes[sample.topic]
         if not isinstance(sample, kind):
             self.other_kind[topic] += 1
-            return _KIND, f"{type(sample).__name__} and not {kind.__name__}"
+            return _KIND, f"{type(sample).__name__}, not {kind.__name__}"
         camera = self._cameras.get(topic)
         if camera is None or not isinstance(sample, Image | Depth):
             return None
         height, width, *channels = (sample.pixels if isinstance(sample, Image) else sample.depth).shape
         if (height, width) != (camera.height, camera.width):
             self.other_size[topic] += 1
-            return _SIZE, f"{width} × {height} and not {camera.width} × {camera.height}"
+            return _SIZE, f"{width} × {height}, not {camera.width} × {camera.height}"
         if channels and camera.mount.body.startswith("foot"):
             self.other_size[topic] += 1
             return _COLOUR, f"{channels[0]} channels"

@@ -13,12 +13,12 @@ from stridetwin.streams.live import messages
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
 
-_SECONDS, _HZ, _PICTURES_HZ = 6.0, 100.0, 4.0
+_SECONDS, _HZ, _IMAGES_HZ = 6.0, 100.0, 4.0
 """Long enough to fill an odometry's window: at rest it keeps one image every 0.4 s, ten in all."""
-_TREMBLES_S, _TREMOR = 0.6, np.array([0.0, 0.0, 0.3])  # rad/s, at first: an odometry starts differently at rest
+_TREMOR_S, _TREMOR = 0.6, np.array([0.0, 0.0, 0.3])  # rad/s, at first: an odometry starts differently at rest
 _WIDTH, _HEIGHT, _FOCAL = 640, 480, 380.0
 _SQUARES = 6, 9
-_EYES_M, _WALL_M = 1.6, 4.0  # eyes above the floor; distance of the wall that ends the view
+_EYE_HEIGHT_M, _WALL_M = 1.6, 4.0  # above the floor; distance of the wall that ends the view
 _STAIR_M, _RISER_M, _TREAD_M, _RISERS = 1.5, 0.17, 0.3, 5
 _AXES = {
     "head": ((0.0, -1.0, 0.0), (-0.6, 0.0, -0.8), (0.8, 0.0, -0.6)),
@@ -28,13 +28,13 @@ _AXES = {
 """Right, down and forward axes of each camera in the body's frame; the boards beside the shoe cameras have the same."""
 
 
-def made_up_rig() -> Rig:
+def synthetic_rig() -> Rig:
     """An IMU and a camera on the head; an IMU, a sonar and a camera that faces the other shoe's board on each shoe."""
     imus, cameras, boards, others = {}, {}, {}, {}
     for body, axes in _AXES.items():
-        looks = np.eye(4)
-        looks[:3, :3] = np.transpose(axes)
-        mount, on_head = Mount(body=body, T_body_sensor=looks), body == "head"
+        T_body_sensor = np.eye(4)
+        T_body_sensor[:3, :3] = np.transpose(axes)
+        mount, on_head = Mount(body=body, T_body_sensor=T_body_sensor), body == "head"
         imu = ImuCalibration(
             topic=f"/{body}/imu", part="", rate_hz=_HZ, mount=Mount(body=body), gyroscope_noise_density=2e-4,
             gyroscope_random_walk=5e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=4e-5,
@@ -55,16 +55,16 @@ def made_up_rig() -> Rig:
     return Rig(imus=imus, cameras=cameras, boards=boards, others=others)
 
 
-def made_up_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
+def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     """Six seconds of a person who stands in front of a stair, in time order, as decoded from messages.
 
     Args:
-        takes: The kind of sample by topic; IMU and camera topics are those of `made_up_rig`.
+        takes: The kind of sample by topic; IMU and camera topics are those of `synthetic_rig`.
     """
-    encoder, decoders = messages.Encoder(made_up_rig()), dict[str, messages.Decoder]()
-    for made in _samples(takes):
+    encoder, decoders = messages.Encoder(synthetic_rig()), dict[str, messages.Decoder]()
+    for synthetic in _samples(takes):
         # Kernels are compiled for the memory layout of each array, and arrays from messages have their own layout.
-        message = encoder.message(made)
+        message = encoder.message(synthetic)
         decoder = decoders.setdefault(message.topic, messages.Decoder(message.topic, message.typename))
         if (sample := decoder.sample(message)) is not None:
             yield sample
@@ -72,7 +72,7 @@ def made_up_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
 
 def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     pixels, depth = _colours() if Depth in takes.values() else _board(), _depths()
-    rates = {topic: _PICTURES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
+    rates = {topic: _IMAGES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
     due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
     for t_ns, topic, i in sorted(due):
         kind = takes[topic]
@@ -81,7 +81,7 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
         elif kind is Depth:
             yield Depth(topic=topic, t_ns=t_ns, depth=depth)
         elif kind is Imu:
-            rate = _TREMOR * (-1) ** i * (t_ns < _TREMBLES_S * 1e9)
+            rate = _TREMOR * (-1) ** i * (t_ns < _TREMOR_S * 1e9)
             yield Imu(
                 topic=topic, t_ns=t_ns, angular_rate=rate, specific_force=np.array([0.0, 0.0, NOMINAL_GRAVITY_MPS2])
             )
@@ -121,5 +121,5 @@ def _depths() -> NDArray[np.float32]:
     x = np.arange(0.0, _WALL_M, 0.005)
     ground = _RISER_M * np.clip(np.ceil((x - _STAIR_M) / _TREAD_M), 0, _RISERS)
     ground[-1] = np.inf
-    hit = x[np.argmax(_EYES_M + np.outer(rise / ahead, x) <= ground, axis=1)]
+    hit = x[np.argmax(_EYE_HEIGHT_M + np.outer(rise / ahead, x) <= ground, axis=1)]
     return np.repeat((hit / ahead).astype(np.float32)[:, None], _WIDTH, axis=1)

@@ -281,7 +281,7 @@ def _camera(
             wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
             raise ConfigError(source, f"{_OURS}.{name}.imu_topic", own.imu_topic, wanted)
         mount = _camera_mount(name, camera, own, T_cam_imu, imus.get(own.imu_topic), source)
-        more = {key: value for key, value in dict(own).items() if key != "mount"}
+        more: dict[str, Any] = {key: value for key, value in dict(own).items() if key != "mount"}
     return CameraCalibration(
         topic=camera.rostopic,
         mount=mount,

@@ -17,7 +17,7 @@ from types import ModuleType
 
 EXTRAS = frozenset({
     "mujoco", "dm_control", "dm_env", "trimesh", "rerun", "rerun_sdk", "dask", "distributed", "cma", "sklearn",
-    "pandas",
+    "pandas", "zenoh",
 })  # fmt: skip
 """Import names of the extras' packages."""
 

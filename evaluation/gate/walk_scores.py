@@ -18,13 +18,13 @@ from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import look_ahead, odometry_of
 from stridetwin.pipeline.run import all_paths
-from stridetwin.pipeline.source import opened
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import Progress
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.opening import opened
 from stridetwin.streams.recording.reader import Recording
 
 

@@ -40,7 +40,7 @@ _FARTHEST_MM = 2000.0
 def _vector(most: float, low: float | None = None, scale: float = 1.0) -> Any:
     """Three numbers up to `most`, scaled, as an array."""
     entry = Annotated[float, number(-most if low is None else low, most)]
-    return Annotated[Array, ReadAs(tuple[entry, entry, entry]), AfterValidator(lambda v: scale * np.array(v))]  # type: ignore[valid-type]
+    return Annotated[Array, ReadAs(tuple[entry, entry, entry]), AfterValidator(lambda v: scale * np.array(v))]
 
 
 def _part_of(kind: str) -> Any:
@@ -174,7 +174,7 @@ class _Motor(FileModel):
 
     torque_max_nm: Annotated[float, number(above=0)]
     speed_max_radps: Annotated[float, number(above=0)] = 10.0
-    part: Annotated[ActuatorPart, _part_of("actuator")] = Field("actuation-module", validate_default=True)  # type: ignore[assignment]
+    part: Annotated[ActuatorPart, _part_of("actuator")] = Field("actuation-module", validate_default=True)
 
 
 class OwnExoFile(FileModel):

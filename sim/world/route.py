@@ -57,7 +57,8 @@ class Strip:
 
 def profile_height(profile: Sequence[Strip], s: ArrayLike) -> Array:
     """(...) m, height of the way at (...) arc lengths."""
-    return np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)])
+    at = np.asarray(s, dtype=float)
+    return np.interp(at, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -134,6 +135,14 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if own is None:
         _check_overlap(contents, notes)
     return Recording(path, lenient, contents)
+
+
+def opened(path: Path, lenient: bool, options: ImportOptions | None = None, *, reports: bool = True) -> Recording:
+    """`open_any`, with a warning on stderr for each assumption and problem."""
+    recording = open_any(path, lenient, options)
+    for words in (*recording.warnings, *map(str, recording.problems)) if reports else ():
+        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
+    return recording
 
 
 def _folder_kind(path: Path) -> str:

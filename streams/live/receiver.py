@@ -1,55 +1,36 @@
-"""The estimators' end of the bridge: listens, checks messages, and passes them on in the order of arrival.
+"""The estimators' end of the bridge: listens, checks messages, and passes them on in the order of arrival or of stamps.
 
-One thread per connection reads and decodes into one bounded inbox. When that is full the connection is not read, so
-that a sender notices that it is too fast, and drops and counts messages on its side.
+Zenoh's threads decode into one bounded inbox. When that is full they wait, so that connections are not read and a
+sender notices that it is too fast: it drops messages, and the gaps in their numbers are counted here.
 """
 
 from __future__ import annotations
 
+import heapq
+import json
 import socket
 import threading
 import time
-from collections import deque
-from contextlib import suppress
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.live.messages import Decoder
-from stridetwin.streams.live.wire import (
-    END,
-    FRAME_S,
-    HELLO,
-    LATEST_NS,
-    LOST,
-    REFUSED,
-    SAMPLE,
-    FrameReader,
-    Hello,
-    Message,
-    StalledError,
-    WireError,
-    frame,
-    read_hello,
-    read_lost,
-    read_sample,
-    taken_frame,
-)
+from stridetwin.streams.live.messages import Decoder, Message, rank_of
+from stridetwin.streams.live.wire import LATEST_NS, Counts, Hello, Link, WireError, read, read_message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import Depth, Image, Sample
 
-MOST_PEERS, MOST_TOPICS = 8, 64
+if TYPE_CHECKING:
+    import zenoh
+
+MOST_SENDERS, MOST_TOPICS = 8, 64
 INBOX_BYTES, INBOX_COUNT = 64 << 20, 4096
 """Limits of the inbox; an image counts with its decoded pixels."""
 _REFUSALS_KEPT = 100
 _SENDERS_KNOWN = 1000
-_TAKEOVER_S = 5.0
-"""How long a reconnecting sender waits for its old connection to be read out, and again for it to be closed."""
-_ALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPALIVE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
-"""Seconds of silence before the system probes a peer (two names for it), seconds between probes, and the number of
-unanswered probes."""
-_LINGER_S, _LINGER_BYTES = 0.3, 1 << 22
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +40,7 @@ class Arrival:
     Attributes:
         sample: The decoded sample.
         message: As received.
-        since_ns: When its last byte arrived, `time.perf_counter_ns()`.
+        since_ns: When it arrived, `time.perf_counter_ns()`.
         travel_ns: From its stamp until then; None if the sender's clock is unknown.
     """
 
@@ -67,21 +48,6 @@ class Arrival:
     message: Message
     since_ns: int
     travel_ns: int | None
-
-
-@dataclass(kw_only=True, eq=False)
-class _Connection:
-    """A sender's connection.
-
-    Attributes:
-        peer: Its socket.
-        done: Set when its thread has finished.
-        superseded: Whether the sender has reconnected and this connection is no longer read.
-    """
-
-    peer: socket.socket
-    done: threading.Event = field(default_factory=threading.Event)
-    superseded: bool = False
 
 
 @dataclass(kw_only=True)
@@ -92,13 +58,30 @@ class Traffic:
         received: Samples that were passed on.
         not_finite: Samples rejected for a number that is not finite.
         not_increasing: Samples rejected for a stamp that is not after the previous one.
-        lost: Samples dropped by the senders.
+        lost: Samples that a sender had and that did not arrive.
     """
 
     received: int = 0
     not_finite: int = 0
     not_increasing: int = 0
     lost: int = 0
+
+
+@dataclass(kw_only=True, eq=False)
+class _Sender:
+    """What is known of a sender.
+
+    Attributes:
+        epoch_ns: See `Hello`.
+        expected: Number of the next sample, by topic.
+        received: Samples that arrived, by topic.
+        is_connected: Whether it may send.
+    """
+
+    epoch_ns: int | None = None
+    expected: dict[str, int] = field(default_factory=dict)
+    received: Counter[str] = field(default_factory=Counter)
+    is_connected: bool = False
 
 
 class Receiver:
@@ -110,7 +93,7 @@ class Receiver:
     Attributes:
         address: Where it listens.
         traffic: By topic.
-        refused: The first hundred refused peers, with reasons.
+        refused: The first hundred refused senders, with reasons.
         refusals: Number of refusals.
 
     Raises:
@@ -118,42 +101,37 @@ class Receiver:
     """
 
     def __init__(self, address: tuple[str, int]) -> None:
-        try:
-            family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-            self._listener = socket.create_server(address, family=family, backlog=MOST_PEERS)
-        except (OSError, UnicodeError) as error:
-            words = getattr(error, "strerror", None) or error
-            raise StrideTwinError(f"cannot listen at {address[0]}:{address[1]}: {words}") from error
+        self.address = address if address[1] else (address[0], _free_port(address[0]))
+        self._link = Link(listen=self.address)
         typestore()  # slow: done here so that the first sample does not wait
-        self.address: tuple[str, int] = self._listener.getsockname()[:2]
         self.traffic: dict[str, Traffic] = {}
         self.refused: list[str] = []
         self.refusals = 0
         self._inbox: deque[tuple[Arrival | Hello, int]] = deque()
         self._bytes = 0
         self._changed = threading.Condition()
-        self._peers: set[socket.socket] = set()
+        self._senders: dict[str, _Sender] = {}
         self._owner: dict[str, str] = {}
-        self._senders: dict[str, _Connection] = {}
-        self._taken: dict[str, int] = {}
         self._decoders: dict[str, Decoder] = {}
         self._last_ns: dict[str, int] = {}
-        self._ended = self._closed = False
+        self._has_ended = self._is_closed = False
 
     def __enter__(self) -> Self:
-        threading.Thread(target=self._accept, name="listener", daemon=True).start()
+        link = self._link
+        link.answer("*/hello", self._answering(self._begin))
+        link.answer("*/end", self._answering(self._end))
+        link.hear("*/samples/**", self._on_sample)
+        link.when_gone(self._leave)
+        link.appear(f"receiver/{link.name}")
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with self._changed:
-            self._closed = True
-            peers = list(self._peers)
+            self._is_closed = True
             self._changed.notify_all()
-        self._listener.close()
-        for peer in peers:
-            _hang_up(peer)
+        self._link.close()
 
     def take(self, timeout_s: float) -> list[Arrival | Hello]:
         """New samples and hellos in the order of arrival; waits for them up to `timeout_s`."""
@@ -169,188 +147,207 @@ class Receiver:
     @property
     def ended(self) -> bool:
         """Whether a sender has ended, no sender is connected and the inbox is empty."""
-        return self._ended and not self._peers and not self._inbox
+        return self._has_ended and not self._inbox and not self._connected()
 
-    def _accept(self) -> None:
-        while True:
+    def _connected(self) -> int:
+        return sum(sender.is_connected for sender in self._senders.values())
+
+    def _answering(self, act: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[str, bool]]:
+        """The answer to a query: what was received from the sender, or why it is refused."""
+
+        def answer(name: str, body: bytes) -> tuple[str, bool]:
             try:
-                peer, where = self._listener.accept()
-            except OSError:
-                return
-            name = f"{where[0]}:{where[1]}"
-            with self._changed:
-                crowded = len(self._peers) >= MOST_PEERS
-                if not crowded:
-                    self._peers.add(peer)
-            if crowded:
-                self._refuse(peer, name, f"{MOST_PEERS} senders are there already", linger=False)
-                peer.close()
-            else:
-                threading.Thread(target=self._serve, args=(peer, name), name=name, daemon=True).start()
+                return json.dumps(act(name, body).received), True
+            except Exception as error:  # whatever unexpected bytes lead to
+                return self._refuse(name, error), False
 
-    def _serve(self, peer: socket.socket, name: str) -> None:
+        return answer
+
+    def _begin(self, name: str, body: bytes) -> _Sender:
+        """Accepts a new sender, or a reconnecting one."""
+        hello: Hello = read(Hello, body, "hello")
+        _ = hello.calibration  # an invalid one is refused
+        with self._changed:
+            if self._connected() >= MOST_SENDERS:
+                raise WireError(f"{MOST_SENDERS} senders are there already")
+            sender = self._senders.pop(name, None) or _Sender(expected=dict(hello.next))
+            gone = [known for known, other in self._senders.items() if not other.is_connected]
+            for known in gone[: max(0, len(gone) - _SENDERS_KNOWN)]:
+                del self._senders[known]
+            self._senders[name] = sender
+            sender.epoch_ns, sender.is_connected = hello.epoch_ns, True
+            self._put(hello)
+        return sender
+
+    def _end(self, name: str, body: bytes) -> _Sender:
+        numbers = read(Counts, body, "end")
+        with self._changed:
+            sender = self._senders.get(name)
+            if sender is None:
+                raise WireError("end without a hello")
+            if sender.is_connected:  # not one that was refused
+                for topic, number in numbers.items():
+                    self._count_gap(sender, topic, number)
+                self._has_ended = True
+        self._leave(name)
+        return sender
+
+    def _on_sample(self, name: str, item: zenoh.Sample) -> None:
+        since_ns, system_ns = time.perf_counter_ns(), time.time_ns()
+        sender = self._senders.get(name)
+        if sender is None or not sender.is_connected:
+            return  # not greeted, or refused
         try:
-            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            _keep_alive(peer)
-            self._listen_to(peer, name)
-        except StalledError as error:  # a regular sender reconnects
-            self._note(name, str(error))
-        except (WireError, ValueError) as error:
-            self._refuse(peer, name, str(error))
-        except OSError:
-            pass  # it may reconnect
-        except Exception as error:  # unexpected bytes
-            self._refuse(peer, name, f"{type(error).__name__}: {error}")
-        finally:
-            with self._changed:
-                self._peers.discard(peer)
-                for sender, own in list(self._senders.items()):
-                    if own.peer is peer:
-                        del self._senders[sender]
-                        own.done.set()
-                self._owner = {t: s for t, s in self._owner.items() if s in self._senders}
-                self._changed.notify_all()
-            _hang_up(peer)
-            peer.close()
-
-    def _listen_to(self, peer: socket.socket, name: str) -> None:
-        frames = FrameReader(peer)
-        first = frames.next(HELLO, idle_s=FRAME_S)
-        if first is None:
-            return
-        hello = read_hello(first[1])
-        sender = hello.sender or name
-        own = self._begin(sender, peer)
-        self._put(hello, 0, own)
-        while (got := frames.next(SAMPLE, LOST, END)) is not None:
-            since_ns, system_ns = time.perf_counter_ns(), time.time_ns()
-            kind, body = got
-            if kind == END:
-                self._ended = True
-                peer.sendall(taken_frame(self._taken[sender]))
-                return
-            if kind == LOST:
-                for topic, count in read_lost(body).items():
-                    self._of(topic).lost += count
-                continue
-            message = read_sample(body)
-            sample = self._decoder(sender, message).sample(message)
-            traffic = self._of(message.topic)
-            if sample is None:
-                traffic.not_finite += 1
-            elif not 0 <= sample.t_ns < LATEST_NS:
+            message, number = read_message(item)
+            sample = self._decoder(name, message).sample(message)
+            if sample is not None and not 0 <= sample.t_ns < LATEST_NS:
                 raise WireError(f"{message.topic}: invalid stamp {sample.t_ns} ns: expected 0 to {LATEST_NS}")
-            elif sample.t_ns <= self._last_ns.get(message.topic, -1):
-                traffic.not_increasing += 1
-            else:
-                travel_ns = None if hello.epoch_ns is None else system_ns - hello.epoch_ns - sample.t_ns
-                size = len(message.payload)
-                if isinstance(sample, Image | Depth):
-                    size += (sample.pixels if isinstance(sample, Image) else sample.depth).nbytes
-                arrival = Arrival(sample=sample, message=message, since_ns=since_ns, travel_ns=travel_ns)
-                self._put(arrival, size, own)
-                self._last_ns[message.topic] = sample.t_ns
-                traffic.received += 1
-            self._taken[sender] += 1
+            with self._changed:
+                if self._counted(sender, message.topic, number, sample) and sample is not None:
+                    travel_ns = None if sender.epoch_ns is None else system_ns - sender.epoch_ns - sample.t_ns
+                    arrival = Arrival(sample=sample, message=message, since_ns=since_ns, travel_ns=travel_ns)
+                    self._put(arrival, _size(arrival))
+        except Exception as error:  # whatever unexpected bytes lead to
+            self._link.say(f"{name}/refused", self._refuse(name, error))
 
-    def _begin(self, sender: str, peer: socket.socket) -> _Connection:
-        """Accepts a new sender, or a reconnecting one: it may notice a lost connection before we do.
+    def _counted(self, sender: _Sender, topic: str, number: int, sample: Sample | None) -> bool:
+        """Counts a sample; returns whether it is passed on. The lock is held."""
+        self._count_gap(sender, topic, number)
+        sender.expected[topic] = max(number + 1, sender.expected.get(topic, 0))
+        sender.received[topic] += 1
+        traffic = self._of(topic)
+        if sample is None:
+            traffic.not_finite += 1
+        elif sample.t_ns <= self._last_ns.get(topic, -1):
+            traffic.not_increasing += 1
+        else:
+            self._last_ns[topic] = sample.t_ns
+            traffic.received += 1
+            return True
+        return False
 
-        The rest of the old connection is read first, unless the inbox stays full.
-
-        Raises:
-            ConnectionError: The old connection is still being read; the sender may try again.
-        """
-        own = _Connection(peer=peer)
-        with self._changed:
-            before = self._senders.get(sender)
-        if before is not None:
-            _hang_up(before.peer)
-            if not before.done.wait(_TAKEOVER_S):
-                with self._changed:
-                    before.superseded = True
-                    self._changed.notify_all()
-                before.done.wait(_TAKEOVER_S)
-        with self._changed:
-            if sender in self._senders:
-                raise ConnectionError("another connection of this sender is still being read")
-            self._senders[sender] = own
-            count = self._taken.pop(sender, None)
-            while len(self._taken) >= _SENDERS_KNOWN:
-                del self._taken[next(s for s in self._taken)]
-            self._taken[sender] = count or 0
-        peer.sendall(taken_frame(count))
-        return own
+    def _count_gap(self, sender: _Sender, topic: str, number: int) -> None:
+        """Counts the samples before a number that have not arrived."""
+        expected = sender.expected.get(topic, 0)
+        if number > expected:
+            self._of(topic).lost += number - expected
+            sender.expected[topic] = number
 
     def _of(self, topic: str) -> Traffic:
-        with self._changed:
-            if topic not in self.traffic and len(self.traffic) >= MOST_PEERS * MOST_TOPICS:
-                raise WireError("too many topics")
-            return self.traffic.setdefault(topic, Traffic())
+        if topic not in self.traffic and len(self.traffic) >= MOST_SENDERS * MOST_TOPICS:
+            raise WireError("too many topics")
+        return self.traffic.setdefault(topic, Traffic())
 
-    def _decoder(self, sender: str, message: Message) -> Decoder:
+    def _decoder(self, name: str, message: Message) -> Decoder:
         """The topic's decoder; a topic belongs to its first sender as long as that is connected."""
         topic = message.topic
-        if self._owner.get(topic) != sender:
-            with self._changed:
-                if self._owner.setdefault(topic, sender) != sender:
-                    raise WireError(f"{topic}: another sender brings it already")
-                if sum(s == sender for s in self._owner.values()) > MOST_TOPICS:
-                    raise WireError(f"more than {MOST_TOPICS} topics")
-        known = self._decoders.get(topic)
-        if known is None or known.typename != message.typename:
-            if known is not None:
-                raise WireError(f"{topic}: invalid {message.typename[:60]}: expected {known.typename}, as before")
-            self._of(topic)
-            self._decoders[topic] = known = Decoder(topic, message.typename)
+        with self._changed:
+            if self._owner.setdefault(topic, name) != name:
+                raise WireError(f"{topic}: another sender provides it already")
+            if sum(owner == name for owner in self._owner.values()) > MOST_TOPICS:
+                raise WireError(f"more than {MOST_TOPICS} topics")
+            known = self._decoders.get(topic)
+            if known is None:
+                self._of(topic)
+                self._decoders[topic] = known = Decoder(topic, message.typename)
+        if known.typename != message.typename:
+            raise WireError(f"{topic}: invalid type {message.typename[:60]}: expected {known.typename} as before")
         return known
 
-    def _put(self, item: Arrival | Hello, size: int, own: _Connection) -> None:
-        """Puts an item of a connection into the inbox; waits for space.
+    def _put(self, item: Arrival | Hello, size: int = 0) -> None:
+        """Puts an item into the inbox; waits for space. The lock is held."""
+        while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
+            if self._is_closed:
+                return
+            self._changed.wait()
+        self._inbox.append((item, size))
+        self._bytes += size
+        self._changed.notify_all()
 
-        Raises:
-            ConnectionError: The sender has reconnected meanwhile; the item is not taken.
-        """
+    def _leave(self, name: str) -> None:
         with self._changed:
-            while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
-                if self._closed:
-                    return
-                if own.superseded:
-                    raise ConnectionError("this sender has another connection")
-                self._changed.wait()
-            self._inbox.append((item, size))
-            self._bytes += size
+            if name in self._senders:
+                self._senders[name].is_connected = False
+            self._owner = {topic: owner for topic, owner in self._owner.items() if owner != name}
             self._changed.notify_all()
 
-    def _note(self, name: str, words: str) -> None:
+    def _refuse(self, name: str, error: Exception) -> str:
+        """Takes nothing more from a sender; returns the reason."""
+        is_expected = isinstance(error, StrideTwinError | ValueError)
+        words = str(error) if is_expected else f"{type(error).__name__}: {error}"
         with self._changed:
             self.refusals += 1
             if len(self.refused) < _REFUSALS_KEPT:
-                self.refused.append(f"{name}: {words}")
-
-    def _refuse(self, peer: socket.socket, name: str, words: str, *, linger: bool = True) -> None:
-        """Sends the reason to a sender, and waits briefly until it is read: data in flight would discard it."""
-        self._note(name, words)
-        try:
-            peer.settimeout(_LINGER_S)
-            peer.sendall(frame(REFUSED, words.encode()[:4096]))
-            peer.shutdown(socket.SHUT_WR)
-            until, left = time.monotonic() + _LINGER_S, _LINGER_BYTES
-            while linger and left > 0 and time.monotonic() < until and (piece := peer.recv(1 << 16)):
-                left -= len(piece)
-        except OSError:
-            pass
+                self.refused.append(f"sender {name[:8]}: {words}")
+        self._leave(name)
+        return words[:4096]
 
 
-def _keep_alive(peer: socket.socket) -> None:
-    """Lets the system end a connection whose peer has vanished, for example after a power loss."""
-    peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in _ALIVE.items():
-        if hasattr(socket, name):
-            peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+def _size(arrival: Arrival) -> int:
+    """Bytes of a message and its decoded image."""
+    sample, size = arrival.sample, len(arrival.message.payload)
+    if isinstance(sample, Image | Depth):
+        size += (sample.pixels if isinstance(sample, Image) else sample.depth).nbytes
+    return size
 
 
-def _hang_up(peer: socket.socket) -> None:
-    """Closes a connection, which wakes every thread that waits on it."""
-    with suppress(OSError):
-        peer.shutdown(socket.SHUT_RDWR)
+def _free_port(host: str) -> int:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.create_server((host, 0), family=family) as taken:
+        port: int = taken.getsockname()[1]
+    return port
+
+
+class Reorder:
+    """Buffers samples until no older one can arrive, or the window has passed.
+
+    A sample is released as soon as every stream has delivered one that is not older, or one stream is a window ahead of
+    it, or it has waited for a window. A sample that arrives after newer ones were released follows at once and counts
+    as late.
+
+    Args:
+        window_s: The window.
+
+    Attributes:
+        late: Number of late samples, by topic.
+    """
+
+    def __init__(self, window_s: float) -> None:
+        self._window_ns = round(window_s * 1e9)
+        self._held: list[tuple[tuple[int, int, str], int, Arrival]] = []
+        self._newest: dict[str, int] = {}
+        self._released_ns = -1
+        self._count = 0
+        self.late: Counter[str] = Counter()
+
+    def add(self, arrival: Arrival) -> None:
+        """Adds a sample; stamps increase within a stream."""
+        t_ns, topic = arrival.sample.t_ns, arrival.sample.topic
+        if t_ns < self._released_ns:
+            self.late[topic] += 1
+        self._newest[topic] = t_ns
+        self._count += 1
+        heapq.heappush(self._held, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
+
+    def ready(self, now_ns: int) -> Iterator[Arrival]:
+        """The released samples, in order, at a time on the clock of `Arrival.since_ns`."""
+        while self._held:
+            t_ns, since_ns = self._held[0][0][0], self._held[0][2].since_ns
+            passed = min(self._newest.values()) >= t_ns or max(self._newest.values()) - t_ns >= self._window_ns
+            if not passed and now_ns - since_ns < self._window_ns:
+                return
+            yield self._pop()
+
+    def rest(self) -> Iterator[Arrival]:
+        """All buffered samples, in order."""
+        while self._held:
+            yield self._pop()
+
+    def due_s(self, now_ns: int) -> float | None:
+        """Seconds until the oldest sample is released; None if the buffer is empty."""
+        return max(0.0, (self._held[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._held else None
+
+    def _pop(self) -> Arrival:
+        arrival = heapq.heappop(self._held)[2]
+        self._released_ns = max(self._released_ns, arrival.sample.t_ns)
+        return arrival

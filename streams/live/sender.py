@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import secrets
-import select
-import socket
+import json
 import threading
 import time
 from collections import Counter, deque
@@ -12,39 +10,25 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import Self
 
-from stridetwin.streams.live.messages import Encoder
-from stridetwin.streams.live.wire import (
-    END,
-    REFUSED,
-    TAKEN,
-    FrameReader,
-    Hello,
-    Message,
-    WireError,
-    frame,
-    hello_frame,
-    lost_frame,
-    read_taken,
-    sample_frame,
-)
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.kalibr import rig_to_yaml
+from stridetwin.streams.live.messages import Encoder, Message
+from stridetwin.streams.live.wire import LARGEST_HELLO, VERSION, Counts, Hello, Link, WireError, check_message, read
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 
 IMAGES_HELD, SAMPLES_HELD = 8, 2048
 """Most queued messages of a topic while a receiver is slow or disconnected; then the oldest is dropped."""
-_RETRY_S = 0.2
-_CONNECT_S = 2.0
-_STALLED_S = 60.0
-_REMEMBERED = 65536
+_POLL_S = 0.2
 
 
 class Sender:
     """Sends samples to a receiver in its own thread; a context manager.
 
     `send` never waits, unless `lossless`: messages that a slow receiver does not take wait in one queue per topic,
-    whose oldest message is dropped when it is full; the number is reported to the receiver. A lost connection is
-    restored as long as there is something to send. Leaving the context sends the queued messages and the end.
+    whose oldest message is dropped when it is full; the receiver counts the gap. A lost connection is restored as long
+    as there is something to send. Leaving the context sends the queued messages and the end.
 
     Args:
         rig: Calibration of the sensors.
@@ -71,20 +55,24 @@ class Sender:
         lossless: bool = False,
         patience_s: float = 10.0,
     ) -> None:
-        self._address, self._lossless, self._patience_s = address, lossless, patience_s
-        hello = Hello(rig=rig, metadata=metadata or {}, epoch_ns=epoch_ns, sender=secrets.token_hex(8))
-        self._hello = hello_frame(hello)
+        self._where, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
+        self._address = address
+        self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
+        if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
+            raise WireError(f"rig and metadata: invalid size of {size} bytes: expected up to {LARGEST_HELLO // 2}")
         self._encoder = encoder or Encoder(rig)
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
-        self._untold: Counter[str] = Counter()
-        self._queues: dict[str, deque[tuple[int, bytes]]] = {}
-        self._number, self._flying = 0, -1
+        self._queues: dict[str, deque[tuple[int, int, Message]]] = {}  # order among all, number in the topic
+        self._order = 0
+        self._numbers: Counter[str] = Counter()
+        self._receiver, self._known = "", ""  # the one that is present, and the one last greeted
+        self._is_greeted = False
+        self._put: Counter[str] = Counter()  # to this receiver
+        self._next: dict[str, int] = {}  # number of the sample after the last one put, by topic
+        self._first: dict[str, int] = {}  # that when the receiver appeared
         self._changed = threading.Condition()
         self._ending, self._failure = False, ""
-        self._peer: socket.socket | None = None
-        self._answers: FrameReader | None = None
-        self._out: deque[str] = deque(maxlen=_REMEMBERED)
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
 
     def __enter__(self) -> Self:
@@ -98,6 +86,7 @@ class Sender:
             self._ending = True
             if error is not None:
                 self._queues.clear()
+                self._numbers = Counter(self._next)
             self._changed.notify_all()
         self._thread.join()
         if error is None:
@@ -107,22 +96,22 @@ class Sender:
         """Sends a sample, or an existing message unchanged.
 
         Raises:
-            WireError: The receiver has refused us, or was never reachable; or the message is too long.
+            WireError: The receiver has refused us, or was never reachable; or the message is invalid.
         """
         message = item if isinstance(item, Message) else self._encoder.message(item)
-        ready = sample_frame(message)
-        most = IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD
+        check_message(message)
+        topic, most = message.topic, IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD
         with self._changed:
-            queue = self._queues.setdefault(message.topic, deque())
+            queue = self._queues.setdefault(topic, deque())
             while self._lossless and len(queue) >= most and not self._failure:
                 self._changed.wait()
             self._check()
             if len(queue) >= most:
-                del queue[1 if queue[0][0] == self._flying else 0]
-                self.dropped[message.topic] += 1
-                self._untold[message.topic] += 1
-            queue.append((self._number, ready))
-            self._number += 1
+                queue.popleft()
+                self.dropped[topic] += 1
+            queue.append((self._order, self._numbers[topic], message))
+            self._order += 1
+            self._numbers[topic] += 1
             self._changed.notify_all()
 
     def _check(self) -> None:
@@ -131,110 +120,86 @@ class Sender:
 
     def _run(self) -> None:
         try:
-            self._serve()
-        except WireError as error:
-            self._fail(str(error))
-        except Exception as error:  # `send` must fail with it instead of waiting for ever
-            self._fail(f"{self._address[0]}:{self._address[1]}: {type(error).__name__}: {error}")
-        finally:
-            if self._peer is not None:
-                self._peer.close()
-
-    def _serve(self) -> None:
-        host, port = self._address
-        away_since, last = time.monotonic(), ""
-        while True:
+            link = Link(connect=self._address)
             try:
-                if self._peer is None:
-                    self._peer = self._connected()
-                if self._deliver(self._peer):
-                    return
-                away_since = time.monotonic()
-            except OSError as error:
-                told = "" if self._peer is None else self._refusal()
-                if told:
-                    raise WireError(f"{host}:{port} refuses: {told}") from error
-                if self._peer is not None:
-                    self._peer.close()
-                    away_since = time.monotonic()
-                self._peer, last = None, str(error.strerror or error)
-                with self._changed:
-                    gives_up = self._ending or not self.sent
-                    if gives_up and time.monotonic() - away_since > self._patience_s:
-                        raise WireError(f"nobody takes samples at {host}:{port}: {last}") from error
-                    self._changed.wait(_RETRY_S)
+                link.hear(f"{link.name}/refused", lambda _, sample: self._refused(sample.payload.to_string()))
+                link.watch("receiver/*", self._on_receiver)
+                while self._has_receiver() and not self._deliver(link):
+                    pass
+            finally:
+                link.close()
+        except WireError as error:
+            self._refused(str(error))
+        except Exception as error:  # `send` must fail with it instead of waiting for ever
+            self._fail(str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}")
 
-    def _connected(self) -> socket.socket:
-        peer = socket.create_connection(self._address, timeout=_CONNECT_S)
-        peer.settimeout(_STALLED_S)
-        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        peer.sendall(self._hello)
-        self._answers = FrameReader(peer)
-        self._count()
-        return peer
+    def _has_receiver(self) -> bool:
+        """Waits until a receiver is present; returns false if there is none in time or it refuses."""
+        with self._changed:
+            since = time.monotonic()
+            while not self._receiver and not self._failure:
+                gives_up = self._ending or not self._known
+                if gives_up and time.monotonic() - since > self._patience_s:
+                    self._fail(f"no `stridetwin live` of this version listens at {self._where}")
+                self._changed.wait(min(_POLL_S, self._patience_s))
+            return not self._failure
 
-    def _count(self) -> None:
-        """Receives the number of messages taken; those sent after them are lost."""
-        assert self._answers is not None
-        told = self._answers.next(TAKEN, REFUSED, idle_s=_STALLED_S)
-        if told is None:
-            raise ConnectionResetError("the receiver hangs up")
-        if told[0] == REFUSED:
-            raise WireError(f"{self._address[0]}:{self._address[1]} refuses: {told[1].decode(errors='replace')}")
-        taken = read_taken(told[1])
+    def _deliver(self, link: Link) -> bool:
+        """Sends the hello, the next message or the end; returns whether it was the end."""
         with self._changed:
-            missing = 0 if taken is None else self.sent.total() - taken
-            for _ in range(min(missing, len(self._out))):
-                topic = self._out.pop()
-                self.sent[topic] -= 1
-                self.dropped[topic] += 1
-                self._untold[topic] += 1
-
-    def _deliver(self, peer: socket.socket) -> bool:
-        """Sends the next message; returns whether all are sent."""
-        with self._changed:
-            while not (waiting := [t for t, q in self._queues.items() if q]) and not self._ending:
-                self._changed.wait(_RETRY_S)
-                if _is_readable(peer):
-                    raise ConnectionResetError("the receiver hangs up")
-            lost = dict(self._untold)
-            topic = min(waiting, key=lambda t: self._queues[t][0]) if waiting else ""
-            self._flying, ready = self._queues[topic][0] if topic else (-1, b"")
-        if _is_readable(peer):
-            raise ConnectionResetError("the receiver hangs up")
-        if lost:
-            peer.sendall(lost_frame(lost))
-            with self._changed:
-                self._untold.subtract(lost)
-                self._untold = +self._untold
-        if not topic:
-            peer.sendall(frame(END))
-            peer.shutdown(socket.SHUT_WR)
-            self._count()
-            return True
-        peer.sendall(ready)
-        with self._changed:
-            if topic in self._queues:  # else the user's code has failed meanwhile
-                self._queues[topic].popleft()
-            self._flying = -1
-            self.sent[topic] += 1
-            self._out.append(topic)
-            self._changed.notify_all()
+            is_greeted = self._is_greeted
+            waiting = [topic for topic, queue in self._queues.items() if queue]
+            if is_greeted and not waiting and not self._ending:
+                self._changed.wait(_POLL_S)
+                return False
+            if is_greeted and waiting:
+                topic = min(waiting, key=lambda t: self._queues[t][0][0])
+                _, number, message = self._queues[topic].popleft()
+                self.sent[topic] += 1
+                self._put[topic] += 1
+                self._next[topic] = number + 1
+                self._changed.notify_all()
+        if not is_greeted:
+            self._greet(link)
+        elif waiting:
+            link.send(message, number)
+        else:
+            return self._settle(link.ask(f"{link.name}/end", json.dumps(self._numbers)))
         return False
 
-    def _refusal(self) -> str:
-        """The receiver's reason for closing the connection, "" if it gives none."""
-        try:
-            told = self._answers.next(REFUSED, idle_s=_STALLED_S) if self._answers else None
-        except (OSError, WireError):
-            return ""
-        return told[1].decode(errors="replace") if told else ""
+    def _greet(self, link: Link) -> None:
+        with self._changed:
+            self._is_greeted = True  # until the receiver disappears
+            if self._receiver != self._known:  # another one than before
+                self._put.clear()
+                self._known, self._first = self._receiver, dict(self._next)
+            hello = self._hello.model_copy(update={"next": self._first})
+        if not self._settle(link.ask(f"{link.name}/hello", hello.model_dump_json())):
+            self._is_greeted = False
+
+    def _settle(self, answer: bytes | None) -> bool:
+        """Counts the samples that the receiver has not received as dropped; returns whether it has answered."""
+        if answer is None:
+            return False
+        received = read(Counts, answer, "answer")
+        with self._changed:
+            missing = self._put - Counter(received)
+            self.sent -= missing
+            self._put -= missing
+            self.dropped += missing
+        return True
+
+    def _on_receiver(self, key: str, is_present: bool) -> None:
+        name = key.rpartition("/")[2]
+        with self._changed:
+            if is_present or self._receiver == name:
+                self._receiver, self._is_greeted = name if is_present else "", False
+                self._changed.notify_all()
+
+    def _refused(self, words: str) -> None:
+        self._fail(f"{self._where} refuses: {words}")
 
     def _fail(self, words: str) -> None:
         with self._changed:
-            self._failure = words
+            self._failure = self._failure or words
             self._changed.notify_all()
-
-
-def _is_readable(peer: socket.socket) -> bool:
-    return bool(select.select([peer], [], [], 0)[0])

@@ -1,296 +1,275 @@
-"""Wire protocol between hardware and estimators: our ROS 2 messages in frames, after a hello with the rig.
+"""Protocol between hardware and estimators: ROS 2 messages over Zenoh, after a hello with the rig.
 
-A frame is `length u32 | kind u8 | body`, little-endian, the length being that of kind and body together:
+The receiver listens at one TCP endpoint, senders connect to it, and discovery is off. `ID` is a sender's Zenoh ID:
 
-- `HELLO` first, once: JSON `{"stridetwin": 1, "sender": ID, "rig": YAML, "metadata": {NAME: TEXT}, "epoch_ns": N}`. The
-  rig is Kalibr YAML as in recordings, "" if there is none. Stamp 0 is `epoch_ns` after 1970 on the sender's system
-  clock; null if unknown. A sender that reconnects with the same ID replaces its old connection.
-- `SAMPLE`: `stamp i64 ns | n u8 | topic | m u8 | type name | CDR message`, the message as in a recording.
-  The stamp is used if the message has no header.
-- `LOST`: JSON `{TOPIC: samples}` that the sender has dropped since the last such frame.
-- `END`: no more frames follow.
-- `TAKEN`, from the receiver after a hello and after the end: `u64`, number of samples taken from this sender, or
-  2⁶⁴ - 1 if the sender is unknown. Samples sent beyond that are lost with the connection.
-- `REFUSED`, from the receiver: the reason as text; it then closes the connection.
-
-Frames are not compressed beyond the messages and not longer than `LARGEST`. A reader allocates memory for received
-bytes, not for the announced length.
+- `stridetwin/receiver/RID`: liveliness token of a receiver. A sender greets each one that appears.
+- `stridetwin/ID/hello`: query of a sender with a `Hello` in JSON. The reply is JSON `{TOPIC: samples received from this
+  sender}`, or an error with the reason of a refusal.
+- `stridetwin/ID/samples/TOPIC`: the message as in a recording (CDR), with the encoding `application/cdr;TYPE` and the
+  attachment `stamp i64 ns | number u64`, little-endian. The stamp is used if the message has no header. Numbers count
+  the samples of a topic, also those that the sender drops, so that each gap is a number of lost samples.
+- `stridetwin/ID/end`: query after the last sample, JSON `{TOPIC: number of the next one}`; reply as above.
+- `stridetwin/ID/refused`: from the receiver: the reason why it takes nothing more from this sender.
 """
 
 from __future__ import annotations
 
 import json
-import socket
+import re
 import struct
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stridetwin.streams.bounded import check_pixels
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.kalibr import rig_from_yaml, rig_to_yaml
+from stridetwin.streams.kalibr import rig_from_yaml
+from stridetwin.streams.live.messages import Message
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
+from stridetwin.streams.validation import adapter
 from stridetwin.streams.yaml_file import check_yaml
 
-VERSION = 1
+if TYPE_CHECKING:
+    import zenoh
+
+VERSION: Literal[2] = 2
 PORT = 7365
-HELLO, SAMPLE, LOST, END, REFUSED, TAKEN = range(1, 7)
 LARGEST = 10 << 20
-"""Bytes of a frame: a depth image of 1920 × 1200 in float metres."""
-LARGEST_HELLO = 1 << 18
+"""Bytes of a message: a depth image of 1920 × 1200 in float metres."""
+LARGEST_HELLO = 1 << 19
+"""Bytes of a hello; half of it is for rig and metadata, the rest for numbers by topic."""
 LARGEST_SMALL = 1 << 16
 """Bytes of a message without an image."""
-FRAME_S = 2.0
-"""A frame must be complete this long after its beginning, s."""
 LATEST_NS = 2**31 * 1_000_000_000
-_HEAD = struct.Struct("<IB")
-_STAMP = struct.Struct("<q")
-_COUNT = struct.Struct("<Q")
-_PIECE = 1 << 16
-_MOST_EPOCH_NS = 2**62
-_UNKNOWN = 2**64 - 1
+_TOPIC = re.compile(r"(/[^/*$?#\s]+)+", re.ASCII)
+_ROOT, _CDR = "stridetwin", "application/cdr;"
+_MARK = struct.Struct("<qQ")
+_ANSWER_S = 60.0
+_CONFIG: Mapping[str, Any] = {
+    "mode": "peer",
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "connect/timeout_ms": 0,
+    "connect/exit_on_failure": False,  # a sender may start before its receiver
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+    "transport/unicast/max_sessions": 32,
+    "transport/unicast/open_timeout": 2000,  # ms, of a peer that says nothing
+    "transport/unicast/accept_timeout": 2000,
+    "transport/link/rx/max_message_size": LARGEST + LARGEST_SMALL,
+    "transport/link/tx/lease": 60_000,  # ms, as an estimator that compiles takes nothing for so long
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,  # µs, as above
+    "transport/shared_memory/enabled": False,
+}
+
+Counts = Annotated[
+    dict[Annotated[str, Field(max_length=255)], Annotated[int, Field(ge=0, lt=2**53)]], Field(max_length=1000)
+]
+"""Numbers of samples by topic."""
 
 
 class WireError(StrideTwinError):
-    """Bytes that violate the protocol, or a refusal by the receiver."""
+    """Data that violate the protocol, a refusal by the receiver, or a receiver that is absent."""
 
 
-class StalledError(WireError):
-    """A frame that is not completed: a hostile peer, or a dead connection."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Message:
-    """One message in transit.
-
-    Attributes:
-        t_ns: Its stamp.
-        topic: Name of the stream.
-        typename: ROS 2 type, such as `sensor_msgs/msg/Imu`.
-        payload: CDR bytes.
-    """
-
-    t_ns: int
-    topic: str
-    typename: str
-    payload: bytes
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hello:
+class Hello(BaseModel):
     """Description of a sender.
 
     Attributes:
-        rig: Calibration of its sensors.
+        version: Version of the protocol.
+        rig: Calibration of its sensors as Kalibr YAML; "" if there is none.
         metadata: Texts as in recordings, such as the geometry of an exoskeleton.
         epoch_ns: System time at stamp 0, ns since 1970; None if unknown.
-        sender: Its ID during its lifetime; "" if each connection is a new sender.
+        next: Number of the first sample for this receiver, by topic; 0 for topics that it lacks.
     """
 
-    rig: Rig = field(default_factory=Rig)
-    metadata: Mapping[str, str] = field(default_factory=dict)
-    epoch_ns: int | None = None
-    sender: str = ""
+    model_config = ConfigDict(strict=True, frozen=True)
 
+    version: Literal[2]
+    rig: str = ""
+    metadata: dict[str, str] = {}
+    epoch_ns: Annotated[int, Field(gt=-(2**62), lt=2**62)] | None = None
+    next: Counts = {}
 
-def frame(kind: int, body: bytes = b"") -> bytes:
-    """A frame."""
-    return _HEAD.pack(len(body) + 1, kind) + body
-
-
-def hello_frame(hello: Hello) -> bytes:
-    """The frame of a hello.
-
-    Raises:
-        WireError: It is longer than any receiver takes.
-    """
-    told = {
-        "stridetwin": VERSION,
-        "sender": hello.sender,
-        "rig": rig_to_yaml(hello.rig),
-        "metadata": dict(hello.metadata),
-        "epoch_ns": hello.epoch_ns,
-    }
-    body = json.dumps(told).encode()
-    if len(body) >= LARGEST_HELLO:
-        raise WireError(f"invalid hello of {len(body)} bytes: expected less than {LARGEST_HELLO}")
-    return frame(HELLO, body)
-
-
-def sample_frame(message: Message) -> bytes:
-    """The frame of a message.
-
-    Raises:
-        WireError: It is longer than any receiver takes.
-    """
-    topic, typename = message.topic.encode(), message.typename.encode()
-    head = _STAMP.pack(message.t_ns) + bytes([len(topic)]) + topic + bytes([len(typename)]) + typename
-    made = frame(SAMPLE, head + message.payload)
-    if len(made) > LARGEST:
-        raise WireError(f"{message.topic}: invalid length of {len(message.payload)} bytes: expected up to {LARGEST}")
-    return made
-
-
-def lost_frame(lost: Mapping[str, int]) -> bytes:
-    """The frame with the number of dropped samples of each topic."""
-    return frame(LOST, json.dumps(dict(lost)).encode())
-
-
-def taken_frame(count: int | None) -> bytes:
-    """The frame with the number of samples taken from a sender; None for a new one."""
-    return frame(TAKEN, _COUNT.pack(_UNKNOWN if count is None else count))
-
-
-def read_taken(body: bytes) -> int | None:
-    """Number of samples taken; None if the receiver does not know us.
-
-    Raises:
-        WireError: The body is invalid.
-    """
-    if len(body) != _COUNT.size:
-        raise WireError("taken: invalid: expected 8 bytes")
-    (count,) = _COUNT.unpack(body)
-    return None if count == _UNKNOWN else int(count)
-
-
-def read_hello(body: bytes) -> Hello:
-    """A hello from its frame's body.
-
-    Raises:
-        WireError: The body is not a hello or of another version, or its rig is invalid.
-    """
-    told = _json(body, "hello")
-    if told.get("stridetwin") != VERSION:
-        raise WireError(f"hello: invalid version {told.get('stridetwin')!r}: expected {VERSION}")
-    rig, metadata, epoch = told.get("rig", ""), told.get("metadata", {}), told.get("epoch_ns")
-    sender = told.get("sender", "")
-    texts = isinstance(metadata, dict) and all(isinstance(v, str) for v in (rig, sender, *metadata.values()))
-    if not texts or not (epoch is None or (isinstance(epoch, int) and abs(epoch) < _MOST_EPOCH_NS)):
-        raise WireError(
-            "hello: invalid: expected texts for sender, rig and metadata, a whole number or null for epoch_ns"
-        )
-    try:
-        check_yaml(rig, "hello: rig", most_aliases=0)
-        known = rig_from_yaml(rig, "hello: rig") if rig.strip() else Rig()
-        for camera in known.cameras.values():  # an estimator allocates memory by these values
-            check_pixels(camera.width, camera.height)
-    except (StrideTwinError, ValueError) as error:
-        raise WireError(f"{error}") from error
-    return Hello(rig=known, metadata=metadata, epoch_ns=epoch, sender=sender)
-
-
-def read_sample(body: bytes) -> Message:
-    """A message from its frame's body.
-
-    Raises:
-        WireError: The body is invalid.
-    """
-    try:
-        (t_ns,) = _STAMP.unpack_from(body)
-        at = _STAMP.size
-        names = []
-        for _ in range(2):
-            end = at + 1 + body[at]
-            names.append(body[at + 1 : end].decode("ascii"))
-            at = end
-    except (struct.error, IndexError, UnicodeDecodeError) as error:
-        raise WireError("a sample's frame with a damaged head") from error
-    topic, typename = names
-    if at > len(body) or not topic.startswith("/") or not topic.isprintable() or len(topic) < 2:
-        raise WireError(f"invalid topic {topic[:40]!r}: expected a name that begins with /")
-    if not 0 <= t_ns < LATEST_NS:
-        raise WireError(f"{topic}: invalid stamp {t_ns} ns: expected 0 to {LATEST_NS}")
-    if typename not in IMAGES and len(body) - at > LARGEST_SMALL:
-        raise WireError(f"{topic}: invalid {typename[:60]!r} of {len(body) - at} bytes: expected up to {LARGEST_SMALL}")
-    return Message(t_ns=t_ns, topic=topic, typename=typename, payload=body[at:])
-
-
-def read_lost(body: bytes) -> dict[str, int]:
-    """Number of samples dropped by a sender, by topic.
-
-    Raises:
-        WireError: The body is invalid.
-    """
-    told = _json(body, "lost")
-    if len(told) > 1000 or not all(isinstance(n, int) and 0 <= n < 2**53 for n in told.values()):
-        raise WireError("lost: invalid: expected numbers of samples by topic")
-    return told
-
-
-def limit_of(kind: int) -> int:
-    """Largest frame of a kind, bytes."""
-    return {
-        HELLO: LARGEST_HELLO,
-        SAMPLE: LARGEST,
-        LOST: LARGEST_SMALL,
-        END: 1,
-        REFUSED: LARGEST_SMALL,
-        TAKEN: 1 + _COUNT.size,
-    }.get(kind, 0)
-
-
-class FrameReader:
-    """Reads frames from a socket, many small ones at a time.
-
-    Args:
-        peer: Connected socket; this object sets its timeout.
-    """
-
-    def __init__(self, peer: socket.socket) -> None:
-        self._peer = peer
-        self._held = bytearray()
-
-    def next(self, *wanted: int, idle_s: float | None = None) -> tuple[int, bytes] | None:
-        """The next frame, kind and body; None if the peer has closed the connection between frames.
-
-        Args:
-            wanted: Accepted kinds.
-            idle_s: Time within which it must begin; None waits for ever.
+    @cached_property
+    def calibration(self) -> Rig:
+        """The rig, parsed.
 
         Raises:
-            WireError: An invalid frame, one of another kind, one too long, or one that is not completed in time.
-            OSError: The connection is lost.
+            WireError: It is invalid.
         """
-        if not self._held:
-            self._peer.settimeout(idle_s)
-            try:
-                self._held += self._peer.recv(_PIECE)
-            except TimeoutError as error:
-                if idle_s is None:  # the system's timeout: the peer does not answer any more
-                    raise
-                raise WireError(f"nothing came for {idle_s:g} s") from error
-            if not self._held:
-                return None
-        until = time.monotonic() + FRAME_S
-        self._fill(_HEAD.size, until)
-        length, kind = _HEAD.unpack_from(self._held)
-        if kind not in wanted:
-            raise WireError(f"invalid frame of kind {kind}: expected {', '.join(map(str, wanted))}")
-        if not 1 <= length <= limit_of(kind):
-            raise WireError(f"invalid frame of kind {kind} of {length} bytes: expected 1 to {limit_of(kind)}")
-        end = _HEAD.size + length - 1
-        self._fill(end, until)
-        body = bytes(memoryview(self._held)[_HEAD.size : end])
-        del self._held[:end]
-        return kind, body
+        try:
+            check_yaml(self.rig, "hello: rig", most_aliases=0)
+            rig = rig_from_yaml(self.rig, "hello: rig") if self.rig.strip() else Rig()
+            for camera in rig.cameras.values():  # an estimator allocates memory by these values
+                check_pixels(camera.width, camera.height)
+        except (StrideTwinError, ValueError) as error:
+            raise WireError(str(error)) from error
+        return rig
 
-    def _fill(self, count: int, until: float) -> None:
-        """Reads until the buffer has at least `count` bytes."""
-        while (missing := count - len(self._held)) > 0:
-            left_s = until - time.monotonic()
-            late = left_s <= 0
-            self._peer.settimeout(max(left_s, 0.0))
-            try:  # available bytes are read once even after the deadline, as the delay may be ours
-                piece = self._peer.recv(missing if late else _PIECE)
-            except (TimeoutError, BlockingIOError) as error:
-                raise _stalled() from error
-            if not piece:
-                raise WireError(f"the connection ends {missing} bytes before its frame")
-            self._held += piece
-            if late and len(piece) < missing:
-                raise _stalled()
+
+def read(kind: Any, body: bytes, what: str) -> Any:
+    """A `Hello` or `Counts` from the JSON of a query.
+
+    Raises:
+        WireError: The body is not one; names the first invalid field.
+    """
+    if len(body) > LARGEST_HELLO:
+        raise WireError(f"invalid {what} of {len(body)} bytes: expected up to {LARGEST_HELLO}")
+    try:
+        return adapter(kind).validate_json(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place, given = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]
+        raise WireError(f"{what}: invalid {place} {given}: {first['msg']}".replace("  ", " ")) from error
+
+
+def check_message(message: Message) -> None:
+    """Checks topic, stamp and size.
+
+    Raises:
+        WireError: One is invalid.
+    """
+    topic, typename, size = message.topic, message.typename, len(message.payload)
+    if len(topic) > 255 or not _TOPIC.fullmatch(topic):
+        raise WireError(f"invalid topic {topic[:40]!r}: expected a name such as /head/imu")
+    if not 0 <= message.t_ns < LATEST_NS:
+        raise WireError(f"{topic}: invalid stamp {message.t_ns} ns: expected 0 to {LATEST_NS}")
+    if len(typename) > 200:
+        raise WireError(f"{topic}: invalid type {typename[:60]!r}: expected a name such as sensor_msgs/msg/Imu")
+    if size > (limit := LARGEST if typename in IMAGES else LARGEST_SMALL):
+        raise WireError(f"{topic}: invalid {typename[:60]!r} of {size} bytes: expected up to {limit}")
+
+
+def read_message(sample: zenoh.Sample) -> tuple[Message, int]:
+    """A message and its number.
+
+    Raises:
+        WireError: The sample is not a message.
+    """
+    topic = "/" + str(sample.key_expr).split("/", 3)[3]
+    mark, encoding = bytes(sample.attachment or b""), str(sample.encoding)
+    if len(mark) != _MARK.size or not encoding.startswith(_CDR):
+        raise WireError(f"{topic[:40]}: invalid sample: expected {_CDR}TYPE with stamp and number")
+    t_ns, number = _MARK.unpack(mark)
+    payload, typename = sample.payload.to_bytes(), encoding.removeprefix(_CDR)
+    message = Message(t_ns=t_ns, topic=topic, typename=typename, payload=payload)
+    check_message(message)
+    return message, number
+
+
+class Link:
+    """A Zenoh session whose only connections are those of one address.
+
+    Callbacks run in the thread that reads the connection: in order, and while one waits, the other end waits, too.
+
+    Args:
+        listen: Host and port to listen at.
+        connect: Host and port to connect to, again and again.
+
+    Attributes:
+        name: Its Zenoh ID.
+
+    Raises:
+        StrideTwinError: The address cannot be listened at, or Zenoh is not installed.
+    """
+
+    def __init__(self, *, listen: tuple[str, int] | None = None, connect: tuple[str, int] | None = None) -> None:
+        try:
+            import zenoh
+        except ModuleNotFoundError as error:
+            raise StrideTwinError(
+                "zenoh is not installed; live and send need it: pip install 'stridetwin[live]'"
+            ) from error
+        self._zenoh, config = zenoh, zenoh.Config()
+        endpoints = {"listen/endpoints": _endpoints(listen), "connect/endpoints": _endpoints(connect)}
+        for key, value in {**_CONFIG, **endpoints}.items():
+            config.insert_json5(key, json.dumps(value))
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            words = re.split(r" \(os error| at /", str(error).partition("[")[2] or str(error))[0]  # no lines of Rust
+            where = listen or connect or ("", 0)
+            raise StrideTwinError(f"cannot listen at {where[0]}:{where[1]}: {words.rpartition(': ')[2]}") from error
+        self.name = str(self._session.zid())
+        self._tokens: list[zenoh.LivelinessToken] = []
+
+    def close(self) -> None:
+        """Closes all connections."""
+        self._session.close()
+
+    def send(self, message: Message, number: int) -> None:
+        """Sends a message; waits while the connection is busy. Without a connection, it is lost."""
+        self._session.put(
+            f"{_ROOT}/{self.name}/samples{message.topic}", message.payload, encoding=_CDR + message.typename,
+            attachment=_MARK.pack(message.t_ns, number), congestion_control=self._zenoh.CongestionControl.BLOCK,
+        )  # fmt: skip
+
+    def say(self, key: str, text: str) -> None:
+        """Publishes a text."""
+        self._session.put(f"{_ROOT}/{key}", text)
+
+    def hear(self, key: str, act: Callable[[str, zenoh.Sample], None]) -> None:
+        """Calls a function with the sender's ID and each sample of a key."""
+        self._session.declare_subscriber(f"{_ROOT}/{key}", self._direct(lambda s: act(_name_in(s.key_expr), s)))
+
+    def when_gone(self, act: Callable[[str], None]) -> None:
+        """Calls a function with the Zenoh ID of each peer whose connection ends."""
+        put = self._zenoh.SampleKind.PUT
+        handler = self._direct(lambda event: None if event.kind == put else act(str(event.transport.zid)))
+        self._session.info.declare_transport_events_listener(handler)
+
+    def appear(self, key: str) -> None:
+        """Shows a token while the connection lasts."""
+        self._tokens.append(self._session.liveliness().declare_token(f"{_ROOT}/{key}"))
+
+    def watch(self, key: str, act: Callable[[str, bool], None]) -> None:
+        """Calls a function with the key of each token that appears (true) or disappears."""
+        put = self._zenoh.SampleKind.PUT
+        handler = self._direct(lambda s: act(str(s.key_expr).removeprefix(f"{_ROOT}/"), s.kind == put))
+        self._session.liveliness().declare_subscriber(f"{_ROOT}/{key}", handler, history=True)
+
+    def answer(self, key: str, act: Callable[[str, bytes], tuple[str, bool]]) -> None:
+        """Answers queries of a key: a function takes the sender's ID and the body; returns a reply and its success."""
+
+        def reply(query: zenoh.Query) -> None:
+            answer, done = act(_name_in(query.key_expr), query.payload.to_bytes() if query.payload is not None else b"")
+            with query:
+                if done:
+                    query.reply(query.key_expr, answer)
+                else:
+                    query.reply_err(answer)
+
+        self._session.declare_queryable(f"{_ROOT}/{key}", self._direct(reply))
+
+    def ask(self, key: str, body: str) -> bytes | None:
+        """The receiver's answer to a query; None if the connection is lost.
+
+        Raises:
+            WireError: It refuses.
+        """
+        for reply in self._session.get(f"{_ROOT}/{key}", payload=body, timeout=_ANSWER_S):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            if reply.err is not None and (words := reply.err.payload.to_string()) != "Timeout":
+                raise WireError(words)
+        return None
+
+    def _direct(self, act: Callable[[Any], None]) -> Any:
+        return self._zenoh.handlers.Callback(act, indirect=False)
+
+
+def _endpoints(address: tuple[str, int] | None) -> list[str]:
+    if address is None:
+        return []
+    host, port = address
+    return [f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"]
+
+
+def _name_in(key: zenoh.KeyExpr) -> str:
+    return str(key).split("/")[1]
 
 
 def parse_address(text: str, flag: str) -> tuple[str, int]:
@@ -299,33 +278,12 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     Raises:
         StrideTwinError: The text is not an address.
     """
-    host, colon, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
-    if not colon:
-        host, port = text, ""
-    host = host.strip("[]")
-    number = int(port) if port.isdecimal() and len(port) < 6 else PORT if not port else -1
-    if not 0 <= number < 65536 or not _may_be_host(host):
-        raise StrideTwinError(f"{flag}: invalid {text!r}: expected HOST:PORT, such as 127.0.0.1:{PORT}")
-    return host or "127.0.0.1", number
-
-
-def _may_be_host(host: str) -> bool:
+    found = re.fullmatch(r"(\[[0-9a-fA-F.]*:[0-9a-fA-F:.]*\]|[^:/ \0?#]*)(?::(\d{0,5}))?", text)
+    host, port = (found[1].strip("[]"), int(found[2] or PORT)) if found else ("", -1)
     try:
-        host.encode("idna")  # as the socket does: rejects empty or too long parts of a name
+        host.encode("idna")  # rejects empty or too long parts of a name
     except UnicodeError:
-        return False
-    return not any(character in host for character in "/ \0")
-
-
-def _stalled() -> StalledError:
-    return StalledError(f"a frame that is not whole after {FRAME_S:g} s")
-
-
-def _json(body: bytes, what: str) -> dict[str, Any]:
-    try:
-        told = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise WireError(f"{what}: no JSON") from error
-    if not isinstance(told, dict):
-        raise WireError(f"{what}: no JSON object")
-    return told
+        port = -1
+    if not 0 <= port < 65536:
+        raise StrideTwinError(f"{flag}: invalid address {text!r}: expected HOST:PORT, such as 127.0.0.1:{PORT}")
+    return host or "127.0.0.1", port

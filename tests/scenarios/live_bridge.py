@@ -10,7 +10,7 @@ from stridetwin.streams.errors import StrideTwinError
 
 
 def free_port():
-    """One that is free now, and that the system gives to nobody who does not ask for it by number."""
+    """One that is free now and outside the range from which the system assigns ports."""
     while True:
         port = random.randrange(20_000, 32_000)
         with suppress(OSError), socket.create_server(("127.0.0.1", port)):
@@ -29,14 +29,14 @@ def outcome(*words):
 def alive(words, *senders, port=None):
     """Runs `live` in a thread while each sender does its part with the address; returns what `live` has to say."""
     where = f"127.0.0.1:{port or free_port()}"
-    told = []
-    live = threading.Thread(target=lambda: told.append(outcome("live", *words, "--listen", where)), daemon=True)
+    results = []
+    live = threading.Thread(target=lambda: results.append(outcome("live", *words, "--listen", where)), daemon=True)
     live.start()
     for send in senders:
         send(where)
     live.join(300)
-    assert told, "`live` waits for an end that nobody has told it"
-    return told[0]
+    assert results, "`live` has not ended"
+    return results[0]
 
 
 def sent(recording, *words):

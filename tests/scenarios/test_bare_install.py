@@ -20,7 +20,7 @@ MADE = {
     "terrain_map": ["o.json", "o.ply"],
     "locomotion_mode": ["o.csv"],
 }
-NAMES = {"dm-control": "dm_control", "rerun-sdk": "rerun", "scikit-learn": "sklearn"}
+NAMES = {"dm-control": "dm_control", "rerun-sdk": "rerun", "scikit-learn": "sklearn", "eclipse-zenoh": "zenoh"}
 
 
 def test_what_is_blocked_is_what_the_extras_bring():
@@ -72,7 +72,12 @@ def test_an_estimator_runs_on_a_recording(name, estimates):
 
 
 def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tmp_path):
-    commands = [["list"], ["place", "shoe_sight", "-o", "x"], ["experiment", "assistance", "-o", "x"]]
+    commands = [
+        ["list"],
+        ["place", "shoe_sight", "-o", "x"],
+        ["experiment", "assistance", "-o", "x"],
+        ["live", "--record", "x.mcap"],
+    ]
     script = (
         "import json, sys; from tools.without_extras import Nothing; sys.meta_path.insert(0, Nothing());"
         "from stridetwin.cli.main import main;"
@@ -83,11 +88,12 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == " [0, 2, 2]"
+    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2]"
     assert "  shoe_sight " in done.stdout
     lines = done.stderr.splitlines()
     assert [line.partition(" is not installed; ")[2] for line in lines] == [
         "placements need the simulator: pip install 'stridetwin[twin]'",
         "experiments need the simulator: pip install 'stridetwin[closed-loop]'",
+        "live and send need it: pip install 'stridetwin[live]'",
     ]
     assert list(tmp_path.iterdir()) == []

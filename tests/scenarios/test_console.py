@@ -2,6 +2,7 @@
 
 import io
 import re
+import time
 
 import pytest
 
@@ -36,6 +37,29 @@ def test_a_log_has_a_line_per_stage_and_the_time_left_of_a_long_one(clock):
         "walk 75%, 0:00:30 left ...",
         "estimate ...",
     ]
+
+
+def test_no_time_left_is_shown_before_some_work_is_done(clock, monkeypatch):
+    log = io.StringIO()
+    progress = console.Console(log)
+    for second, share in ((0, 0.0), (90, 0.0), (91, 0.01), (121, 0.03), (151, 0.51)):  # kernels compile for 90 s
+        clock[0] = float(second)
+        progress("walk", share)
+    assert log.getvalue().splitlines() == ["walk ...", "walk 1% ...", "walk 3% ...", "walk 51%, 0:00:59 left ..."]
+
+
+@pytest.mark.parametrize(("share", "is_known"), [(0.01, False), (0.5, True)])
+def test_a_bar_has_no_time_left_before_some_work_is_done(monkeypatch, share, is_known):
+    monkeypatch.setenv("TERM", "xterm")
+    screen = Terminal()
+    progress = console.Console(screen)
+    progress("walk", 0.0)
+    time.sleep(0.2)
+    progress("walk", share / 2)
+    time.sleep(0.2)
+    progress("walk", share)
+    progress.close()
+    assert bool(re.search(r"[0-9]:[0-9]{2}:[0-9]{2}", screen.getvalue())) == is_known
 
 
 def test_a_terminal_has_one_bar_that_goes_away(monkeypatch):

@@ -38,7 +38,7 @@ def example(monkeypatch, name, *words):
 @pytest.mark.parametrize("console", CONSOLES, ids=range(len(CONSOLES)))
 def test_every_command_of_the_page_does_what_it_says(console, seen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("stridetwin.pipeline.live.made_up_samples", lambda *_: [])  # which costs seconds
+    monkeypatch.setattr("stridetwin.pipeline.live.synthetic_samples", lambda *_: [])  # which costs seconds
     (tmp_path / "walk.mcap").symlink_to(seen)
     write_rig(Recording(seen).rig, tmp_path / "rig.yaml")
     lines = [shlex.split(line.removeprefix("$ ")) for line in console.splitlines()]
@@ -179,7 +179,7 @@ def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
             subscribed[topic] = kind, callback
 
     stand_in = {
-        "rclpy": {"init": lambda: None, "spin": lambda node: None},
+        "rclpy": {"init": lambda: None, "spin": lambda node: spin(node)},
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": None},
         "rosidl_runtime_py": {},
@@ -208,15 +208,12 @@ def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
         while socket.socket().connect_ex(("127.0.0.1", int(where.split(":")[1]))) and time.monotonic() < until:
             time.sleep(0.05)  # a node does not look twice
         example(monkeypatch, "ros2_forward.py", tmp_path / "rig.yaml", *where.split(":"))
+
+    def spin(node):
         kind, callback = subscribed["/xsens/imu"]
         assert kind == "sensor_msgs/msg/Imu"
         for sample in samples:
             callback(encoder.message(sample).payload)
-        peer = callback.func.__self__.peer
-        peer.sendall(wire.frame(wire.END))
-        while peer.recv(1 << 16):  # closed before it has read, it would break the connection, with what is on the way
-            pass
-        peer.close()
 
     recorded = tmp_path / "ros.mcap"
     made = alive(["--record", recorded], forward)

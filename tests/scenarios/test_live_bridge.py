@@ -1,4 +1,4 @@
-"""Estimators live over the bridge: the numbers of `estimate`, what is recorded, what is told of time and trouble."""
+"""Estimators live over the bridge: the numbers of `estimate`, what is recorded, latency and warnings."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def estimated(*words):
 
 
 def test_one_foot_live_is_one_foot_offline_and_everything_is_recorded(seen, tmp_path):
-    told, offline, recorded = (tmp_path / n for n in ("live.txt", "offline.txt", "recorded.mcap"))
-    made = alive(["foot_ins", "--foot", "r", "-o", told, "--record", recorded], sent(seen))
+    result, offline, recorded = (tmp_path / n for n in ("live.txt", "offline.txt", "recorded.mcap"))
+    made = alive(["foot_ins", "--foot", "r", "-o", result, "--record", recorded], sent(seen))
     estimated("foot_ins", seen, "--foot", "r", "-o", offline)
-    assert told.read_bytes() == offline.read_bytes()
+    assert result.read_bytes() == offline.read_bytes()
     estimated("foot_ins", recorded, "--foot", "r", "-o", offline)
-    assert told.read_bytes() == offline.read_bytes()
+    assert result.read_bytes() == offline.read_bytes()
     topics = {t: i.count for t, i in Recording(seen).topics.items() if not t.startswith("/truth/")}
     assert {t: i.count for t, i in Recording(recorded).topics.items()} == topics
     assert {t: c["received"] for t, c in made.data["streams"].items()} == topics
@@ -80,17 +80,17 @@ def test_feet_of_two_senders_live_are_feet_offline(seen, tmp_path):
     late = sum(c["late"] for c in made.data["streams"].values())
     assert made.data["window_ms"] == 500.0
     for f, file in zip("lr", offline):
-        told, true = np.loadtxt(tmp_path / f"two_{f}.txt"), np.loadtxt(file)
-        assert np.array_equal(told[:, 0], true[:, 0])
-        assert late or np.abs(told - true).max() < 1e-12
+        result, true = np.loadtxt(tmp_path / f"two_{f}.txt"), np.loadtxt(file)
+        assert np.array_equal(result[:, 0], true[:, 0])
+        assert late or np.abs(result - true).max() < 1e-12
 
 
 def test_steps_live_are_steps_offline(seen, tmp_path):
-    told, offline = tmp_path / "live.csv", tmp_path / "offline.csv"
+    result, offline = tmp_path / "live.csv", tmp_path / "offline.csv"
     estimated("contact_terrain", seen, "-o", offline)
-    alive(["contact_terrain", "-o", told], sent(seen))
-    assert told.read_bytes() == offline.read_bytes()
-    assert len(told.read_text().splitlines()) > 2
+    alive(["contact_terrain", "-o", result], sent(seen))
+    assert result.read_bytes() == offline.read_bytes()
+    assert len(result.read_text().splitlines()) > 2
 
 
 def poses_and_rest(recording, odometry):
@@ -116,11 +116,11 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
     made = alive(["locomotion_mode", "-o", tmp_path / "live.csv"], sent(seen))
     assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "offline.csv").read_bytes()
     assert made.data["rows"][str(tmp_path / "live.csv")] == len(rows) > 0
-    told = made.data["latency"]["arrival_to_estimate"]
-    assert set(told) == {"dvio", "locomotion_mode"}
-    assert set(told["locomotion_mode"]) == {"/head/depth", *INSOLES}
-    assert set(told["dvio"]) == {"/head/imu", "/head/color", "/head/depth"}
-    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])  # all is compiled by now
+    result = made.data["latency"]["arrival_to_estimate"]
+    assert set(result) == {"dvio", "locomotion_mode"}
+    assert set(result["locomotion_mode"]) == {"/head/depth", *INSOLES}
+    assert set(result["dvio"]) == {"/head/imu", "/head/color", "/head/depth"}
+    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])  # all is compiled by now
     alive(["terrain_map", "-o", tmp_path / "live.json"], sent(seen))
     for suffix in ("json", "ply"):
         assert (tmp_path / f"live.{suffix}").read_bytes() == (tmp_path / f"offline.{suffix}").read_bytes()
@@ -130,15 +130,15 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
 
 
 def test_a_folder_of_another_tool_can_be_sent(seen, tmp_path):
-    table, told = tmp_path / "imu.csv", tmp_path / "live.txt"
+    table, result = tmp_path / "imu.csv", tmp_path / "live.txt"
     main(["export", str(seen), "--format", "table", "-o", str(table)])
     rig = tmp_path / "rig.yaml"
     write_rig(Recording(seen).rig, rig)
-    alive(["foot_ins", "-o", told], sent(table, "--rig", rig))
-    assert len(told.read_text().splitlines()) == len(table.read_text().splitlines()) - 1
+    alive(["foot_ins", "-o", result], sent(table, "--rig", rig))
+    assert len(result.read_text().splitlines()) == len(table.read_text().splitlines()) - 1
 
 
-def test_in_real_time_the_way_from_stamp_to_arrival_is_told(seen, tmp_path):
+def test_in_real_time_the_way_from_stamp_to_arrival_is_measured(seen, tmp_path):
     def some(where):
         recording = Recording(seen)
         block = [s for s in recording.block("/foot_l/imu")][:30]
@@ -156,13 +156,13 @@ def test_in_real_time_the_way_from_stamp_to_arrival_is_told(seen, tmp_path):
 
 
 def test_a_port_of_thousands_of_digits_is_none():
-    with pytest.raises(StrideTwinError, match=r"--to: invalid .*: expected HOST:PORT"):
+    with pytest.raises(StrideTwinError, match=r"--to: invalid address .*: expected HOST:PORT"):
         parse_address(f"127.0.0.1:{'9' * 5000}", "--to")
 
 
-def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):
+def test_what_goes_wrong_is_reported_in_one_line(seen, tmp_path, monkeypatch):
     recording, nothing = seen, lambda *_: []
-    monkeypatch.setattr(live, "made_up_samples", nothing)
+    monkeypatch.setattr(live, "synthetic_samples", nothing)
     assert "nothing to do" in str(outcome("live"))
     assert "-o goes with an estimator" in str(outcome("live", "--record", "a.mcap", "-o", "b.txt"))
     assert "--foot goes with foot_ins" in str(outcome("live", "dvio", "--foot", "l"))
@@ -170,11 +170,11 @@ def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):
     assert "--method published goes with" in str(outcome("live", "foot_ins", "--method", "published"))
     assert "no topic '/x'" in str(outcome("send", recording, "--topic", "/x"))
     nobody = outcome("send", recording, "--to", f"127.0.0.1:{free_port()}", "--patience", "0.1")
-    assert "nobody takes samples" in str(nobody)
+    assert "no `stridetwin live` of this version listens at 127.0.0.1:" in str(nobody)
     nowhere = outcome("send", recording, "--to", "192.168..10")
-    assert str(nowhere) == "--to: invalid '192.168..10': expected HOST:PORT, such as 127.0.0.1:7365"
+    assert str(nowhere) == "--to: invalid address '192.168..10': expected HOST:PORT, such as 127.0.0.1:7365"
     lacking = alive(["dvio", "-o", tmp_path / "path.txt"], sent(recording, "--topic", "/foot_l/imu"))
-    assert "nothing was estimated: nothing has come of /head/imu, /head/color, /head/depth" in str(lacking)
+    assert "nothing was estimated: no samples arrived of /head/imu, /head/color, /head/depth" in str(lacking)
 
     def bare(where):
         with Sender(Rig(), parse_address(where, "--to"), patience_s=60) as sender:
@@ -186,7 +186,7 @@ def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):
 
 
 def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
+    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])
     recording, rig = Recording(seen), tmp_path / "rig.yaml"
     write_rig(recording.rig, rig)
     right = list(recording.block("/foot_r/imu"))
@@ -204,21 +204,19 @@ def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_
     assert made.data["streams"]["/foot_r/imu"]["received"] == len(right)
     assert len((tmp_path / "feet_r.txt").read_text().splitlines()) == len(right)
     said = capsys.readouterr().err
-    assert (
-        "/foot_l/imu: of another kind than the estimator takes: such samples are left out (Range and not Imu)" in said
-    )
+    assert "/foot_l/imu: of another kind than the estimator reads: such samples are left out (Range, not Imu)" in said
 
     def alone(where):
         with Sender(recording.rig, parse_address(where, "--to"), patience_s=60) as sender:
             for i in range(5):
                 sender.send(Accelerometer(topic="/foot_l/imu", t_ns=i + 1, specific_force=np.ones(3)))
 
-    assert "nothing has come of /foot_l/imu" in str(alive(["foot_ins"], alone))
-    assert capsys.readouterr().err.count("(Accelerometer and not Imu)") == 1
+    assert "no samples arrived of /foot_l/imu" in str(alive(["foot_ins"], alone))
+    assert capsys.readouterr().err.count("(Accelerometer, not Imu)") == 1
 
 
-def test_pictures_of_another_size_are_left_out_and_told(seen, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
+def test_images_of_another_size_are_left_out_and_reported(seen, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])
     recording, rig = Recording(seen), tmp_path / "rig.yaml"
     camera = recording.rig.cameras["/head/color"]
     halved = replace(camera, width=camera.width // 2, height=camera.height // 2)
@@ -229,24 +227,26 @@ def test_pictures_of_another_size_are_left_out_and_told(seen, tmp_path, monkeypa
         for topic in ("/head/color", "/head/depth"):
             counts = made.data["streams"][topic]
             assert counts["other_size"] == counts["received"] > 0
-        size = f"({camera.width} × {camera.height} and not {halved.width} × {halved.height})"
-        words = f"of another size than the rig tells: such pictures are left out {size}"
+        size = f"({camera.width} × {camera.height}, not {halved.width} × {halved.height})"
+        words = f"of another size than in the rig: such images are left out {size}"
         assert capsys.readouterr().err.count(words) == 2
 
 
-def test_pictures_that_have_waited_are_left_out_where_that_is_asked_for_and_recorded_all_the_same(
-    seen, tmp_path, monkeypatch
+@pytest.mark.parametrize("option", ["--skip-images", "--skip-pictures"])
+def test_images_that_have_waited_are_skipped_on_request_and_recorded_all_the_same(
+    option, seen, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
+    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])
     recorded = tmp_path / "recorded.mcap"
-    words = ["dvio", "--skip-images", "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
+    words = ["dvio", option, "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
     made = alive(words, sent(seen))  # all have waited longer
     for topic, counts in made.data["streams"].items():
-        pictures = topic in ("/head/color", "/head/depth")
-        assert counts["skipped"] == (counts["received"] if pictures else 0)
+        is_image = topic in ("/head/color", "/head/depth")
+        assert counts["skipped"] == (counts["received"] if is_image else 0)
         assert Recording(recorded).topics[topic].count == counts["received"]
     assert "/head/color" not in made.data["latency"]["arrival_to_estimate"]["dvio"]
-    assert any("left out for having waited" in line for line in made.lines)
+    assert any("skipped for having waited" in line for line in made.lines)
+    assert ("is now --skip-images" in capsys.readouterr().err) == (option == "--skip-pictures")
 
 
 def test_what_an_estimator_can_take():
@@ -265,16 +265,16 @@ def test_what_an_estimator_can_take():
 
     assert image("/foot_l/camera", 24, 32) is image("/head/color", 24, 32, 3) is image("/head/color", 24, 32) is None
     assert "colour" in image("/foot_l/camera", 24, 32, 3)[0]
-    assert image("/head/color", 32, 24, 3)[1] == "24 × 32 and not 32 × 24"
+    assert image("/head/color", 32, 24, 3)[1] == "24 × 32, not 32 × 24"
     assert fit.wrong(Depth(topic="/head/depth", t_ns=1, depth=np.zeros((24, 32), np.float32))) is None
-    assert image("/head/depth", 24, 32)[1] == "Image and not Depth"
+    assert image("/head/depth", 24, 32)[1] == "Image, not Depth"
     assert fit.other_kind == {"/head/depth": 1}
     assert fit.other_size == {"/foot_l/camera": 1, "/head/color": 1}
 
 
 def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, monkeypatch):
     shown = []
-    monkeypatch.setattr(live, "made_up_samples", lambda takes: shown.append(set(takes)) or [])
+    monkeypatch.setattr(live, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
     alive(["foot_ins", "-o", tmp_path / "path.txt"], sent(seen, "--topic", "/foot_l/imu"))
     assert shown == [{"/foot_l/imu"}]
 
@@ -282,7 +282,7 @@ def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, mo
 def test_an_estimator_compiles_once_and_that_of_an_exoskeleton_as_its_geometry_is_known(seen, tmp_path, monkeypatch):
     shown, rig = [], tmp_path / "rig.yaml"
     write_rig(Recording(seen).rig, rig)
-    monkeypatch.setattr(live, "made_up_samples", lambda takes: shown.append(set(takes)) or [])
+    monkeypatch.setattr(live, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
     alive(["dvio", "--rig", rig, "-o", tmp_path / "path.txt"], sent(seen))
     alive(["contact_terrain", "-o", tmp_path / "steps.csv"], sent(seen))
     head, legs = shown
@@ -334,7 +334,7 @@ def test_live_does_without_the_simulator_prints_rows_and_ends_by_a_signal(seen, 
     assert table[0, 0] == pytest.approx(block[0].t_ns * 1e-9)
 
 
-def test_times_are_told_to_a_percent_in_constant_memory():
+def test_times_are_accurate_to_a_percent_in_constant_memory():
     rng = np.random.default_rng(0)
     seconds = np.exp(rng.normal(-6, 1, 20_000))
     times = Times()
@@ -346,7 +346,7 @@ def test_times_are_told_to_a_percent_in_constant_memory():
     assert times.figures()["max_ms"] == pytest.approx(1e3 * seconds.max())
     latency = Latency(0.01)
     assert json.dumps(latency.data())
-    latency.add("dvio", "/head/imu", whole_s=0.02, work_s=0.001, told=True)
+    latency.add("dvio", "/head/imu", whole_s=0.02, work_s=0.001, estimated=True)
     assert not latency.within
     latency.travelled("/head/imu", -0.5)  # a clock that is ahead of ours
     assert latency.data()["stamp_to_arrival"]["/head/imu"]["min_ms"] == -500.0

@@ -10,36 +10,36 @@ import numpy as np
 import pytest
 
 from stridetwin.pipeline.live_chain import Request, chain_of
-from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
+from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 
 
-def told(estimator):
+def last_rows(estimator):
     """The last row of each estimator of a chain."""
-    chain, rows = chain_of(Request(estimator=estimator), made_up_rig(), {}), {}
-    for sample in made_up_samples(chain.takes):
+    chain, rows = chain_of(Request(estimator=estimator), synthetic_rig(), {}), {}
+    for sample in synthetic_samples(chain.takes):
         rows |= {name: row for name, row in chain.update(sample) if row}
     return rows
 
 
-def test_who_stands_stays_where_he_is():
+def test_a_stationary_wearer_stays_in_place():
     for name in ("foot_ins", "dvio"):
-        row = np.array(told(name)[name].split(), float)
+        row = np.array(last_rows(name)[name].split(), float)
         assert row[0] == pytest.approx(6.0)
         assert np.abs(row[1:4]).max() < 1e-4
 
 
 def test_the_shoes_see_each_other():
-    foot, *row = told("foot_to_foot")["foot_to_foot"].split()
+    foot, *row = last_rows("foot_to_foot")["foot_to_foot"].split()
     # Without a board in view the right shoe would stay where it is guessed, at (0, -0.1).
     assert foot == "r"
     assert 0.01 < float(row[1]) < 0.03
 
 
 def test_the_stair_ahead_is_found():
-    cells = told("locomotion_mode")["locomotion_mode"].split(",")
+    cells = last_rows("locomotion_mode")["locomotion_mode"].split(",")
     at = cells.index("SA")
     distance, riser, tread = (float(cells[at + i]) for i in (1, 4, 6))
     assert abs(distance - 1.5) < 0.02
@@ -51,10 +51,9 @@ LEFT_TO_COMPILE = """
 import gc, json, sys
 from numba.core.dispatcher import Dispatcher
 from stridetwin.pipeline.live_chain import Request, chain_of
-from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
-from stridetwin.streams.live.messages import Decoder
+from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
+from stridetwin.streams.live.messages import Decoder, stored_messages
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.live.stored_messages import stored_messages
 
 def compiled():
     found = [d for d in gc.get_objects() if isinstance(d, Dispatcher)]
@@ -72,8 +71,8 @@ def read(recording, topics):
         yield decoder.sample(message)
 
 recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])
-chain = chain_of(asked, made_up_rig(), recording.metadata)
-show(chain, made_up_samples(chain.takes))
+chain = chain_of(asked, synthetic_rig(), recording.metadata)
+show(chain, synthetic_samples(chain.takes))
 before = compiled()
 chain = chain_of(asked, recording.rig, recording.metadata)
 show(chain, read(recording, list(chain.takes)))

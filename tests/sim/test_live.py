@@ -30,7 +30,7 @@ def test_what_arrives_live_is_what_a_recording_holds() -> None:
         for block in blocks if isinstance(block, Block) and not block.topic.startswith("/truth")
         for sample in block
     }  # fmt: skip
-    told, at = 0, 0.0
+    delivered, at = 0, 0.0
     with LiveTwin(Twin(WALK, 3)) as live:
         while not live.simulation.over:
             at += 0.05
@@ -40,9 +40,9 @@ def test_what_arrives_live_is_what_a_recording_holds() -> None:
                     value, same = (getattr(s, field.name) for s in (sample, recorded[sample.topic, sample.t_ns]))
                     if isinstance(value, np.ndarray):
                         np.testing.assert_allclose(value, same, rtol=0, atol=1e-6, err_msg=f"{sample.topic} {field}")
-                told += 1
+                delivered += 1
         assert live.advance(at) == []
-    assert told > 0.98 * len(recorded)
+    assert delivered > 0.98 * len(recorded)
 
 
 def test_an_imu_of_narrow_bandwidth_waits_for_the_motion_that_it_needs() -> None:
@@ -60,15 +60,15 @@ def test_an_imu_of_narrow_bandwidth_waits_for_the_motion_that_it_needs() -> None
         for sample in block
     }  # fmt: skip
     with LiveTwin(Twin(walk, 3)) as live:
-        told = [s for k in range(1, 50) for s in live.advance(0.05 * k) if s.topic == "/foot_l/imu"]
-    assert len(told) > 200
-    for sample in told:
+        delivered = [s for k in range(1, 50) for s in live.advance(0.05 * k) if s.topic == "/foot_l/imu"]
+    assert len(delivered) > 200
+    for sample in delivered:
         same = held[sample.topic, sample.t_ns]
         np.testing.assert_allclose(sample.specific_force, same.specific_force, rtol=0, atol=1e-5)
         np.testing.assert_allclose(sample.angular_rate, same.angular_rate, rtol=0, atol=1e-6)
 
 
-def test_motors_follow_a_law_and_their_sensors_tell_of_it() -> None:
+def test_motors_follow_a_law_and_their_sensors_measure_it() -> None:
     """Knees are helped with 5 N m, hips not, from the start."""
     with LiveTwin(Twin(WALK, 3), lambda angle: np.array([0.0, 0.0, 5.0, 5.0])) as live:
         samples = [s for k in range(1, 16) for s in live.advance(0.02 * k) if isinstance(s, Actuator)]
