@@ -10,7 +10,7 @@ import typer
 
 from stridetwin.cli.options import Options, count, whole
 from stridetwin.cli.outcome import Outcome, Progress
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 
 if TYPE_CHECKING:
     from stridetwin.studies.placement.problem_file import Problem
@@ -75,7 +75,6 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
 def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
     """The problem, with the settings of the command line in place of the file's."""
     from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
-    from stridetwin.scenarios.fields import Where
     from stridetwin.studies.placement.problem_file import check_budget
 
     here = Where(source="command line")

@@ -10,7 +10,7 @@ from stridetwin.estimators.base import FEET
 from stridetwin.evaluation.evaluate import Estimate, Result
 from stridetwin.evaluation.path_scores import CHI2_3_95
 from stridetwin.report.svg import Plot, Range, data_range, wide_and_narrow
-from stridetwin.scenarios.ground import Layout
+from stridetwin.sim.world.route import Layout
 from stridetwin.streams.samples import Array, Block, Footprint
 
 INK = "#0f1c2e"

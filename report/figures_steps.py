@@ -78,5 +78,5 @@ def _places(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
     The first estimated position is aligned with the true one; headings are those of the AHRS.
     """
     seen = [s for s in steps if s.seen]
-    true, told = np.array([s.place for s in seen]), np.array([s.told_place for s in seen])
-    return true, told - told[0] + true[0], np.array([s.told_slope for s in seen])
+    true, told = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
+    return true, told - told[0] + true[0], np.array([s.estimated_slope for s in seen])

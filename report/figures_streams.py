@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.report.svg import Plot, data_range
-from stridetwin.scenarios.injected import Injected, from_metadata
+from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import (
     Actuator,
@@ -75,7 +75,7 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[str]:
     """One small plot for each curve of each topic, over the same window, s; injected faults are shaded."""
-    figures, faults = [], from_metadata(recording.metadata)
+    figures, faults = [], injected_faults(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
         t = block.t_ns * 1e-9
@@ -92,7 +92,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
     return figures
 
 
-def _shade(plot: Plot, faults: list[Injected]) -> None:
+def _shade(plot: Plot, faults: list[InjectedFault]) -> None:
     """Shades the times of faults, and names each kind where it first appears."""
     (left, right), (low, high) = plot.x, plot.y
     least, first = 0.004 * (right - left), dict[str, float]()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.evaluation.map_scores import true_heights
-from stridetwin.evaluation.mode_scores import ScoredMode, first_steps, told_by_step
+from stridetwin.evaluation.mode_scores import ScoredMode, first_steps, predictions_by_step
 from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead
 from stridetwin.evaluation.truth import along_way, edges
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
@@ -67,9 +67,9 @@ class _Prints:
             if first is None:
                 continue
             estimate, step = first
-            laid = ahead.laid.at(estimate.t_ns)
-            shift = laid.to_true(step.p_foot_in_world[:2]) - ahead.footprints[i].p_foot_in_world[:2]
-            turn = self._turn(i) @ laid.rotation
+            alignment = ahead.alignment.at(estimate.t_ns)
+            shift = alignment.to_true(step.p_foot_in_world[:2]) - ahead.footprints[i].p_foot_in_world[:2]
+            turn = self._turn(i) @ alignment.rotation
             place = self.unrolled(i, outline(ahead.footprints[i]) + shift)
             self.told[i] = place, place[:4].mean(axis=0), turn @ step.covariance @ turn.T, step.mode
 
@@ -148,7 +148,7 @@ def _path(ahead: Ahead) -> tuple[Array, Array]:
 def _there(ahead: Ahead) -> list[str]:
     """The modes that occur in ground or steps."""
     known = set(np.unique(ahead.seen.kind[np.isfinite(ahead.seen.height)]).tolist())
-    steps = {m for s in (ahead.modes.steps if ahead.modes else []) for m in (s.mode, s.told)}
+    steps = {m for s in (ahead.modes.steps if ahead.modes else []) for m in (s.mode, s.predicted)}
     return [mode for i, mode in enumerate(MODES) if i in known or mode in steps]
 
 
@@ -284,7 +284,7 @@ def told_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
     A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
     """
     steps = ahead.modes.steps if ahead.modes else []
-    told = told_by_step(ahead.footprints[2:], ahead.estimates)
+    told = predictions_by_step(ahead.footprints[2:], ahead.estimates)
     found = []
     before = -math.inf
     for step, own in zip(steps, told):

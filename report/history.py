@@ -18,8 +18,7 @@ from stridetwin.evaluation.gate.score_table import checked_scores, is_text
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.report.html import multiples, page, section, table
 from stridetwin.report.svg import Plot, data_range
-from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
 _LINE, _WORSE, _OTHER = "#0b6bcb", "#d9480f", "#b8c3d0"

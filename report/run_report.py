@@ -29,8 +29,7 @@ from stridetwin.report.figures_terrain import (
 )
 from stridetwin.report.film import Film, data_uri, jpeg_uri
 from stridetwin.report.html import boxes, page, rendered, section, table
-from stridetwin.scenarios.ground import from_metadata
-from stridetwin.scenarios.injected import from_metadata as injected_faults
+from stridetwin.scenarios.metadata import injected_faults, terrain_layout
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
@@ -209,7 +208,7 @@ def _paths(story: Story) -> str:
     if not story.results:
         return ""
     footprints = story.recording.block(FOOTPRINTS) if FOOTPRINTS in story.recording.topics else None
-    layout = from_metadata(story.recording.metadata)
+    layout = terrain_layout(story.recording.metadata)
     feet = [r for r in story.results if part_of(r.estimate) in FEET]
     camera = [r for r in story.results if r not in feet]
     figures = (
@@ -227,7 +226,7 @@ def _paths(story: Story) -> str:
 def _steps(story: Story) -> str:
     if story.steps is None:
         return ""
-    layout, scores = from_metadata(story.recording.metadata), story.steps.scores
+    layout, scores = terrain_layout(story.recording.metadata), story.steps.scores
     figures = (steps_from_aside(layout, story.steps.steps), steps_from_above(layout, story.steps.steps))
     lead = (
         "From the exoskeleton's AHRS, encoders and insoles alone: each footprint with the plane that it stands on, its "

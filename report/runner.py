@@ -16,8 +16,8 @@ from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
 from stridetwin.pipeline.mode_files import predicted_steps, write_modes
 from stridetwin.pipeline.step_files import write_steps
 from stridetwin.pipeline.terrain_files import write_terrain
-from stridetwin.scenarios import injected
 from stridetwin.scenarios.files import json_text, staged
+from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.formats.tum import write_tum
@@ -86,7 +86,7 @@ def run_scenario(
         if ahead is not None:
             scores |= ahead.scores
             write_ahead_files(ahead, out)
-        faults = injected.from_metadata(recording.metadata)
+        faults = injected_faults(recording.metadata)
         document = scores_document(scenario, seed, scores, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         film = None
@@ -127,7 +127,7 @@ def scores_document(
     seed: int,
     scores: dict[str, Scores],
     fell_at: float | None = None,
-    faults: Sequence[injected.Injected] = (),
+    faults: Sequence[InjectedFault] = (),
 ) -> dict[str, object]:
     """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes."""
     walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stridetwin.scenarios import exo_geometry, ground, injected
+from stridetwin.scenarios import exo_geometry
+from stridetwin.scenarios.metadata import fault_metadata, terrain_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.sim.faults.faults import arrivals
 from stridetwin.sim.faults.plan import check_times, plan_faults
@@ -59,7 +60,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         "person_height_m": f"{config.person.height_m:g}",
         "person_mass_kg": f"{config.person.mass_kg:g}",
         "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
-        ground.KEY: ground.to_text(twin.terrain.layout),
+        **terrain_metadata(twin.terrain.layout),
         **exo_geometry.metadata(twin),
     }
     if twin.fell_at is None:
@@ -68,13 +69,13 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         metadata["fell_at_s"] = f"{twin.fell_at:g}"
     planned = plan_faults(config.faults, twin.rig, twin.seed, twin.duration_s)
     if planned:
-        metadata[injected.KEY] = injected.to_text(planned)
+        metadata |= fault_metadata(planned)
     with RecordingWriter(path, twin.rig, metadata) as writer:
-        for arrival in arrivals(_sensed(twin, progress), planned):
+        for arrival in arrivals(_with_progress(twin, progress), planned):
             writer.write(arrival.item, arrival.log_ns)
 
 
-def _sensed(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
+def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
     t_ns = 0
     for blocks in twin.blocks():
         for item in blocks:

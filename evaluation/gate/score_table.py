@@ -11,8 +11,7 @@ from typing import Any
 from stridetwin.evaluation.evaluate import LARGEST_SCORE
 from stridetwin.evaluation.gate.metric_policy import scale_of
 from stridetwin.evaluation.path_scores import Scores
-from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 
 EVERY = "every estimator"
 """Name in the failures if the built-in estimators failed together."""

@@ -17,9 +17,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.campaign.people import Group, GroupInFile
-from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.scenario_file import catalogue
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import number, refused, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml

@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND
+from stridetwin.streams.errors import Where
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"

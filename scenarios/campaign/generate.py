@@ -17,8 +17,7 @@ from stridetwin.scenarios.campaign import card, executors
 from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
-from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
-from stridetwin.scenarios.campaign.own_scenario import lay_files
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.campaign.walk import (
     HIDDEN,
@@ -26,10 +25,10 @@ from stridetwin.scenarios.campaign.walk import (
     REJECTED,
     ROWS,
     Job,
-    judged,
     keep_row,
     key_of,
     versions,
+    with_verdict,
 )
 from stridetwin.scenarios.files import json_text, sha256
 from stridetwin.streams.errors import StrideTwinError
@@ -117,7 +116,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
         if outdated:  # they describe recordings that will be replaced
             for name in (manifests.NAME, card.NAME):
                 (options.folder / name).unlink(missing_ok=True)
-        lay_files(options.folder, campaign.own)
+        copy_files(options.folder, campaign.own)
         stage = f"walks, {outdated} of another version anew" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
         for row in executors.rows(missing, options.workers, options.scheduler):
@@ -150,7 +149,7 @@ def _kept(job: Job) -> dict[str, Any]:
 
 def _with_current_verdict(job: Job, row: dict[str, Any], recording: Path) -> dict[str, Any]:
     """The row by the current quality limits, with the recording moved to the folder of its verdict."""
-    now = judged(row, job.quality)
+    now = with_verdict(row, job.quality)
     if recording != (place := job.folder / now["recording"]):
         os.replace(recording, place)
     if now != row:

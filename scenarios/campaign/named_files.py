@@ -5,22 +5,26 @@ They are in the folder of the naming file or below it, and get the same relative
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
-from stridetwin.scenarios.fields import Where
-from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
+from stridetwin.streams.errors import Where
 from stridetwin.streams.fields import number, text
+from stridetwin.streams.files import whole_file
 from stridetwin.streams.validation import suggest
-from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
+from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
-FILES = "files"
+FILES, SCENARIOS = "files", "scenarios"
+"""Folders of the output: copies of the user's files, and the scenario file of each walk."""
 _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
 _OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
@@ -227,3 +231,32 @@ def _parts_in(node: Any) -> Iterator[str]:
             yield value
         else:
             yield from _parts_in(value)
+
+
+def scenario_text(scenario: dict[str, Any]) -> str:
+    """A scenario's plain data as YAML."""
+    return yaml.dump(scenario, Dumper=Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+
+
+def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
+    """Copies the user's files to the paths that the walks' scenarios name."""
+    for name, source in own.items():
+        place = folder / FILES / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(place) as file:
+            shutil.copyfile(source, file)
+
+
+def parse_scenario(folder: Path, scenario: dict[str, Any]) -> Scenario:
+    """Parses and validates a scenario's plain data.
+
+    Args:
+        folder: Contains `SCENARIOS` and the user's files; a file is written there.
+        scenario: Plain data.
+
+    Raises:
+        StrideTwinError: It is invalid.
+    """
+    path = folder / SCENARIOS / "parsed.yaml"
+    path.write_text(scenario_text(scenario), encoding="utf-8")
+    return read_scenario(path)

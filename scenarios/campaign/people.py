@@ -8,9 +8,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
-from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import Person
 from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.streams.errors import Where
 from stridetwin.streams.fields import ReadAs, refused, unique, whole, words
 
 MOST = 10_000
@@ -114,7 +114,7 @@ GroupInFile = Annotated[Group, ReadAs(_GroupInFile)]
 """Type of an item of the list `people`; it becomes a `Group`."""
 
 
-def told(person: Person) -> dict[str, Any]:
+def plain_person(person: Person) -> dict[str, Any]:
     """A person in the form of scenario file and manifest, with all defaults filled in."""
     body = asdict(person)
     shoe = body.pop("shoe_m")

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.evaluation.gate.walk_scores import Job, score_walk
-from stridetwin.scenarios.campaign.named_files import Base
-from stridetwin.scenarios.campaign.own_scenario import FOLDER
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, Base
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
@@ -56,7 +55,7 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
     """
     try:
         with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:
-            scenario = scenario_of(walk.scenario, walk.folder / FOLDER / f"{walk.name}.yaml")
+            scenario = scenario_of(walk.scenario, walk.folder / SCENARIOS / f"{walk.name}.yaml")
             path = Path(name) / "walk.mcap"
             record(make_twin(scenario, walk.seed), path, lambda *_: None)
             row = score_walk(Job(name=walk.name, path=path, lenient=bool(scenario.config.faults)))
@@ -176,7 +175,7 @@ class Measure:
     def _scenario(self, name: str, plain: dict[str, Any]) -> Scenario | str:
         """A place's scenario, or the error message."""
         try:
-            return scenario_of(plain, self._folder / FOLDER / f"{name}.yaml")
+            return scenario_of(plain, self._folder / SCENARIOS / f"{name}.yaml")
         except StrideTwinError as error:
             return " ".join(str(error).replace(f"{self._folder}/", "").split())
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.field_paths import put
-from stridetwin.scenarios.campaign.named_files import FILES, Base
-from stridetwin.scenarios.campaign.own_scenario import FOLDER
+from stridetwin.scenarios.campaign.named_files import FILES, SCENARIOS, Base
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -77,7 +76,7 @@ def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Sce
         place: The place.
         folder: Contains the user's parts.
     """
-    return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
+    return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
 def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:

@@ -16,8 +16,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.field_paths import field_path
 from stridetwin.scenarios.campaign.named_files import Base, NamedBase, NamedFiles, Variable, names_files, short_base
-from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import OneKey, refused, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml

@@ -90,8 +90,8 @@ def _figure_23(cases: Sequence[dict[str, Any]], what: str) -> str:
 def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     """Steps in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _seen(walk[method])]
-    slopes = np.array([s.told_slope for s in steps])
-    heights = np.array([s.told_elevation for s in steps])
+    slopes = np.array([s.estimated_slope for s in steps])
+    heights = np.array([s.estimated_elevation for s in steps])
     slopes, heights = (v / max(float(np.abs(v).max(initial=0.0)), 1e-9) for v in (slopes, heights))
     modes = np.array([s.mode for s in steps])
 

@@ -164,7 +164,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
-    told = Counter(s.told for s in steps)
+    told = Counter(s.predicted for s in steps)
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, told_and_right
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, reliability
 from stridetwin.report.html import boxes, page, section, table
 from stridetwin.report.svg import Plot, wide_and_narrow
 from stridetwin.studies.catalogue import STUDIES
@@ -180,7 +180,7 @@ def _lead(steps: dict[str, list[ScoredMode]]) -> str:
 
 
 def _calibration(steps: Sequence[ScoredMode]) -> str:
-    told = told_and_right(steps)
+    told = reliability(steps)
 
     def draw(width: float) -> Plot:
         plot = Plot(

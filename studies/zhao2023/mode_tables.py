@@ -206,7 +206,7 @@ def ahead(result: dict[str, Any]) -> list[str]:
         f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all told':>18}",
         *(
             f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(own['seen_pct'])}{_cell(own['rmse'], 16)}"
-            f"{_cell(own['told_rmse'], 18)}"
+            f"{_cell(own['all_rmse'], 18)}"
             for size, ways in ours["sizes"].items()
             for way, own in ways.items()
         ),

@@ -20,12 +20,12 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
-from stridetwin.evaluation.alignment import Laid
+from stridetwin.evaluation.alignment import MovingAlignment
 from stridetwin.evaluation.mode_scores import ModeScores, score_modes
 from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
 from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
-from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.wearer.body import wearer
@@ -234,9 +234,9 @@ def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeSco
     truth = TruePath.of(recording.block(given_poses(recording, depth_camera(recording.rig))[0]))
     there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
     path = told.path[there]
-    laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
+    alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
     footprints = true_footprints(recording)
-    return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in told.estimates.items()}
+    return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in told.estimates.items()}
 
 
 def posed(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
-from stridetwin.evaluation.path_drift import Odometry, drift_figures
+from stridetwin.evaluation.path_scores import Odometry, drift_figures
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import TwinConfig

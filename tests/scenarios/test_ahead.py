@@ -10,10 +10,11 @@ import pytest
 
 from stridetwin.cli.score import score_table
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.evaluation.alignment import Laid, Laying
+from stridetwin.evaluation.alignment import MovingAlignment, YawAlignment
+from stridetwin.evaluation.change_scores import ScoredChange
 from stridetwin.evaluation.gate.compare import Rules, compare_scores
 from stridetwin.evaluation.gate.score_table import table_of
-from stridetwin.evaluation.map_scores import MapScores, ScoredChange, TrueChange, map_figures, true_heights
+from stridetwin.evaluation.map_scores import MapScores, map_figures, true_heights
 from stridetwin.evaluation.mode_scores import score_modes
 from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
 from stridetwin.pipeline.run import merged
@@ -106,7 +107,7 @@ def ahead() -> Ahead:
     pose = {"p_frame_in_world": np.zeros((2, 3)), "q_world_frame": np.tile([1.0, 0, 0, 0], (2, 1))}
     truth = {"p_frame_in_world": np.tile(SHIFT, (2, 1)),
              "q_world_frame": np.tile([math.cos(TURN / 2), 0, 0, math.sin(TURN / 2)], (2, 1))}  # fmt: skip
-    laid = Laid(Trajectory(t_ns=t_ns, **pose), Trajectory(t_ns=t_ns, **truth))
+    laid = MovingAlignment(Trajectory(t_ns=t_ns, **pose), Trajectory(t_ns=t_ns, **truth))
     modes = score_modes(footprints, estimates, laid, LAYOUT, 0.27)
     s = np.arange(-0.5, 6.5, CELL_M) + CELL_M / 2
     left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
@@ -124,8 +125,9 @@ def ahead() -> Ahead:
     scores = {"locomotion_mode": mode_scores(modes)}
     nothing = MapScores(changes=(), accuracy_m=0.0, accuracy_p95_m=0.0, completeness=1.0, edge_errors=np.zeros(0))
     return Ahead(
-        estimates=estimates, modes=modes, ground=nothing, terrain_map=None, seen=seen, snapshots=snapshots, laid=laid,
-        layout=LAYOUT, footprints=footprints, path=np.array([f.p_foot_in_world for f in footprints]), scores=scores,
+        estimates=estimates, modes=modes, ground=nothing, terrain_map=None, seen=seen, snapshots=snapshots,
+        alignment=laid, layout=LAYOUT, footprints=footprints,
+        path=np.array([f.p_foot_in_world for f in footprints]), scores=scores,
     )  # fmt: skip
 
 
@@ -135,10 +137,10 @@ def wide(figure: str) -> str:
 
 
 def test_a_laid_world_goes_there_and_back():
-    laid = Laying(told=np.array([1.0, 2.0, 3.0]), true=np.array([-1.0, 0.5, 3.2]), turn=math.pi / 2)
+    laid = YawAlignment(estimated=np.array([1.0, 2.0, 3.0]), true=np.array([-1.0, 0.5, 3.2]), yaw=math.pi / 2)
     points = np.array([[[1.0, 2.0, 3.0], [2.0, 2.0, 3.5]]])
     np.testing.assert_allclose(laid.to_true(points)[0], [[-1.0, 0.5, 3.2], [-1.0, 1.5, 3.7]], atol=1e-12)
-    np.testing.assert_allclose(laid.to_told(laid.to_true(points)), points, atol=1e-12)
+    np.testing.assert_allclose(laid.to_estimated(laid.to_true(points)), points, atol=1e-12)
     np.testing.assert_allclose(laid.to_true(points[..., :2]), laid.to_true(points)[..., :2], atol=1e-12)
 
 
@@ -260,8 +262,8 @@ def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
 
 
 def test_scores_are_told_by_kind_and_judged_the_right_way_round(ahead):
-    found = ScoredChange(true=TrueChange(kind="ramp", s=1.0, slope=0.1), found=True, edge_error=0.003, slope_error=0.01)
-    missed = ScoredChange(true=TrueChange(kind="stairs", s=2.0, riser=0.1, tread=0.3, risers=3), found=False)
+    found = ScoredChange(mode="RA", found=True, distance_m=0.003, slope_rad=0.01)
+    missed = ScoredChange(mode="SA", found=False)
     ground = map_figures(
         MapScores(changes=(found, missed), accuracy_m=0.004, accuracy_p95_m=0.009, completeness=0.9,
                   edge_errors=np.array([0.003, -0.001, 0.3, math.inf]))

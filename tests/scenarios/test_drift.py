@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from stridetwin.evaluation.path_drift import LOST_M, Odometry, drift_figures
+from stridetwin.evaluation.path_scores import LOST_M, Odometry, drift_figures
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.evaluation.alignment import Laid
-from stridetwin.evaluation.change_scores import ScoredApproach, mode_changes
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, score_modes, told_by_step
+from stridetwin.evaluation.alignment import MovingAlignment
+from stridetwin.evaluation.change_scores import ScoredChange, mode_changes
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, predictions_by_step, score_modes
 from stridetwin.evaluation.truth import flights
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.terrain import Terrain
@@ -57,9 +57,9 @@ def test_flights_with_a_short_landing_between_them_are_two():
 
 def test_scores_survive_json():
     scores = ModeScores(
-        steps=[ScoredMode(t_s=1.0, mode="LG", before="LG", told="RA", allowed=("LG", "RA"), lead_s=0.5,
+        steps=[ScoredMode(t_s=1.0, mode="LG", before="LG", predicted="RA", allowed=("LG", "RA"), lead_s=0.5,
                           probabilities=(0.4, 0.0, 0.0, 0.6, 0.0), forward_m=0.02)],
-        approaches=[ScoredApproach(mode="SA", found=True, distance_m=0.01)],
+        approaches=[ScoredChange(mode="SA", found=True, distance_m=0.01)],
     )  # fmt: skip
     rows = json.loads(json.dumps(scores.rows(), allow_nan=False))
     again = ModeScores.of(rows)
@@ -88,7 +88,7 @@ def test_a_sole_across_a_ramps_edge_may_count_as_either_mode():
             )
             for k in range(3)
         ]
-        (step,) = score_modes(prints, [], Laid(still, still), WAY, 0.27).steps
+        (step,) = score_modes(prints, [], MovingAlignment(still, still), WAY, 0.27).steps
         return step.allowed
 
     assert allowed(edge - 0.10) == ("LG", "RA")
@@ -118,7 +118,7 @@ def test_beyond_a_turn_places_count_along_the_way() -> None:
     )  # fmt: skip
     pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
-    scores = score_modes(prints, [told], Laid(still, still), turned, 0.27)
+    scores = score_modes(prints, [told], MovingAlignment(still, still), turned, 0.27)
     approach = next(a for a in scores.approaches if a.mode == "RA")
     assert approach.found
     assert approach.distance_m == pytest.approx(-0.03)
@@ -142,7 +142,9 @@ def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
 def test_who_pauses_does_not_walk_steadily():
     lengths = [0.6] * 5 + [0.3] + [0.6] * 6
     steps = [
-        ScoredMode(t_s=k, mode="LG", before="LG", told="LG", allowed=("LG",), lead_s=1.0, forward_m=error, length_m=m)
+        ScoredMode(
+            t_s=k, mode="LG", before="LG", predicted="LG", allowed=("LG",), lead_s=1.0, forward_m=error, length_m=m
+        )
         for k, (m, error) in enumerate(zip(lengths, [0.01] * 4 + [0.3] * 3 + [0.01] * 5))
     ]
     figures = mode_figures([ModeScores(steps=steps)])
@@ -165,6 +167,6 @@ def test_estimates_about_a_touch_down_tell_of_the_feet_that_they_wait_for() -> N
         (2.5, ""): [],
     }
     for (t_s, feet), steps in cases.items():
-        found = told_by_step(landed, [told(t_s, feet)])
+        found = predictions_by_step(landed, [told(t_s, feet)])
         numbers = {k: i for i, of in enumerate(found) for _, k in of}
         assert [numbers.get(k) for k in range(len(feet))] == steps

@@ -15,18 +15,19 @@ from stridetwin.sim.config import Level, Ramp, Route
 from stridetwin.sim.world.route import lay_out
 
 
-def step(i, *, mode="LG", told_mode="LG", told=True, elevation=0.004, slope=0.0):
+def step(i, *, mode="LG", estimated_mode="LG", told=True, elevation=0.004, slope=0.0):
     if not told:
         return ScoredStep(mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0))
     return ScoredStep(
-        mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0), told_mode=told_mode, told_slope=slope,
-        told_elevation=elevation, told_place=(9.0 + 0.51 * i, 1.0, 0.0), slope_sd=0.01, elevation_sd=0.001,
+        mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0), estimated_mode=estimated_mode,
+        estimated_slope=slope, estimated_elevation=elevation,
+        estimated_place=(9.0 + 0.51 * i, 1.0, 0.0), slope_sd=0.01, elevation_sd=0.001,
         probability=0.9,
     )  # fmt: skip
 
 
 def test_scores_count_missed_and_unknown_steps():
-    steps = [step(0), step(1, told_mode="unknown"), step(2, told=False), step(3, told_mode="SA", slope=0.005)]
+    steps = [step(0), step(1, estimated_mode="unknown"), step(2, told=False), step(3, estimated_mode="SA", slope=0.005)]
     scores = step_scores(steps)
     assert scores["elevation_rmse_mm"] == pytest.approx(4.0)
     assert scores["slope_rmse_deg"] == pytest.approx(np.degrees(0.005 / np.sqrt(3)))
@@ -38,7 +39,7 @@ def test_scores_count_missed_and_unknown_steps():
 
 
 def test_a_worse_class_is_a_regression_and_a_better_one_is_not():
-    good, bad = step_scores([step(i) for i in range(4)]), step_scores([step(i, told_mode="SA") for i in range(4)])
+    good, bad = step_scores([step(i) for i in range(4)]), step_scores([step(i, estimated_mode="SA") for i in range(4)])
     good, bad = (table_of({"estimators": {"contact_terrain": scores}}, "b") for scores in (good, bad))
     assert compare_scores(good, good, Rules()).regressions == []
     worse = compare_scores(bad, good, Rules()).regressions

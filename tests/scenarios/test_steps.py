@@ -34,7 +34,7 @@ def test_each_step_gets_what_was_told_of_it():
     footprints = [footprint(i, pitch=0.1) for i in range(8)]
     steps = score_steps(footprints, [estimate(i, elevation=0.01 * i) for i in range(2, 8) if i != 5])
     assert [s.seen for s in steps] == [True, True, True, False, True, True]
-    assert [s.told_elevation for s in steps if s.seen] == pytest.approx([0.02, 0.03, 0.04, 0.06, 0.07])
+    assert [s.estimated_elevation for s in steps if s.seen] == pytest.approx([0.02, 0.03, 0.04, 0.06, 0.07])
     assert steps[0].slope == pytest.approx(0.1)
     assert steps[0].slope_error == pytest.approx(-0.09)
 
@@ -43,7 +43,7 @@ def test_steps_beside_a_footprint_that_is_not_there_are_left_out():
     footprints = [footprint(i) for i in range(10) if i != 5]
     steps = score_steps(footprints, [estimate(i) for i in range(2, 10)])
     assert [s.place[0] for s in steps] == pytest.approx([1.0, 1.5, 3.5, 4.0, 4.5])
-    assert all(s.told_place[0] == pytest.approx(s.place[0]) for s in steps)
+    assert all(s.estimated_place[0] == pytest.approx(s.place[0]) for s in steps)
 
 
 def test_the_first_step_counts_whichever_foot_takes_it():
@@ -72,7 +72,12 @@ def test_the_displacement_of_a_run_is_shared_out_over_its_steps():
     modes = ["LG", "LG", "SA", "SA", "SA", "LG", "SD", "SD"]
     steps = [
         ScoredStep(
-            mode=m, slope=0.0, elevation=0.0, place=(0.5 * i, 0, 0), told_mode=m, told_place=(0.51 * i, 0, 0.002 * i)
+            mode=m,
+            slope=0.0,
+            elevation=0.0,
+            place=(0.5 * i, 0, 0),
+            estimated_mode=m,
+            estimated_place=(0.51 * i, 0, 0.002 * i),
         )
         for i, m in enumerate(modes)
     ]
@@ -106,8 +111,9 @@ def test_the_experiment_lays_its_figures_beside_the_papers():
     def steps(mode, elevation):
         return [
             ScoredStep(
-                mode=mode, slope=0.0, elevation=elevation, place=(0.3 * i, 0, 0), told_mode=mode, told_slope=0.01 * i,
-                told_elevation=elevation + 0.01, told_place=(0.3 * i, 0, 0), slope_sd=0.02, elevation_sd=0.02,
+                mode=mode, slope=0.0, elevation=elevation, place=(0.3 * i, 0, 0), estimated_mode=mode,
+                estimated_slope=0.01 * i, estimated_elevation=elevation + 0.01,
+                estimated_place=(0.3 * i, 0, 0), slope_sd=0.02, elevation_sd=0.02,
             ).row()
             for i in range(3)
         ]  # fmt: skip

@@ -140,7 +140,7 @@ def test_the_true_changes_of_a_route():
         Ramp(angle_rad=0.2, rise_m=0.5, down=False), Level(length_m=3),
     )  # fmt: skip
     up, down, ramp = true_changes(Terrain.from_route(Route(segments=segments)).layout.profile)
-    assert (up.kind, up.risers, down.kind, ramp.kind) == ("stairs", 4, "stairs", "ramp")
+    assert (up.mode, up.risers, down.mode, ramp.mode) == ("SA", 4, "SD", "RA")
     assert (up.s, up.riser, up.tread) == pytest.approx((3.0, 0.15, 0.28))
     assert (down.s, down.riser) == pytest.approx((3.0 + 3 * 0.28 + 2.0, -0.15))
     assert ramp.slope == pytest.approx(0.2)

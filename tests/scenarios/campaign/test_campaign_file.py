@@ -9,7 +9,7 @@ from small_campaign import SHORT, SMALL, write
 
 from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
-from stridetwin.scenarios.campaign.own_scenario import lay_files
+from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim import parts
@@ -162,7 +162,7 @@ def test_an_exoskeleton_and_a_mesh_come_with_all_that_they_name(tmp_path, model)
     for walk in plan(campaign, Extra()):
         assert walk.scenario["exo"] == {"model": f"../files/mine/{model}", "rig": "../files/mine/rig.yaml"}
         assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.STL"}
-    lay_files(tmp_path / "out", campaign.own)
+    copy_files(tmp_path / "out", campaign.own)
     for name in names:
         assert (tmp_path / "out" / "files" / name).read_bytes() == (tmp_path / name).read_bytes()
     (mine / model).write_text((mine / model).read_text().replace("a.stl", "../../../a.stl"))

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.evaluation.change_scores import ScoredApproach
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, told_and_right
+from stridetwin.evaluation.change_scores import ScoredChange
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, reliability
 from stridetwin.evaluation.norms import reference
 from stridetwin.sim.config import Turn
 from stridetwin.sim.parts.sensor_config import SensorConfig
@@ -44,7 +44,7 @@ from stridetwin.studies.zhao2023.zhao_trials import SEEDS, TRIALS, subject_and_t
 def step(mode: str, told: str, p: float) -> ScoredMode:
     others = (1.0 - p) / 4
     probabilities = tuple(p if m == told else others for m in ("LG", "SA", "SD", "RA", "RD"))
-    return ScoredMode(t_s=1.0, mode=mode, before="LG", told=told, allowed=(mode,), lead_s=1.2 * (mode == told),
+    return ScoredMode(t_s=1.0, mode=mode, before="LG", predicted=told, allowed=(mode,), lead_s=1.2 * (mode == told),
                       probabilities=probabilities)  # fmt: skip
 
 
@@ -135,8 +135,8 @@ def test_spreads_add_up_as_if_all_values_were_one_walks() -> None:
 
 def test_told_probabilities_stand_beside_the_share_that_was_right() -> None:
     steps = [step("SA", "SA", 0.95), step("SA", "LG", 0.95), step("LG", "LG", 0.55)]
-    assert told_and_right(steps) == [(pytest.approx(0.55), 1.0, 1), (pytest.approx(0.95), 0.5, 2)]
-    assert told_and_right([]) == []
+    assert reliability(steps) == [(pytest.approx(0.55), 1.0, 1), (pytest.approx(0.95), 0.5, 2)]
+    assert reliability([]) == []
 
 
 @pytest.mark.parametrize("name", [*TRIALS, "zhao_generality", "zhao_baselines"])
@@ -195,10 +195,10 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
 
 def test_sizes_that_were_not_seen_are_counted() -> None:
     told = [(0.002, 0.005), (0.1, 0.09), (math.nan, math.nan), (-0.002, 0.005)]
-    approaches = [ScoredApproach(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in told]
+    approaches = [ScoredChange(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in told]
     down = mode_figures([ModeScores(approaches=approaches)])["sizes"]["riser_mm"]["down"]
     assert down == {
-        "seen_pct": 50.0, "rmse": pytest.approx(2.0), "told_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3))
+        "seen_pct": 50.0, "rmse": pytest.approx(2.0), "all_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3))
     }  # fmt: skip
 
 

@@ -6,10 +6,9 @@ import pytest
 import yaml
 
 from stridetwin.cli.main import main
-from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files
-from stridetwin.scenarios.fields import Where
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.sim.sensors.standard_rig import sensor_rig
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.places import Place, check_ends, scenario_at
 from stridetwin.studies.placement.problem_file import problems, read_problem
@@ -138,8 +137,8 @@ def test_the_file_on_the_page_can_be_walked_as_it_stands(tmp_path):
     (tmp_path / "mine.yaml").write_text("description: mine\nterrain: [{level: {length_m: 3}}]\n", encoding="utf-8")
     shutil.copy(root / "sim/parts/MPU-9250.yaml", tmp_path / "my_imu.yaml")
     problem, out = read_problem(tmp_path / "p.yaml"), tmp_path / "out"
-    (out / FOLDER).mkdir(parents=True)
-    lay_files(out, problem.own)
+    (out / SCENARIOS).mkdir(parents=True)
+    copy_files(out, problem.own)
     check_ends(problem, out)
     assert [path.name for path in problem.own.values()] == ["my_imu.yaml"]
     assert [base.name for base in problem.bases] == ["level_20m", "mine"]

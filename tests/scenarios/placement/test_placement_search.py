@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from seen_board import BOARD, EXPOSURE_S, OPTICAL, camera, walk
 
-from stridetwin.scenarios.fields import Where
+from stridetwin.streams.errors import Where
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise
 from stridetwin.studies.placement.search import grid, optimise
