@@ -1,16 +1,73 @@
-"""Progress of a command on stderr: a bar with the time left on a terminal, plain lines elsewhere."""
+"""The terminal: tables and results on stdout, progress on stderr; plain text where the output is not a terminal."""
 
 from __future__ import annotations
 
+import io
 import sys
 import time
+from collections.abc import Iterable, Sequence
+from datetime import timedelta
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+    from rich.table import Table
 
 _LINE_EVERY_S = 30.0
-"""Time between two lines of one stage, which keeps the log of a long run short."""
+"""Time between two progress lines of one stage, which keeps the log of a long run short."""
+_PLAIN_WIDTH = 10_000
+"""Width of plain text, characters: rows of a table are neither wrapped nor cut."""
+
+
+def table(
+    rows: Iterable[Sequence[str]], head: Sequence[str] = (), *, title: str | None = None, text_columns: int = 1
+) -> Table:
+    """A table of text columns, followed by columns of numbers, which are aligned at the right."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    found = list(rows)
+    width = len(head) or max(map(len, found), default=0)
+    made = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=bool(head))
+    made.padding = (0, 2, 0, 0)
+    for i in range(width):
+        name = escape(head[i]) if head else ""
+        made.add_column(name, justify="left" if i < text_columns else "right", overflow="fold")
+    for row in found:
+        made.add_row(*map(escape, row))
+    return made
+
+
+def plain_text(lines: Iterable[str | Table]) -> str:
+    """Lines and tables as text without colours, for pipes and files."""
+    from rich.console import Console as Terminal
+
+    out: list[str] = []
+    for line in lines:
+        if isinstance(line, str):
+            out.append(line)
+            continue
+        file = io.StringIO()
+        Terminal(file=file, width=_PLAIN_WIDTH, color_system=None, force_terminal=False).print(line)
+        out += [row.rstrip() for row in file.getvalue().splitlines()]
+    return "\n".join(out)
+
+
+def show(lines: Iterable[str | Table]) -> None:
+    """Prints lines and tables: formatted on a terminal, as plain text elsewhere."""
+    if not sys.stdout.isatty():
+        print(plain_text(lines), flush=True)
+        return
+    from rich import box
+    from rich.console import Console as Terminal
+
+    terminal = Terminal()
+    for line in lines:
+        if isinstance(line, str):
+            terminal.print(line, markup=False, highlight=False, soft_wrap=True)
+        else:
+            line.box = box.SIMPLE_HEAD if line.show_header else None
+            terminal.print(line)
 
 
 class Console:
@@ -25,12 +82,7 @@ class Console:
         self._shown: _Bar | _Lines = _Bar(stream) if stream.isatty() else _Lines(stream)
 
     def __call__(self, stage: str, share: float) -> None:
-        """Shows the progress of a stage.
-
-        Args:
-            stage: Its name.
-            share: 0-1.
-        """
+        """Shows the progress of a stage, 0-1."""
         self._shown.show(stage, min(max(share, 0.0), 1.0))
 
     def close(self) -> None:
@@ -86,8 +138,8 @@ class _Lines:
             self._stage, self._begun_s = stage, now_s
             self._write(f"{stage} ...", now_s)
         elif now_s - self._written_s >= _LINE_EVERY_S and 0.0 < share < 1.0:
-            left_s = (now_s - self._begun_s) * (1.0 - share) / share
-            self._write(f"{stage} {share:.0%}, {_clock(left_s)} left ...", now_s)
+            left = timedelta(seconds=round((now_s - self._begun_s) * (1.0 - share) / share))
+            self._write(f"{stage} {share:.0%}, {left} left ...", now_s)
 
     def close(self) -> None:
         pass
@@ -96,9 +148,3 @@ class _Lines:
         self._stream.write(f"{line}\n")
         self._stream.flush()
         self._written_s = now_s
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import ImportableOptions, one_of
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.options import ImportableOptions, Outcome, Progress, one_of
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options
@@ -105,7 +104,7 @@ def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaratio
         words = goes_with(lambda d: arguments.method in d.methods)
         where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
         valid = ", ".join(declaration.methods)
-        raise StrideTwinError(f"{where}: expected one of {declaration.name}, {valid}")
+        raise StrideTwinError(f"{where}: expected {valid}")
     method, foot = arguments.method or declaration.methods[0], arguments.foot or "l"
     return Options(method=method, foot=foot, lag_s=lag_s, exoskeleton=arguments.exoskeleton)
 

@@ -1,4 +1,4 @@
-"""Shared options: each command's options are a dataclass, from whose fields the parser is built.
+"""Options and outcome of a command. The options are a dataclass, from whose fields the parser is built.
 
 A field's annotation is its type on the command line (`typer.Argument` or `typer.Option` with its help), its default the
 option's default. Fields without default are required.
@@ -7,15 +7,43 @@ option's default. Fields without default are required.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.files import partial_path
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _MOST = 1_000_000
+_OUTPUTS = {
+    "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",
+}  # fmt: skip
+_FOLDERS = ("run", "generate", "export", "experiment", "place")
+"""Commands whose `-o` may be a folder."""
+_MAKE_FOLDERS = (("import", "output"), ("score", "history"))
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Outcome of a command.
+
+    Attributes:
+        data: For `--json`.
+        lines: Output as text and tables.
+        code: Exit code.
+    """
+
+    data: dict[str, Any]
+    lines: Sequence[str | Table]
+    code: int = 0
 
 
 def one_of(names: Sequence[str]) -> dict[str, Any]:
@@ -120,9 +148,53 @@ class WalkOptions(Options):
     """How to walk a scenario."""
 
     physics: Annotated[
-        str | None,
-        typer.Option(help="How the body moves: kinematic, dynamic (default: as the scenario says)."),
+        Literal["kinematic", "dynamic"] | None,
+        typer.Option(help="How the body moves (default: as in the scenario)."),
     ] = None
     no_cameras: Annotated[
         bool, typer.Option("--no-cameras", help="Leave out every camera of the rig: much faster.")
     ] = False
+
+
+def check_outputs(command: str, arguments: Options) -> None:
+    """Rejects outputs that would overwrite an input or fail at the end of a long run.
+
+    Raises:
+        ConfigError: An output is also an input, is given twice, or cannot be a file.
+    """
+    given = dict(vars(arguments))
+    if command == "history":
+        given["file"] = given.pop("history")  # an input
+    outputs = {name: given.pop(name) for name in _OUTPUTS if isinstance(given.get(name), Path)}
+    taken = list(_files(given.values()))
+    for name, path in outputs.items():
+        option = f"{command} {_OUTPUTS[name]}"
+        if any(_same(path, other) for other in taken):
+            raise ConfigError(option, "", str(path), "a file that is not also an input or another output")
+        if name != "output" or command not in _FOLDERS:
+            partial_path(path)
+            if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
+                raise ConfigError(option, "", str(path), f"a file in an existing folder; {path.parent} does not exist")
+        taken.append(path)
+
+
+def _files(values: Iterable[object]) -> Iterator[Path]:
+    """All names in a value: paths, lists of them, file names, `NAME=FILE`."""
+    for value in values:
+        if isinstance(value, list):
+            yield from _files(value)
+        elif isinstance(value, Path):
+            yield value
+        elif isinstance(value, str):
+            yield from (path for path in map(Path, {value, value.rpartition("=")[2]}) if _is_file(path))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # not a valid file name
+        return False
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.absolute() == other.absolute() or (one.exists() and other.exists() and one.samefile(other))

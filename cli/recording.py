@@ -12,19 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import ImportableOptions, SourceOptions, positive
-from stridetwin.cli.outcome import Outcome, Progress
-from stridetwin.evaluation.evaluate import true_path
-from stridetwin.pipeline.source import opened
-from stridetwin.scenarios.files import staged
+from stridetwin.cli.options import ImportableOptions, Outcome, Progress, SourceOptions, positive
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.euroc_export import write_euroc
-from stridetwin.streams.formats.imu_table import write_imu_table
-from stridetwin.streams.formats.opensim_export import write_opensim
-from stridetwin.streams.formats.ros2_export import write_rosbag2
-from stridetwin.streams.formats.tum import write_tum
-from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
-from stridetwin.streams.recording.reader import Recording
 
 if TYPE_CHECKING:
     from stridetwin.streams.recording.reader import Recording
@@ -32,6 +21,7 @@ if TYPE_CHECKING:
 
 def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
     """`opened`, with the options of a command."""
+    from stridetwin.pipeline.source import opened
     from stridetwin.streams.formats.opening import ImportOptions
 
     options = ImportOptions(
@@ -84,6 +74,14 @@ def export(
     Raises:
         StrideTwinError: The recording lacks what the format needs, or the output exists.
     """
+    from stridetwin.evaluation.evaluate import true_path
+    from stridetwin.scenarios.files import staged
+    from stridetwin.streams.formats.euroc_export import write_euroc
+    from stridetwin.streams.formats.opensim_export import write_opensim
+    from stridetwin.streams.formats.ros2_export import write_rosbag2
+    from stridetwin.streams.formats.tum import write_tum
+    from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+
     if form == "table":
         return _table(recording, output, frame or DEFAULT_FRAME)
     if form == "tum" and (frame is not None or output.suffix in TRAJECTORY_SUFFIXES):
@@ -104,6 +102,8 @@ def export(
 
 
 def _table(recording: Recording, output: Path, frame: str) -> dict[str, int]:
+    from stridetwin.streams.formats.imu_table import write_imu_table
+
     imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
     if frame not in imus:
         raise StrideTwinError(f"{recording.path}: no IMU {frame!r}; it has {', '.join(imus) or 'none'}")
@@ -161,7 +161,7 @@ class ViewOptions(SourceOptions):
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """`export`."""
-    pass
+    from stridetwin.pipeline.source import opened
 
     recording = opened(arguments.source, arguments.lenient)
     progress("export", 0.0)
@@ -218,6 +218,7 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     """`view`."""
     from stridetwin.evaluation.evaluate import evaluate, true_frames
     from stridetwin.evaluation.terrain_ahead import all_estimates
+    from stridetwin.pipeline.source import opened
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.streams.files import whole_file
 

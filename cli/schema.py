@@ -10,8 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from stridetwin.cli.options import Options, one_of
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.options import Options, Outcome, Progress, one_of
 
 SCHEMAS = ("scenario", "campaign", "placement", "part")
 

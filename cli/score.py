@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import Options, count, positive, probability, share
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.console import table
+from stridetwin.cli.options import Options, Outcome, Progress, count, positive, probability, share
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stridetwin.evaluation.gate.compare import Comparison
+    from stridetwin.evaluation.gate.formatting import Failure
     from stridetwin.evaluation.gate.own_estimators import OwnEstimator
     from stridetwin.evaluation.path_scores import Scores
 
@@ -130,7 +135,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.evaluation.evaluate import summary
     from stridetwin.evaluation.gate.compare import Rules, check_level, compare_scores
-    from stridetwin.evaluation.gate.formatting import failures, junit, markdown, table_lines
+    from stridetwin.evaluation.gate.formatting import failures, junit, markdown
     from stridetwin.evaluation.gate.score_table import document_of, read_table, table_of
     from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
     from stridetwin.report.history import append_history, history_line
@@ -138,34 +143,34 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
 
     for option in ("junit", "markdown"):
         if getattr(arguments, option) and not arguments.baseline:
-            raise StrideTwinError(f"--{option} tells of changes; valid: with --baseline")
+            raise StrideTwinError(f"--{option} reports changes: expected --baseline as well")
     if arguments.history and not arguments.label:
         raise StrideTwinError("--history needs the --label of this version, such as a commit")
     baseline = read_table(arguments.baseline) if arguments.baseline else None
     rules = Rules(level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0)
     if baseline is not None:
         check_level(baseline, rules)
-    asked = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
-    jobs = jobs_of(arguments.recordings, **asked)
+    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
+    jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
-        raise StrideTwinError("--estimate goes with one recording; valid: one RECORDING, or --program for many")
+        raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
     rows = list(score_walks(jobs, arguments.workers, progress))
     means = summary(row["estimators"] for row in rows)
     data = document_of(rows, means)
     failed = failures(rows)
-    lines, code = score_table(means), int(bool(failed))
+    lines, code = score_tables(means), int(bool(failed))
     lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
     comparison = None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
-        lines += ["", *table_lines(comparison, failed)]
+        lines += _changes(comparison, failed)
         code = 1 if comparison.regressions else code
-        for path, tell in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        for path, form in ((arguments.junit, junit), (arguments.markdown, markdown)):
             if path is not None:
                 with whole_file(path) as file:
-                    file.write_text(tell(comparison, failed), encoding="utf-8")
+                    file.write_text(form(comparison, failed), encoding="utf-8")
     if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
     return Outcome(data=data, lines=lines, code=code)
@@ -204,30 +209,36 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         own.append(program)
     names = [estimator.name for estimator in own]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise StrideTwinError(f"two estimators are called {twice[0]!r}; valid: a name for each")
+        raise StrideTwinError(f"invalid name {twice[0]!r} of two estimators: expected a name for each")
     return tuple(own)
 
 
-def score_table(scores: dict[str, Scores]) -> list[str]:
-    """The main scores as text, one line per estimator: paths, then steps, map and modes."""
-    parts: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
+def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
+    """The main scores, one row per estimator, one table per kind: paths, then steps, map and modes."""
+    by_kind: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
     for name, values in scores.items():
-        parts[next(key for key, _ in _KINDS if not key or key in values)][name] = values
+        by_kind[next(key for key, _ in _KINDS if not key or key in values)][name] = values
     shown = dict(_KINDS)
-    blocks = [_score_lines(found, shown[key]) for key, found in parts.items() if found]
-    return [line for block in blocks for line in ("", *block)][1:] or _score_lines({}, _SHOWN)
+    blocks = [_score_table(found, shown[key]) for key, found in by_kind.items() if found]
+    return [line for block in blocks for line in ("", block)][1:] or [_score_table({}, _SHOWN)]
 
 
-def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:
-    lines = [f"{'estimator':<16}" + "".join(f"{words:>17}" for words in shown.values())]
-    for name, values in scores.items():
-        cells = (f"{values[k]:>17.3f}" if k in values else f"{'-':>17}" for k in shown)
-        lines.append(f"{name:<16}" + "".join(cells))
-    return lines
+def _score_table(scores: dict[str, Scores], shown: dict[str, str]) -> Table:
+    rows = [[name, *(f"{values[k]:.3f}" if k in values else "-" for k in shown)] for name, values in scores.items()]
+    return table(rows, ["estimator", *shown.values()])
+
+
+def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:
+    """The scores that differ from the baseline, regressions first."""
+    from stridetwin.evaluation.gate.formatting import HEAD, cells, changed, verdict
+
+    rows = [cells(line) for line in changed(comparison)]
+    head = f"against the baseline: {comparison.words}"
+    return ["", head, *([table(rows, HEAD, text_columns=2)] if rows else []), verdict(comparison, failed)]
 
 
 def _named(text: str, option: str, what: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals and value):
-        raise StrideTwinError(f"{option}: {text!r} is not valid; valid: NAME={what}")
+        raise StrideTwinError(f"{option}: invalid {text!r}: expected NAME={what}")
     return name, value

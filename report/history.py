@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from stridetwin.evaluation.gate.compare import Comparison
-from stridetwin.evaluation.gate.formatting import failures, said
+from stridetwin.evaluation.gate.formatting import failures, sentence
 from stridetwin.evaluation.gate.metric_policy import scale_of
 from stridetwin.evaluation.gate.score_table import checked_scores, is_text
 from stridetwin.evaluation.path_scores import Scores
@@ -48,7 +48,7 @@ def history_line(
     return {
         "label": label,
         "verdict": verdict,
-        "regressions": [] if comparison is None else [said(line) for line in comparison.regressions],
+        "regressions": [] if comparison is None else [sentence(line) for line in comparison.regressions],
         "walks": len(rows),
         "walks_digest": sha256(digests.encode()).hexdigest()[:16],
         "failed": sum(bool(row.get("failed")) for row in rows),

@@ -64,7 +64,7 @@ def table_of(document: object, source: str) -> ScoreTable:
             raise where.key("sha256").error(digest, "text in UTF-8")
         key = digest or f"recording {i}"
         walks[key] = checked_scores(entry["estimators"], where.key("estimators"))
-        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with why")
+        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
         for name, why in failed[key].items():
             if not isinstance(why, str):
                 raise where.key("failed").key(name).error(why, "text")
@@ -82,12 +82,12 @@ def read_table(path: Path) -> ScoreTable:
         document = json.loads(path.read_text(encoding="utf-8"))
         table = table_of(document, str(path))
     except (ValueError, RecursionError) as error:
-        raise StrideTwinError(f"{path}: is not JSON: {error}; valid: {_WRITTEN}") from error
+        raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_WRITTEN}") from error
     walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
-    for field, told in (("estimators", [table.means]), ("recordings", walks)):
-        names = [metric for estimators in told for scores in estimators.values() for metric in scores]
-        if told and all(scale_of(name) is None for name in names):
-            raise Where(source=str(path), path=field).error(document[field], "at least one score that is judged")
+    for field, tables in (("estimators", [table.means]), ("recordings", walks)):
+        names = [metric for estimators in tables for scores in estimators.values() for metric in scores]
+        if tables and all(scale_of(name) is None for name in names):
+            raise Where(source=str(path), path=field).error(document[field], "at least one comparable score")
     return table
 
 

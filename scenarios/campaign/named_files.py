@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -168,9 +168,9 @@ class NamedFiles:
     def _own_values(self, values: Distribution, at: Where) -> Distribution:
         """The same distribution with the names that files get in the output folder."""
         if isinstance(values, Fixed):
-            return Fixed(value=self.own_files(values.value, at))
+            return Fixed(fixed=self.own_files(values.fixed, at))
         if isinstance(values, Choice):
-            return replace(values, values=tuple(self.own_files(list(values.values), at)))
+            return Choice(choice=tuple(self.own_files(list(values.choice), at)), weights=values.weights)
         return values
 
     def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
-from stridetwin.scenarios.campaign.distributions import Choice
+from stridetwin.scenarios.campaign.distributions import weighted_index
 from stridetwin.scenarios.campaign.field_paths import field_path, put
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
@@ -113,8 +113,10 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     jointly, independent of the other scenarios.
     """
     crowd, sampling = people(campaign), campaign.sampling
-    order = Choice(values=campaign.bases, weights=tuple(base.weight for base in campaign.bases))
-    which = [order.index(row[0]) for row in cube(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()]
+    weights = [base.weight for base in campaign.bases]
+    which = [
+        weighted_index(weights, row[0]) for row in cube(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
+    ]
     varied = [[v for v in in_force(campaign, base, Extra()) if v.varies] for base in campaign.bases]
     points = [
         iter(cube(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())

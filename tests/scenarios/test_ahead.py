@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from stridetwin.cli.score import score_table
+from stridetwin.cli.console import plain_text
+from stridetwin.cli.score import score_tables
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
 from stridetwin.evaluation.alignment import MovingAlignment, YawAlignment
 from stridetwin.evaluation.change_scores import ScoredChange
@@ -275,7 +276,7 @@ def test_scores_are_told_by_kind_and_judged_the_right_way_round(ahead):
     assert ground["edge_false_pct"] == 50.0
     assert "riser_rmse_mm" not in ground
     scores = {"locomotion_mode": ahead.scores["locomotion_mode"], "terrain_map": ground}
-    lines = "\n".join(score_table(scores))
+    lines = plain_text(score_tables(scores))
     for words in ("transitions %", "lead s", "accuracy mm", "complete %", "edges mm"):
         assert words in lines
     better = {"locomotion_mode": scores["locomotion_mode"] | {"accuracy_pct": 100.0, "lead_median_s": 9.0}}

@@ -180,7 +180,7 @@ def test_score_tells_what_has_become_worse(walk, capsys, tmp_path):
     baseline.write_text(json.dumps(scores))
     code, out, _ = call(capsys, *words, "--baseline", baseline)
     assert code == 1
-    assert "foot_ins_l ape_rmse_m" in out
+    assert re.search(r"foot_ins_l +ape_rmse_m", out)
     code, out, _ = call(capsys, *words, "--baseline", baseline, "--json")
     assert code == 1
     assert json.loads(out)["regressions"][0]["metric"] == "ape_rmse_m"
@@ -200,7 +200,6 @@ def test_view_says_what_to_open_without_a_display(walk, capsys, tmp_path, monkey
     ("words", "said"),
     [
         (("run", "level_20"), "did you mean 'level_20m'?"),
-        (("run", "demo", "--physics", "ragdoll"), "'ragdoll' is not valid; valid: kinematic, dynamic"),
         (("generate", "none.yaml", "-o", "x.mcap"), "none.yaml: cannot be read"),
         (("score", "none.mcap"), "none.mcap: cannot be read"),
         (("estimate", "foot_ins", "none.csv", "-o", "x.txt"), "none.csv: cannot be read"),
@@ -217,6 +216,7 @@ def test_what_is_not_there_is_told_in_one_line(capsys, words, said):
         ("walk",),
         ("run",),
         ("run", "demo", "--seed", "-1"),
+        ("run", "demo", "--physics", "ragdoll"),
         ("score", "a", "--tolerance", "x"),
         ("score", "a", "--workers", "9" * 20),
         (),

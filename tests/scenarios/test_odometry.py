@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
-from stridetwin.cli.recording import opened
 from stridetwin.evaluation.path_scores import compare
 from stridetwin.evaluation.truth import TruePath
+from stridetwin.pipeline.source import opened
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 

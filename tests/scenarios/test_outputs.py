@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main, parse
-from stridetwin.cli.outputs import check_outputs
+from stridetwin.cli.options import check_outputs
 
 
 @pytest.fixture

@@ -6,7 +6,8 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from stridetwin.cli.score import score_table
+from stridetwin.cli.console import plain_text
+from stridetwin.cli.score import score_tables
 from stridetwin.evaluation.gate.compare import Rules, compare_scores
 from stridetwin.evaluation.gate.score_table import table_of
 from stridetwin.evaluation.step_scores import ScoredStep, step_scores
@@ -48,7 +49,8 @@ def test_a_worse_class_is_a_regression_and_a_better_one_is_not():
 
 
 def test_paths_and_steps_have_tables_of_their_own():
-    lines = score_table({"foot_ins_l": {"end_error_m": 0.1}, "contact_terrain": step_scores([step(0), step(1)])})
+    scores = {"foot_ins_l": {"end_error_m": 0.1}, "contact_terrain": step_scores([step(0), step(1)])}
+    lines = plain_text(score_tables(scores)).splitlines()
     assert [line.split()[0] for line in lines if line] == ["estimator", "foot_ins_l", "estimator", "contact_terrain"]
     assert "class %" in lines[3]
     assert "class %" not in lines[0]

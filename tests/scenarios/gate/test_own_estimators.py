@@ -15,7 +15,7 @@ import pytest
 
 from stridetwin.cli.main import main
 from stridetwin.evaluation.evaluate import Estimate, evaluate
-from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, lead
+from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, estimated_path
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
@@ -167,16 +167,16 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("own_filters:Greedy", "Greedy.topics: /truth/foot_l/imu/odometry is the truth"),
+        ("own_filters:Greedy", "Greedy.topics: invalid /truth/foot_l/imu/odometry: expected topics"),
         ("own_filters:Silent", "Silent.update has returned no estimate"),
         ("own_filters:Broken", "own_filters:Broken: ValueError: a matrix is singular"),
         ("own_filters:Quits", "own_filters:Quits: SystemExit: 0"),
         ("own_filters:Unsaid", r"own_filters:Unsaid: ValueError: \\ud800x{580,600}$"),
         ("own_filters:Framed", r"--estimator mine: own_filters:Framed: frame: \['a'\] is not valid; valid: text"),
-        ("own_filters:nothing", "is no class with update"),
+        ("own_filters:nothing", "is not a class with an update"),
         ("own_filters:Missing", "cannot be imported: AttributeError"),
         ("no_such_module:A", "cannot be imported: ModuleNotFoundError"),
-        ("own_filters", "valid: module:Class"),
+        ("own_filters", "expected module:Class"),
     ],
 )
 def test_what_is_wrong_with_a_class_is_told(recording, place, name, said):
@@ -242,7 +242,7 @@ def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):
 
     listener = Listener()
     with pytest.raises(StrideTwinError, match="no estimate"):
-        lead(listener, recording)
+        estimated_path(listener, recording)
     topics = {topic for topic, _ in listener.seen}
     assert {"/foot_l/imu", "/foot_r/imu", "/head/depth"} <= topics
     assert not any(topic.startswith("/truth") for topic in topics)
@@ -252,8 +252,8 @@ def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("import sys; sys.exit('no map was found')", "exit code 1; it said: no map was found"),
-        ("pass", "has not written {output}; it said nothing"),
+        ("import sys; sys.exit('no map was found')", "exit code 1; stderr: no map was found"),
+        ("pass", "has not written {output}; nothing on stderr"),
         ("import sys; open(sys.argv[2], 'w').write('0 1 2')", r"{output}: line 1: '0 1 2' is not valid"),
     ],
 )
@@ -272,7 +272,7 @@ def test_a_program_that_hangs_is_stopped_with_its_children(recording, tmp_path):
         time.sleep(60)
     """
     begin = time.monotonic()
-    with pytest.raises(StrideTwinError, match="not done after 1 s"):
+    with pytest.raises(StrideTwinError, match="stopped after 1 s"):
         program(script(tmp_path, text), 1.0).path(recording)
     assert time.monotonic() - begin < 10.0
     time.sleep(1.0)
@@ -331,13 +331,13 @@ def test_words_of_a_command_are_no_shells(recording, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--program", "mine"], "valid: NAME="),
-        (["--program", "mine=cat {recording}"], "valid: COMMAND {recording} {output}"),
-        (["--program", "mine=no-such-program {recording} {output}"], "no-such-program: there is no such program"),
+        (["--program", "mine"], "expected NAME="),
+        (["--program", "mine=cat {recording}"], "expected COMMAND {recording} {output}"),
+        (["--program", "mine=no-such-program {recording} {output}"], "invalid 'no-such-program'"),
         (["--program", "mine='cat {recording} {output}"], "No closing quotation"),
         (["--estimator", "mine=nowhere:A"], "cannot be imported"),
-        (["--estimate", "a=x.txt", "--estimate", "a=y.txt"], "two estimators are called 'a'"),
-        (["--junit", "x.xml"], "valid: with --baseline"),
+        (["--estimate", "a=x.txt", "--estimate", "a=y.txt"], "invalid name 'a' of two estimators"),
+        (["--junit", "x.xml"], "expected --baseline as well"),
         (["--history", "x.jsonl"], "needs the --label"),
     ],
 )

@@ -23,7 +23,7 @@ def scored(value):
 @pytest.mark.parametrize(
     ("document", "said"),
     [
-        ({"estimators": {}}, "estimators: {} is not valid; valid: at least one score that is judged"),
+        ({"estimators": {}}, "at least one comparable score"),
         ({"estimators": {"a": {"distance_m": 3.0}}}, "estimators: {'a': {'distance_m': 3.0}} is not valid"),
         ({"estimators": GOOD, "recordings": [{"estimators": {}}]}, "recordings: [{'estimators': {}}] is not valid"),
         ({"estimators": GOOD, "recordings": [1, "a", None]}, "recordings[0]: 1 is not valid; valid: a walk"),

@@ -10,7 +10,7 @@ from score_tables import table
 
 from stridetwin.cli.main import main
 from stridetwin.evaluation.gate.compare import Line, Rules, compare_scores
-from stridetwin.evaluation.gate.formatting import failures, junit, markdown, said, table_lines
+from stridetwin.evaluation.gate.formatting import changed, failures, junit, markdown, sentence, verdict
 from stridetwin.report.history import append_history, history_line, history_page, read_history
 from stridetwin.streams.errors import StrideTwinError
 
@@ -52,11 +52,11 @@ def test_markdown_shows_what_changed_and_folds_the_rest(worse, fine):
 
 
 def test_the_table_names_what_is_worse_first(worse, fine):
-    lines = table_lines(worse)
-    assert "20 walks that both hold, pair by pair" in lines[0]
-    assert lines[-1] == f"{len(worse.regressions)} of {len(worse.lines)} scores worse than the baseline"
-    assert "worse" in lines[2]
-    assert table_lines(fine)[-1] == f"none of {len(fine.lines)} scores is worse"
+    assert "20 walks that both hold, pair by pair" in worse.words
+    assert verdict(worse) == f"{len(worse.regressions)} of {len(worse.lines)} scores worse than the baseline"
+    assert changed(worse)[0].verdict == "worse"
+    assert verdict(fine) == f"none of {len(fine.lines)} scores is worse"
+    assert changed(fine) == []
 
 
 def test_an_estimator_that_failed_beside_the_comparison_is_told_wherever_the_verdict_is(fine, worse):
@@ -75,17 +75,17 @@ def test_an_estimator_that_failed_beside_the_comparison_is_told_wherever_the_ver
     text = markdown(fine, failed)
     assert "**nothing worse**, but **2 failed**" in text
     assert r"| w\_1 | new\_one | no <map>" in text
-    assert table_lines(fine, failed)[-1].endswith("scores is worse, but 2 failed")
+    assert verdict(fine, failed).endswith("scores is worse, but 2 failed")
     assert f"**{len(worse.regressions)} worse** and **2 failed**" in markdown(worse, failed)
-    for comparison, verdict in ((fine, "failed"), (None, "failed"), (worse, "worse")):
+    for comparison, expected in ((fine, "failed"), (None, "failed"), (worse, "worse")):
         line = history_line("v1", rows, {"mine": {}}, comparison)
-        assert line["verdict"] == verdict
+        assert line["verdict"] == expected
         assert "an estimator failed on 1 of 2 walks" in history_page([line], "One")
 
 
 def test_what_is_missing_is_said_in_one_sentence():
     line = Line(estimator="mine", metric="walks", method="paired", walks=5, verdict="missing", baseline=5.0, now=3.0)
-    assert said(line) == "mine: nothing to score on 5 walks but 3"
+    assert sentence(line) == "mine: nothing to score on 5 walks but 3"
 
 
 class _Page(HTMLParser):

@@ -1,19 +1,68 @@
-"""`place`: finds where sensors are most useful."""
+"""`experiment` reproduces the table of a paper; `place` finds where sensors are most useful."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from stridetwin.cli.options import Options, count, whole
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.console import table
+from stridetwin.cli.options import Options, Outcome, Progress, count, one_of, whole
 from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.studies.catalogue import STUDIES
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from stridetwin.studies.placement.problem_file import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(Options):
+    """Run a paper's experiment and print its table beside ours."""
+
+    experiment: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))]
+    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Cases at a time.")] = 1
+    seed: Annotated[
+        int | None, typer.Option(parser=whole, metavar="FIRST", help="Seed of the first case (default 1000).")
+    ] = None
+    subset: Annotated[int | None, typer.Option(parser=count, metavar="K", help="Number of cases (default all).")] = None
+    physics: Annotated[
+        Literal["kinematic", "dynamic"], typer.Option(help="How the body moves, in experiments with walks.")
+    ] = "dynamic"
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings of the walks in the folder.")] = False
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the cases (default runs/NAME).")
+    ] = None
+
+
+def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
+    """`experiment`."""
+    try:
+        from stridetwin.studies.catalogue import experiment
+        from stridetwin.studies.registry import Options as StudyOptions
+        from stridetwin.studies.registry import run_experiment
+
+        study = experiment(arguments.experiment)
+    except ModuleNotFoundError as error:
+        extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
+        raise StrideTwinError(
+            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
+        ) from error
+    options = StudyOptions(
+        folder=arguments.output or Path("runs") / arguments.experiment,
+        workers=arguments.workers,
+        first=arguments.seed,
+        subset=arguments.subset,
+        physics=arguments.physics,
+        resume=arguments.resume,
+        keep=arguments.keep,
+    )
+    result = run_experiment(arguments.experiment, options, progress)
+    return Outcome(data=result, lines=study.table(result))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,14 +101,15 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     from stridetwin.studies.placement.problem_file import find_problem, read_problem
 
     try:
-        from stridetwin.studies.placement.run import Options, run_placement
+        from stridetwin.studies.placement.run import Options as PlacementOptions
+        from stridetwin.studies.placement.run import run_placement
     except ModuleNotFoundError as error:
         raise StrideTwinError(
             f"{error.name} is not installed; placements need the simulator: pip install 'stridetwin[twin]'"
         ) from error
     path = find_problem(arguments.problem)
-    problem = _asked(read_problem(path), arguments)
-    options = Options(
+    problem = _problem(read_problem(path), arguments)
+    options = PlacementOptions(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers,
         seed=arguments.seed,
@@ -67,12 +117,11 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
         resume=arguments.resume,
     )
     result = run_placement(problem, options, progress)
-    return Outcome(
-        data=result, lines=[*_lines(result), f"page  {(options.folder / 'placement.html').absolute().as_uri()}"]
-    )
+    page = (options.folder / "placement.html").absolute().as_uri()
+    return Outcome(data=result, lines=[*_lines(result), f"page  {page}"])
 
 
-def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
+def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
     """The problem, with the settings of the command line in place of the file's."""
     from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
     from stridetwin.studies.placement.problem_file import check_budget
@@ -84,26 +133,27 @@ def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
         base = files.base(NamedBase(scenario=arguments.scenario), at, short=True)
         for name, file in files.own.items():
             if problem.own.get(name, file) != file:
-                raise at.error(arguments.scenario, f"a scenario whose {name} is the placement's, or has another name")
+                raise at.error(arguments.scenario, f"a scenario without another file {name} than the placement's")
         problem = replace(problem, bases=(base,), own=problem.own | files.own)
     if arguments.budget is not None:
         if problem.search is None:
-            raise here.key("--budget").error(arguments.budget, f"optimise to go with it; {problem.path.stem} sweeps")
+            raise here.key("--budget").error(arguments.budget, f"no --budget, as {problem.path.stem} only sweeps")
         problem = replace(problem, search=replace(problem.search, budget=arguments.budget))
         check_budget(problem, here.key("--budget"))
     return problem
 
 
-def _lines(result: dict[str, Any]) -> list[str]:
+def _lines(result: dict[str, Any]) -> list[str | Table]:
     """The table, and which differences in it are significant."""
     from stridetwin.studies.placement.page import said, said_value
 
     scores = [score["name"] for score in result["scores"]]
-    rows = [["place", *result["free"], *scores]]
-    rows += [[str(row["rank"]), *(said_value(row["values"], name) for name in result["free"]),
-              *(said(row["scores"].get(name)) for name in scores)] for row in result["table"]]  # fmt: skip
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = ["  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths)) for row in rows]
+    rows = [
+        [str(row["rank"]), *(said_value(row["values"], name) for name in result["free"]),
+         *(said(row["scores"].get(name)) for name in scores)]
+        for row in result["table"]
+    ]  # fmt: skip
+    lines: list[str | Table] = [table(rows, ["place", *result["free"], *scores], text_columns=0)]
     lines += [f"{row['rank']} failed: {row['failed']}" for row in result["table"] if "failed" in row]
     lines += ["", *result["words"], "", f"{result['tried']} places on {len(result['walks'])} walks"]
     return [*lines, *([f"{result['failed']} of them failed somewhere"] if result["failed"] else [])]
