@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentOptions(Options):
-    """Run a paper's experiment and print its table beside ours."""
+    """Run a paper's experiment and print its results beside ours."""
 
     experiment: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))]
     workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Cases at a time.")] = 1
@@ -67,7 +67,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceOptions(Options):
-    """Sweep or optimise where sensors sit, or which parts they are."""
+    """Sweep or optimise the mounts or the parts of sensors."""
 
     problem: Annotated[
         str,
@@ -80,14 +80,14 @@ class PlaceOptions(Options):
         str | None, typer.Option(metavar="SCENARIO", help="Walk this scenario instead of the file's.")
     ] = None
     walks: Annotated[
-        int | None, typer.Option(parser=count, metavar="K", help="Walks of each scenario (default: as the file says).")
+        int | None, typer.Option(parser=count, metavar="K", help="Walks of each scenario (default: as in the file).")
     ] = None
     seed: Annotated[
         int | None,
-        typer.Option(parser=whole, metavar="FIRST", help="Seed of the first walk (default: as the file says)."),
+        typer.Option(parser=whole, metavar="FIRST", help="Seed of the first walk (default: as in the file)."),
     ] = None
     budget: Annotated[
-        int | None, typer.Option(parser=count, metavar="N", help="Optimise: places to try (default: as the file says).")
+        int | None, typer.Option(parser=count, metavar="N", help="Optimise: places to try (default: as in the file).")
     ] = None
     workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Walks at a time.")] = 1
     resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False

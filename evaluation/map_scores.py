@@ -25,7 +25,7 @@ _MATCH_M = 0.35
 _KNOWN_M = 0.03
 """An edge with a larger standard deviation counts as not seen."""
 _SAME_EDGE_M = 0.14
-"""Half of the shortest tread in the scenarios; an edge farther away is no match."""
+"""Half of the shortest tread in the scenarios; an edge farther away does not match."""
 _TICK_S = 0.5
 _LATE_NS = 200_000_000
 _FLOOR_BELOW_M = 0.1

@@ -86,7 +86,7 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
     made = []
     for i in range(_STANDING, len(footprints)):
         print_ = footprints[i]
-        # either foot may be second in the list and step first: that is no gap
+        # either foot may take the first step, whatever the order of the list: that is not a gap
         beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
         before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
         if before is None or any(p.foot == print_.foot for p in beside):

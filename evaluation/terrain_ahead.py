@@ -245,7 +245,7 @@ def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | No
         if not isinstance(sample, Depth):
             continue
         if progress is not None:
-            progress("look ahead", float(np.mean(poses.t_ns <= sample.t_ns)))
+            progress("terrain ahead", float(np.mean(poses.t_ns <= sample.t_ns)))
         at = int(np.searchsorted(poses.t_ns, sample.t_ns, side="right")) - 1
         if at >= 0:
             for watch in watches.values():

@@ -36,7 +36,7 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 def _sweep(folder: Path) -> None:
-    """Removes what killed processes have left; the folders of running processes are locked."""
+    """Removes the folders of killed processes; those of running processes are locked."""
     for left in folder.glob(f"{_PREFIX}*"):
         try:
             with _held(left):

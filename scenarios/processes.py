@@ -60,8 +60,8 @@ def _worker_deaths_reported(workers: int) -> Iterator[None]:
         yield
     except BrokenProcessPool:
         raise StrideTwinError(
-            f"a worker died before it was done; does memory suffice for {workers} at a time? Run it again with fewer "
-            "--workers; where there is --resume, that goes on with what is done"
+            f"a worker process died; memory may be too small for {workers} at a time. Run it again with fewer "
+            "--workers; commands with --resume continue where they stopped"
         ) from None
 
 

@@ -28,11 +28,7 @@ for walk in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["
 
 
 def card(manifest: Mapping[str, Any]) -> str:
-    """The card.
-
-    Args:
-        manifest: Of the campaign; the card's only source.
-    """
+    """The card, from the campaign's manifest alone."""
     walks = manifest["walks"]
     accepted = [w for w in walks if w["status"] == ACCEPTED]
     hours = sum(w["duration_s"] for w in accepted) / 3600
@@ -44,15 +40,15 @@ def card(manifest: Mapping[str, Any]) -> str:
         "synthetic recordings of a simulated person who walks in a lower-limb exoskeleton, every sensor with the truth "
         f"beside it. Made by the campaign `{manifest['campaign']}`, seed {manifest['seed']}, "
         f"{manifest['sampling'].replace('_', ' ')} sampling.",
-        "## What is here",
+        "## Contents",
         "\n".join(_files(manifest)),
-        "## How to read it",
+        "## Reading the data",
         _READ.format(part=next(iter(manifest["shares"]))),
-        "A recording is one MCAP file of ROS 2 messages, which Foxglove, Rerun, `mcap` and `rosbags` open as it is; "
-        "the calibration (Kalibr YAML) lies in it. "
-        "`stridetwin generate scenarios/walk_00000.yaml --seed SEED -o x.mcap` makes a walk "
-        "again, byte by byte, with the versions below.",
-        "## What varies",
+        "A recording is one MCAP file of ROS 2 messages, which Foxglove, Rerun, `mcap` and `rosbags` can open; "
+        "it contains the calibration (Kalibr YAML). "
+        "`stridetwin generate scenarios/walk_00000.yaml --seed SEED -o x.mcap` generates "
+        "a walk again, with equal bytes, with the versions below.",
+        "## Distributions",
         "Values of the accepted walks (numbers: lowest, mean, highest, and a histogram between lowest and highest).",
         "\n".join(_values(manifest, accepted)),
         "## Splits",
@@ -149,7 +145,7 @@ def _rejects(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]]) ->
     if not rejected:
         yield "None."
         return
-    yield "| walk | why |\n|---|---|"
+    yield "| walk | reason |\n|---|---|"
     for walk in rejected:
         yield f"| `{walk['walk']}` | {_cell('; '.join(walk['reasons']))} |"
 

@@ -51,7 +51,7 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
     try:
         parse_scenario(folder, base.scenario)
     except StrideTwinError as error:
-        raise base.at.error(base.name, f"a scenario without error ({_inner(error)})") from error
+        raise base.at.error(base.name, f"a valid scenario ({_inner(error)})") from error
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
         parse_scenario(folder, scenario)
@@ -59,7 +59,7 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
         for variable in in_force(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 raise _campaign_error(variable, base, error.value, error) from error
-        raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
+        raise base.at.error(base.name, f"a scenario that allows the values that are set ({_inner(error)})") from error
 
 
 def _try_people(folder: Path, group: Group) -> None:
@@ -76,7 +76,7 @@ def _campaign_error(variable: Variable, base: Base, value: Any, error: StrideTwi
     """A scenario's error as an error of the campaign's file."""
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)
-    return variable.at.error(value, f"what {base.name} can be walked with ({_inner(error)})")
+    return variable.at.error(value, f"a value that {base.name} allows ({_inner(error)})")
 
 
 def _is_about(error: ConfigError, variable: Variable) -> bool:

@@ -67,11 +67,11 @@ def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
     key, there = path.keys[depth], _text(path.keys[:depth])
     if isinstance(key, int):
         if not isinstance(node, list):
-            raise where.error(path.text, f"a place of the scenario, where {there} is {_short(node)}")
+            raise where.error(path.text, f"a field of the scenario, where {there} is {_short(node)}")
         if key >= len(node):
-            raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}], the items that there are")
+            raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}]")
     elif not isinstance(node, dict):
-        raise where.error(path.text, f"a place of the scenario, where {there} is {_short(node)}")
+        raise where.error(path.text, f"a field of the scenario, where {there} is {_short(node)}")
 
 
 def _opened(node: Any, *, of_group: bool) -> Any:

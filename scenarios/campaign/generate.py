@@ -117,7 +117,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
             for name in (manifests.NAME, card.NAME):
                 (options.folder / name).unlink(missing_ok=True)
         copy_files(options.folder, campaign.own)
-        stage = f"walks, {outdated} of another version anew" if outdated else "walks"
+        stage = f"walks, {outdated} of another version again" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
         for row in executors.rows(missing, options.workers, options.scheduler):
             rows[row["walk"]] = row
@@ -167,7 +167,7 @@ def _held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StrideTwinError(f"{folder}: another generate works there; valid: a folder of its own") from None
+            raise StrideTwinError(f"{folder}: another process generates walks there: expected another folder") from None
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
         (folder / HIDDEN).mkdir(exist_ok=True)
         yield

@@ -77,7 +77,7 @@ class NamedBase(BaseModel):
     """A scenario with values of its own.
 
     Attributes:
-        scenario: Name of the catalogue, or path of a file.
+        scenario: Name in the catalogue, or path of a file.
         set: Paths into the scenario, each with a value or a distribution.
     """
 
@@ -90,7 +90,7 @@ class _Weighed(NamedBase):
     """A scenario with values and a weight of its own.
 
     Attributes:
-        weight: How often it is walked, against the others.
+        weight: Frequency relative to the other scenarios.
     """
 
     weight: Annotated[float, number(1e-6, 1e6)] = 1.0

@@ -60,7 +60,7 @@ class Group:
 
 
 class _Named(BaseModel):
-    """People of the project.
+    """Predefined people.
 
     Attributes:
         named: Their names.
@@ -75,15 +75,15 @@ class _Named(BaseModel):
 
 
 class _Drawn(BaseModel):
-    """People whose bodies are drawn.
+    """People whose bodies are drawn from distributions.
 
     Attributes:
-        count: How many.
+        count: Number of people.
         bmi: Body mass index, kg/m², 15-45, which gives the mass; instead of mass_kg.
         sex: `male` or `female`.
         height_m: Standing height without shoes.
         mass_kg: Body mass.
-        shoe_mm: Shoe size as the length of the foot that it fits.
+        shoe_mm: Shoe size, as the length of a fitting foot.
     """
 
     model_config = ConfigDict(extra="forbid")

@@ -268,13 +268,13 @@ def measured(recording: Recording, person: Person, fell_at_s: float | None) -> d
         `expected_findings` about streams with an injected fault.
     """
     broken = {i.topic for i in injected_faults(recording.metadata)}
-    spoils = [f for f in check_recording(recording).findings if f.spoils]
+    errors = [f for f in check_recording(recording).findings if f.spoils]
     return {
         "duration_s": _rounded(recording.duration),
         "fell_at_s": None if fell_at_s is None else _rounded(fell_at_s),
         "help_mean_pct": _root_help_pct(recording, person),
-        "findings": [_words(f) for f in spoils if f.topic not in broken],
-        "expected_findings": [_words(f) for f in spoils if f.topic in broken],
+        "findings": [_words(f) for f in errors if f.topic not in broken],
+        "expected_findings": [_words(f) for f in errors if f.topic in broken],
     }
 
 
@@ -289,7 +289,7 @@ def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
     if figures["fell_at_s"] is not None and quality.falls == "reject":
         found.append(f"fell: at {figures['fell_at_s']:.2f} s")
     if (help_pct := figures["help_mean_pct"]) > quality.help_pct:
-        found.append(f"help: {help_pct:g} % of the body weight at the root; valid: up to {quality.help_pct:g} %")
+        found.append(f"help: {help_pct:g} % of the body weight at the root, more than {quality.help_pct:g} %")
     if quality.sensors == "reject":
         found += [f"sensors: {words}" for words in figures["findings"]]
     return found

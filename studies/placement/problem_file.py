@@ -33,8 +33,8 @@ class Optimise:
     """A search by CMA-ES.
 
     Attributes:
-        budget: How many places are tried in all.
-        starts: How often it starts, each time with its share of them.
+        budget: Total number of places to try.
+        starts: Number of restarts, among which the budget is divided.
     """
 
     budget: Annotated[int, whole(1, MOST_PLACES)]
@@ -43,10 +43,10 @@ class Optimise:
 
 @dataclass(frozen=True, kw_only=True)
 class Confirm:
-    """The best places once more, on walks that the search has not seen.
+    """Evaluation of the best places on further walks, which the search did not use.
 
     Attributes:
-        places: How many.
+        places: Number of places.
         walks: Walks of each scenario.
     """
 
@@ -112,15 +112,15 @@ _Base = Annotated[NamedBase, BeforeValidator(short_base, json_schema_input_type=
 
 
 class PlacementFile(BaseModel):
-    """A placement: what is free, on which walks, by which scores, and how it is searched.
+    """A placement: its free variables, walks, scores and search method.
 
     Attributes:
-        placement: One line that says what it is for.
-        scenarios: Scenarios, by name of the catalogue or path in the placement's folder.
-        set: Paths into the scenarios, each with a value at every place.
-        free: Paths into the scenarios, each with what there is to choose.
-        scores: By which places are compared; the search makes their weighted sum small.
-        seeds: Of the walks of each scenario: how many, from 0 on, or a list of them.
+        placement: Purpose of the placement, in one line.
+        scenarios: Scenarios, by name in the catalogue or path in the placement's folder.
+        set: Paths into the scenarios, each with a value that all places share.
+        free: Paths into the scenarios, each with the range or the values to choose from.
+        scores: Scores by which places are compared; the search minimises their weighted sum.
+        seeds: Seeds of the walks of each scenario: their number, from 0 on, or a list.
         seeing: When a board counts as seen.
         method: `sweep` over all places, or a search.
         confirm: The best places once more, on other walks.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.evaluation.step_scores import ScoredStep, displacement_errors, false_steps, score_steps, turned
+from stridetwin.evaluation.step_scores import ScoredStep, displacement_errors, false_steps, score_steps, yaw_aligned
 from stridetwin.pipeline.step_files import COLUMNS, write_steps
 from stridetwin.streams.samples import Footprint
 from stridetwin.studies.shim2019 import shim_table5
@@ -94,9 +94,9 @@ def test_a_way_that_starts_with_another_heading_is_turned_back():
     steps = score_steps(footprints, made)
     ((_, _, left),) = displacement_errors(steps, "")
     assert abs(left) > 0.04
-    ((forward, up, left),) = displacement_errors(turned(steps), "")
+    ((forward, up, left),) = displacement_errors(yaw_aligned(steps), "")
     assert [forward, up, left] == pytest.approx([0.0, 0.0, 0.0], abs=0.004)
-    assert [s.seen for s in turned(steps)] == [s.seen for s in steps]
+    assert [s.seen for s in yaw_aligned(steps)] == [s.seen for s in steps]
 
 
 def test_the_table_has_a_row_a_step(tmp_path):

@@ -50,7 +50,7 @@ def refused(path) -> str:
             "terrain[0]",
             "terrain[3]",
             "scenarios[0].set.terrain[3].level.length_m: 'terrain[3].level.length_m' is not valid; valid: "
-            "terrain[0] to terrain[0], the items that there are",
+            "terrain[0] to terrain[0]",
         ),
         ("part: MPU-9250", "part: MPU-9999", "set.sensors.foot_imu.part: 'MPU-9999' is not valid; valid: "),
         ("[1.55, 1.8]", "[1.3, 1.8]", "people[0].height_m: 1.3 is not valid; valid: 1.5-1.95"),
@@ -84,7 +84,7 @@ def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, old, new, m
 def test_an_error_in_the_scenario_itself_is_told_as_one(tmp_path):
     message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2")))
     assert (
-        "scenarios[0].scenario: 'short' is not valid; valid: a scenario without error (terrain[0].level.len" in message
+        "scenarios[0].scenario: 'short' is not valid; valid: a valid scenario (terrain[0].level.len" in message
     )
 
 

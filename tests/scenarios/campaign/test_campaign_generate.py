@@ -286,7 +286,7 @@ def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path)
 def test_only_one_generate_works_in_a_folder(one, campaign, tmp_path):
     def another(stage: str, share: float) -> None:
         if stage == "walks":
-            with pytest.raises(StrideTwinError, match="another generate works there"):
+            with pytest.raises(StrideTwinError, match="another process generates walks there"):
                 generate(campaign, Options(folder=folder), quiet)
 
     folder = tmp_path / "two"
