@@ -163,7 +163,7 @@ def test_patterns_and_manners_of_walking(tmp_path):
         (lambda n: n.update(texture="blue"), "texture: 'blue'", "rich, plain, white"),
         (lambda n: n.update(light=9), "light: 9", "0.2-1.4"),
         (lambda n: n.update(gait={"speed_mps": float("nan")}), "gait.speed_mps: nan", "0.05-2.1"),
-        (lambda n: n.update(dynamics={"assist": True}), "physics: 'kinematic'", "dynamic, as the scenario has dynamics"),
+        (lambda n: n.update(dynamics={"assist": True}), "physics: 'kinematic'", "dynamic, as the scenario has"),
         (lambda n: n.update(physics="dynamic", dynamics={"friction": 0.1}), "dynamics.friction: 0.1", "0.2-1.5"),
         (lambda n: n.update(physics="dynamic", dynamics={"pushes": [{"left_n": 50}]}),
          "dynamics.pushes[0]: 'no at_s'", "required"),

@@ -69,7 +69,7 @@ def refused(path) -> str:
         ),
         ("  gait.speed_mps", "  person.height_m", "set.person.height_m: 'person.height_m' is not valid; valid: no per"),
         ("seed: 3", "splits: {shares: {train: 0.7}}", "splits.shares: {'train': 0.7} is not valid; valid: shares"),
-        ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: '../x' is not valid; valid: names of small letters"),
+        ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: '../x' is not valid; valid: names of lower-case"),
         ("seed: 3", "quality: {falls: drop}", "quality.falls: 'drop' is not valid; valid: reject, keep"),
         ("seed: 3", "seed: 3\nseed: 4", "line 5: duplicate key 'seed'"),
         ("seed: 3", "seed: !!python/object/apply:os.getcwd []", "line 4: not YAML: could not determine a constructor"),
