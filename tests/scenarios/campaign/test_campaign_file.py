@@ -83,9 +83,7 @@ def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, old, new, m
 
 def test_an_error_in_the_scenario_itself_is_told_as_one(tmp_path):
     message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2")))
-    assert (
-        "scenarios[0].scenario: 'short' is not valid; valid: a valid scenario (terrain[0].level.len" in message
-    )
+    assert "scenarios[0].scenario: 'short' is not valid; valid: a valid scenario (terrain[0].level.len" in message
 
 
 @pytest.mark.parametrize("name", ["../outside.yaml", "{tmp}/outside.yaml", "link.yaml"])
