@@ -41,8 +41,7 @@ class EstimateOptions(ImportableOptions):
     ]
     foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: foot of a recording (default l).")] = None
     lag: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="foot_ins: smooth each pose with the next S seconds, up to 10."),
+        float | None, typer.Option(metavar="S", help="foot_ins: smooth each pose with the next S seconds, up to 10.")
     ] = None
     method: Annotated[
         str | None,
@@ -62,8 +61,7 @@ class EstimateOptions(ImportableOptions):
     ] = None
     mesh: Annotated[bool, typer.Option("--mesh", help="terrain_map: write the ground as a .glb as well.")] = False
     exoskeleton: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the recording provides none."),
+        Path | None, typer.Option(metavar="FILE", help="contact_terrain: geometry, where the recording provides none.")
     ] = None
     output: Annotated[
         Path,

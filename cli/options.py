@@ -119,13 +119,11 @@ class ImportableOptions(SourceOptions):
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="PATH",
-            help="Recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table.",
+            metavar="PATH", help="Recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table."
         ),
     ]
     kind: Annotated[
-        str | None,
-        typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}."),
+        str | None, typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}.")
     ] = None
     map: Annotated[list[str], typer.Option("--map", metavar="FROM=TO", help="Topic for a stream of the source.")] = (
         field(default_factory=list)
@@ -148,8 +146,7 @@ class WalkOptions(Options):
     """How to walk a scenario."""
 
     physics: Annotated[
-        Literal["kinematic", "dynamic"] | None,
-        typer.Option(help="How the body moves (default: as in the scenario)."),
+        Literal["kinematic", "dynamic"] | None, typer.Option(help="How the body moves (default: as in the scenario).")
     ] = None
     no_cameras: Annotated[
         bool, typer.Option("--no-cameras", help="Leave out every camera of the rig: much faster.")

@@ -187,12 +187,7 @@ def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
         return _infeasible(job, error, path, scenario)
     figures = measured(read_once(recorded), scenario.config.person, twin.fell_at)
     row = with_verdict(
-        {
-            **_row(job, ACCEPTED, [], scenario),
-            "bytes": recorded.stat().st_size,
-            "sha256": sha256(recorded),
-            **figures,
-        },
+        {**_row(job, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
         job.quality,
     )
     for place in (RECORDINGS, REJECTED):

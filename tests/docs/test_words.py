@@ -119,7 +119,7 @@ REMAINING = {
 
 
 def texts_of(source):
-    """Identifiers, string literals and comments of a Python source, as words; `snake_case` and `CamelCase` are split."""
+    """Identifiers, string literals and comments of a Python source; `snake_case` and `CamelCase` become words."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield _split(node.value)
