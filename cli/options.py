@@ -90,13 +90,26 @@ def count(text: str) -> int:
     return int(digits)
 
 
+def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] | None = None) -> Any:
+    """An option with a value: `typer.Option`."""
+    return typer.Option(help=help, metavar=metavar, parser=parser)
+
+
+def switch(name: str, help: str) -> Any:
+    """An option without a value."""
+    return typer.Option(name, help=help)
+
+
+def output_option(help: str, metavar: str = "FILE") -> Any:
+    """The option `-o`."""
+    return typer.Option("-o", "--output", help=help, metavar=metavar)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Options of every command."""
 
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")] = (
-        False
-    )
+    json: Annotated[bool, switch("--json", "Print one JSON object on stdout and nothing else there.")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,9 +120,7 @@ class SourceOptions(Options):
         Path,
         typer.Argument(metavar="RECORDING", help="Recording, or anything that `import` reads.", show_default=False),
     ]
-    lenient: Annotated[
-        bool, typer.Option("--lenient", help="Read a damaged or suspicious source as far as possible.")
-    ] = False
+    lenient: Annotated[bool, switch("--lenient", "Read a damaged or suspicious source as far as possible.")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,19 +136,11 @@ class ImportableOptions(SourceOptions):
     kind: Annotated[
         str | None, typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}.")
     ] = None
-    map: Annotated[list[str], typer.Option("--map", metavar="FROM=TO", help="Topic for a stream of the source.")] = (
-        field(default_factory=list)
-    )
-    rig: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration (Kalibr YAML) in place of the source's.")
-    ] = None
+    map: Annotated[list[str], option("Topic for a stream of the source.", "FROM=TO")] = field(default_factory=list)
+    rig: Annotated[Path | None, option("Calibration (Kalibr YAML) in place of the source's.", "FILE")] = None
     depth_scale: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="N",
-            help="Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).",
-        ),
+        option("Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).", "N", positive),
     ] = None
 
 
@@ -146,11 +149,9 @@ class WalkOptions(Options):
     """How to walk a scenario."""
 
     physics: Annotated[
-        Literal["kinematic", "dynamic"] | None, typer.Option(help="How the body moves (default: as in the scenario).")
+        Literal["kinematic", "dynamic"] | None, option("How the body moves (default: as in the scenario).")
     ] = None
-    no_cameras: Annotated[
-        bool, typer.Option("--no-cameras", help="Leave out every camera of the rig: much faster.")
-    ] = False
+    no_cameras: Annotated[bool, switch("--no-cameras", "Leave out every camera of the rig: much faster.")] = False
 
 
 def check_outputs(command: str, arguments: Options) -> None:

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stridetwin.cli.console import table
-from stridetwin.cli.options import Options, Outcome, Progress, count, positive, probability, share
+from stridetwin.cli.options import (
+    Options,
+    Outcome,
+    Progress,
+    count,
+    option,
+    output_option,
+    positive,
+    probability,
+    share,
+    switch,
+)
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:
@@ -76,50 +87,32 @@ class ScoreOptions(Options):
     recordings: Annotated[
         list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
     ]
-    lenient: Annotated[bool, typer.Option("--lenient", help="Read a damaged recording as far as possible.")] = False
-    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Recordings at a time.")] = 1
-    estimate: Annotated[list[str], typer.Option(metavar="NAME=FILE", help="Score a TUM file made elsewhere.")] = field(
+    lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
+    workers: Annotated[int, option("Recordings at a time.", "N", count)] = 1
+    estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
+    estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
         default_factory=list
     )
-    estimator: Annotated[
-        list[str], typer.Option(metavar="NAME=MODULE:CLASS", help="Score a Python class with update(sample).")
-    ] = field(default_factory=list)
     program: Annotated[
         list[str],
-        typer.Option(
-            metavar="NAME=COMMAND",
-            help="Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
+        option(
+            "Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
+            "NAME=COMMAND",
         ),
     ] = field(default_factory=list)
-    timeout: Annotated[float, typer.Option(parser=positive, metavar="S", help="Time limit of a program, s.")] = 600.0
-    frame: Annotated[str, typer.Option(help="Frame that these three estimate.")] = "foot_l/imu"
-    align: Annotated[Literal["start", "yaw", "se3"], typer.Option(help="Alignment of paths with the truth.")] = "start"
-    baseline: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="An earlier `score --json`; exit 1 if a score is worse.")
-    ] = None
-    least: Annotated[
-        float,
-        typer.Option(parser=share, metavar="PCT", help="Ignore smaller changes: % of an error, points of a share."),
-    ] = 1.0
+    timeout: Annotated[float, option("Time limit of a program, s.", "S", positive)] = 600.0
+    frame: Annotated[str, option("Frame that these three estimate.")] = "foot_l/imu"
+    align: Annotated[Literal["start", "yaw", "se3"], option("Alignment of paths with the truth.")] = "start"
+    baseline: Annotated[Path | None, option("An earlier `score --json`; exit 1 if a score is worse.", "FILE")] = None
+    least: Annotated[float, option("Ignore smaller changes: % of an error, points of a share.", "PCT", share)] = 1.0
     false_alarms: Annotated[
-        float,
-        typer.Option(
-            parser=probability,
-            metavar="PCT",
-            help="Percentage of comparisons in which a score may seem worse by chance.",
-        ),
+        float, option("Percentage of comparisons in which a score may seem worse by chance.", "PCT", probability)
     ] = 1.0
-    tolerance: Annotated[
-        float, typer.Option(parser=share, metavar="PCT", help="How much worse means of few walks may be, %.")
-    ] = 10.0
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison as JUnit XML.")] = None
-    markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison for a pull request.")] = (
-        None
-    )
-    history: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Append a line with means and verdict (.jsonl).")
-    ] = None
-    label: Annotated[str | None, typer.Option(metavar="TEXT", help="--history: name of this version.")] = None
+    tolerance: Annotated[float, option("How much worse means of few walks may be, %.", "PCT", share)] = 10.0
+    junit: Annotated[Path | None, option("Write the comparison as JUnit XML.", "FILE")] = None
+    markdown: Annotated[Path | None, option("Write the comparison for a pull request.", "FILE")] = None
+    history: Annotated[Path | None, option("Append a line with means and verdict (.jsonl).", "FILE")] = None
+    label: Annotated[str | None, option("--history: name of this version.", "TEXT")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,8 +120,8 @@ class HistoryOptions(Options):
     """Draw how scores changed from version to version."""
 
     history: Annotated[Path, typer.Argument(metavar="FILE", help="File that `score --history` has written (.jsonl).")]
-    title: Annotated[str, typer.Option(help="Title of the page.")] = "History"
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write (.html).")]
+    title: Annotated[str, option("Title of the page.")] = "History"
+    output: Annotated[Path, output_option("Page to write (.html).")]
 
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
@@ -141,9 +134,9 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     from stridetwin.report.history import append_history, history_line
     from stridetwin.streams.files import whole_file
 
-    for option in ("junit", "markdown"):
-        if getattr(arguments, option) and not arguments.baseline:
-            raise StrideTwinError(f"--{option} reports changes: expected --baseline as well")
+    for name in ("junit", "markdown"):
+        if getattr(arguments, name) and not arguments.baseline:
+            raise StrideTwinError(f"--{name} reports changes: expected --baseline as well")
     if arguments.history and not arguments.label:
         raise StrideTwinError("--history needs the --label of this version, such as a commit")
     baseline = read_table(arguments.baseline) if arguments.baseline else None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from stridetwin.cli.console import table
-from stridetwin.cli.options import Options, Outcome, Progress, count, one_of, whole
+from stridetwin.cli.options import Options, Outcome, Progress, count, one_of, option, output_option, switch, whole
 from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.studies.catalogue import STUDIES
 
@@ -24,19 +24,15 @@ class ExperimentOptions(Options):
     """Run a paper's experiment and print its results beside ours."""
 
     experiment: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))]
-    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Cases at a time.")] = 1
-    seed: Annotated[
-        int | None, typer.Option(parser=whole, metavar="FIRST", help="Seed of the first case (default 1000).")
-    ] = None
-    subset: Annotated[int | None, typer.Option(parser=count, metavar="K", help="Number of cases (default all).")] = None
-    physics: Annotated[
-        Literal["kinematic", "dynamic"], typer.Option(help="How the body moves, in experiments with walks.")
-    ] = "dynamic"
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False
-    keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings of the walks in the folder.")] = False
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the cases (default runs/NAME).")
-    ] = None
+    workers: Annotated[int, option("Cases at a time.", "N", count)] = 1
+    seed: Annotated[int | None, option("Seed of the first case (default 1000).", "FIRST", whole)] = None
+    subset: Annotated[int | None, option("Number of cases (default all).", "K", count)] = None
+    physics: Annotated[Literal["kinematic", "dynamic"], option("How the body moves, in experiments with walks.")] = (
+        "dynamic"
+    )
+    resume: Annotated[bool, switch("--resume", "Continue an earlier run that stopped.")] = False
+    keep: Annotated[bool, switch("--keep", "Keep the recordings of the walks in the folder.")] = False
+    output: Annotated[Path | None, output_option("Folder for the cases (default runs/NAME).", "DIR")] = None
 
 
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
@@ -76,24 +72,13 @@ class PlaceOptions(Options):
             help="Placement of the catalogue (see `list`), such as foot_camera, or a .yaml file.",
         ),
     ]
-    scenario: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="Walk this scenario instead of the file's.")
-    ] = None
-    walks: Annotated[
-        int | None, typer.Option(parser=count, metavar="K", help="Walks of each scenario (default: as in the file).")
-    ] = None
-    seed: Annotated[
-        int | None,
-        typer.Option(parser=whole, metavar="FIRST", help="Seed of the first walk (default: as in the file)."),
-    ] = None
-    budget: Annotated[
-        int | None, typer.Option(parser=count, metavar="N", help="Optimise: places to try (default: as in the file).")
-    ] = None
-    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Walks at a time.")] = 1
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the files (default runs/NAME).")
-    ] = None
+    scenario: Annotated[str | None, option("Walk this scenario instead of the file's.", "SCENARIO")] = None
+    walks: Annotated[int | None, option("Walks of each scenario (default: as in the file).", "K", count)] = None
+    seed: Annotated[int | None, option("Seed of the first walk (default: as in the file).", "FIRST", whole)] = None
+    budget: Annotated[int | None, option("Optimise: places to try (default: as in the file).", "N", count)] = None
+    workers: Annotated[int, option("Walks at a time.", "N", count)] = 1
+    resume: Annotated[bool, switch("--resume", "Continue an earlier run that stopped.")] = False
+    output: Annotated[Path | None, output_option("Folder for the files (default runs/NAME).", "DIR")] = None
 
 
 def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stridetwin.cli.options import Outcome, Progress, WalkOptions, count, whole
+from stridetwin.cli.options import Outcome, Progress, WalkOptions, count, option, output_option, switch, whole
 from stridetwin.cli.score import score_tables
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -28,11 +28,9 @@ class RunOptions(WalkOptions):
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
-    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Determines every byte.")] = 0
-    no_film: Annotated[bool, typer.Option("--no-film", help="Leave the film out of the report.")] = False
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the files (default runs/SCENARIO).")
-    ] = None
+    seed: Annotated[int, option("Determines every byte.", "N", whole)] = 0
+    no_film: Annotated[bool, switch("--no-film", "Leave the film out of the report.")] = False
+    output: Annotated[Path | None, output_option("Folder for the files (default runs/SCENARIO).", "DIR")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,27 +40,13 @@ class GenerateOptions(WalkOptions):
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO|CAMPAIGN", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
-    seed: Annotated[
-        int | None,
-        typer.Option(parser=whole, metavar="N", help="Determines every byte (default 0, or the campaign's)."),
-    ] = None
-    workers: Annotated[
-        int | None, typer.Option(parser=count, metavar="N", help="Campaign: walks at a time (default 1).")
-    ] = None
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Campaign: walk on the workers of this Dask scheduler.")
-    ] = None
-    subset: Annotated[int | None, typer.Option(parser=count, metavar="K", help="Campaign: only the first K walks.")] = (
-        None
-    )
+    seed: Annotated[int | None, option("Determines every byte (default 0, or the campaign's).", "N", whole)] = None
+    workers: Annotated[int | None, option("Campaign: walks at a time (default 1).", "N", count)] = None
+    scheduler: Annotated[str | None, option("Campaign: walk on the workers of this Dask scheduler.", "ADDRESS")] = None
+    subset: Annotated[int | None, option("Campaign: only the first K walks.", "K", count)] = None
     output: Annotated[
         Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="Recording to write (.mcap); for a campaign: output folder, existing walks are kept.",
-        ),
+        output_option("Recording to write (.mcap); for a campaign: output folder, existing walks are kept.", "PATH"),
     ]
 
 
@@ -93,9 +77,9 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     path = find_campaign(name)
     if path is not None:
         return _campaign(path, arguments, progress)
-    for option in ("workers", "scheduler", "subset"):
-        if (value := getattr(arguments, option)) is not None:
-            raise ConfigError("command line", f"--{option}", value, f"no --{option}, as {name} is a scenario")
+    for limited in ("workers", "scheduler", "subset"):
+        if (value := getattr(arguments, limited)) is not None:
+            raise ConfigError("command line", f"--{limited}", value, f"no --{limited}, as {name} is a scenario")
     return _record(arguments, progress)
 
 
