@@ -109,6 +109,13 @@ def test_json_is_one_object_and_nothing_else_on_stdout(other, capsys):
     assert json.loads(out)["people"]["shim_s6"]["height_m"] == 1.61
 
 
+def test_the_command_line_starts_without_heavy_libraries():
+    heavy = {"mujoco", "numba", "scipy", "cv2", "rosbags", "pandas", "rerun"}
+    code = f"import sys, stridetwin.cli.main; sys.exit(', '.join({heavy} & set(sys.modules)) or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_list_names_scenarios_estimators_and_sensors(capsys):
     code, out, err = call(capsys, "list")
     assert (code, err) == (0, "")
@@ -312,7 +319,7 @@ def test_without_truth_there_is_an_estimate_but_no_score(walk, capsys, tmp_path)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--estimate", "mine"), "valid: NAME=FILE"),
+        (("--estimate", "mine"), "expected NAME=FILE"),
         (("--estimate", "mine=none.txt"), "none.txt: cannot be read"),
         (("--baseline", "none.json"), "none.json: No such file"),
     ],

@@ -57,3 +57,33 @@ def test_a_bar_that_was_never_shown_leaves_the_terminal_alone():
     screen = Terminal()
     console.Console(screen).close()
     assert screen.getvalue() == ""
+
+
+def rows():
+    return [console.table([["foot_ins_l", "0.123"], ["[b]x", "-"]], ["estimator", "end m"], title="Scores"), "done"]
+
+
+def test_tables_are_aligned_plain_text_in_a_pipe(capsys):
+    console.show(rows())
+    assert capsys.readouterr().out.splitlines() == [
+        "Scores",
+        "estimator   end m",
+        "foot_ins_l  0.123",
+        "[b]x            -",
+        "done",
+    ]
+
+
+def test_a_terminal_has_tables_in_colour(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm-256color")
+    screen = Terminal()
+    monkeypatch.setattr(console.sys, "stdout", screen)
+    console.show(rows())
+    assert "\x1b[" in screen.getvalue()
+    assert "[b]x" in screen.getvalue()
+
+
+def test_colours_are_never_in_a_file(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    console.show(rows())
+    assert "\x1b" not in capsys.readouterr().out
