@@ -85,7 +85,7 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a campaign."""
-    from stridetwin.scenarios.campaign import card, manifest
+    from stridetwin.scenarios.campaign import manifest
     from stridetwin.scenarios.campaign.campaign_file import read_campaign
     from stridetwin.scenarios.campaign.generate import Options, generate
     from stridetwin.scenarios.campaign.plan import Extra
@@ -119,11 +119,11 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
         "rejected": dict(done.reasons),
         "hours": hours,
         "manifest": str(folder / manifest.NAME),
-        "card": str(folder / card.NAME),
+        "card": str(folder / manifest.CARD_NAME),
     }
     lines = [f"{folder}: {verdicts[ACCEPTED]} of {len(walks)} walks, {hours:.2f} h ({done.made} generated now)"]
     lines += [f"  rejected, {kind}: {count}" for kind, count in sorted(done.reasons.items())]
-    return Outcome(data=data, lines=[*lines, f"card  {folder / card.NAME}"], code=1 if verdicts[FAILED] else 0)
+    return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=1 if verdicts[FAILED] else 0)
 
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:

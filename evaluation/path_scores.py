@@ -23,13 +23,11 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 RPE_DISTANCES_M = (1.0, 5.0)
-RPE_SPACING_M = 0.1
-CHI2_3_95 = 7.814727903251179
+RPECHI2_3_95 = 7.814727903251179
 _VARIANCE_FLOOR_M2 = 1e-12
 LOST_M = 2.0
 SPAN_M = 5.0
 CLIMB_M = 0.3
-_SPACING_M = 0.1
 
 Scores = dict[str, float]
 
@@ -147,16 +145,22 @@ def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
     Returns:
         (K,) m; empty if the path is shorter than the span.
     """
-    s, estimate, truth = comparison.distance_m, comparison.estimate, comparison.truth
-    starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
-    ends = np.searchsorted(s, s[starts] + span_m)
-    starts, ends = starts[ends < len(s)], ends[ends < len(s)]
+    estimate, truth = comparison.estimate, comparison.truth
+    starts, ends = _stretches(comparison.distance_m, span_m)
     if not len(starts):
         return np.empty(0)
     attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
     rotation = vertical_rotation((attitudes[0] * attitudes[1].inv()).as_matrix())
     moved, went = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
     return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", rotation, moved) - went, axis=1))
+
+
+def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last index of every stretch of a path of `span_m`; stretches start each 0.1 m."""
+    s = distance_m
+    starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
+    ends = np.searchsorted(s, s[starts] + span_m)
+    return starts[ends < len(s)], ends[ends < len(s)]
 
 
 def nees_position(comparison: Comparison) -> Array:
@@ -255,10 +259,7 @@ def climb_errors_m(comparison: Comparison) -> Array:
     Returns:
         (K,) m, estimated minus true; empty if there are none.
     """
-    s = comparison.distance_m
-    starts = np.searchsorted(s, np.arange(s[0], s[-1] - SPAN_M, _SPACING_M))
-    ends = np.searchsorted(s, s[starts] + SPAN_M)
-    starts, ends = starts[ends < len(s)], ends[ends < len(s)]
+    starts, ends = _stretches(comparison.distance_m, SPAN_M)
     estimated, true = (p.p_frame_in_world[:, 2] for p in (comparison.estimate, comparison.truth))
     gained = true[ends] - true[starts]
     error: Array = estimated[ends] - estimated[starts] - gained

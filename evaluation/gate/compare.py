@@ -264,19 +264,10 @@ def _tested_by_walks(columns: Sequence[_Column], method: str, rules: Rules) -> l
             values = 1.0, values[1] / values[0]
         lines.append(
             Line(
-                estimator=c.estimator,
-                metric=c.metric,
-                method=method,
-                walks=c.count(method),
-                baseline=values[0],
-                now=values[1],
-                change=0.0,
-                low=0.0,
-                high=0.0,
-                p=1.0,
-                in_points=c.scale.in_points,
+                estimator=c.estimator, metric=c.metric, method=method, walks=c.count(method), baseline=values[0],
+                now=values[1], change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points,
             )
-        )
+        )  # fmt: skip
     # a score that is equal on every walk cannot have become worse and does not count as a comparison
     moved = [i for i, c in enumerate(columns) if method == UNPAIRED or np.nanmax(np.abs(c.now - c.before)) > 0.0]
     if not moved:

@@ -17,11 +17,12 @@ import subprocess
 import sys
 import tempfile
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from stridetwin.evaluation.evaluate import Estimate
 from stridetwin.pipeline.run import pose_of
@@ -37,30 +38,28 @@ _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason."""
 
 
-class OwnEstimator(Protocol):
-    """An estimator that gives a path for a recording."""
+@dataclass(frozen=True, kw_only=True)
+class OwnEstimator(ABC):
+    """An estimator that gives a path for a recording.
 
-    @property
-    def name(self) -> str:
-        """In the scores."""
+    Attributes:
+        name: Name in the scores.
+        frame: Frame whose path it estimates.
+    """
 
+    name: str
+    frame: str
+
+    @abstractmethod
     def path(self, recording: Recording) -> Estimate:
         """Its path on a recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TumFile:
-    """An existing path.
+class TumFile(OwnEstimator):
+    """An existing path, in the TUM trajectory `file`."""
 
-    Attributes:
-        name: In the scores.
-        file: TUM trajectory.
-        frame: Whose path it is.
-    """
-
-    name: str
     file: Path
-    frame: str
 
     def path(self, recording: Recording) -> Estimate:
         """The path in the file."""
@@ -68,18 +67,14 @@ class TumFile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PythonClass:
-    """A class with `update(sample)`.
+class PythonClass(OwnEstimator):
+    """A class with `update(sample)`; it may declare its frame itself.
 
     Attributes:
-        name: In the scores.
         place: `module:Class`, installed or relative to the working folder.
-        frame: Frame whose pose it estimates, unless the class declares it.
     """
 
-    name: str
     place: str
-    frame: str
 
     def load(self) -> type[Any]:
         """The class.
@@ -118,19 +113,15 @@ class PythonClass:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Program:
+class Program(OwnEstimator):
     """A program that reads a recording and writes a TUM trajectory.
 
     Attributes:
-        name: In the scores.
         command: With `{recording}` and `{output}`; split as a shell does, but run without one.
-        frame: Whose path it writes.
         timeout_s: Time after which it is stopped.
     """
 
-    name: str
     command: str
-    frame: str
     timeout_s: float
 
     def words(self) -> list[str]:

@@ -72,19 +72,13 @@ class Splits:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A campaign, as read from its file; see also `CampaignFile`.
+    """A campaign, as read from its file; the other attributes are those of `CampaignFile`.
 
     Attributes:
         path: The file.
-        description: One line.
-        walks: Number of walks.
-        seed: Seed of all random numbers.
-        sampling: One of `SAMPLINGS`.
+        description: Purpose of the campaign, in one line.
         bases: Scenarios.
-        people: Groups of people; empty if the scenarios define the walkers.
         variables: Values that are set in the walks of all scenarios.
-        quality: Criteria by which walks are rejected.
-        splits: Division of the walks.
         own: The user's files, by their names in the output folder.
     """
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.campaign import card, executors
+from stridetwin.scenarios.campaign import executors
 from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
@@ -114,7 +114,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
         missing = [job for job in jobs if job.walk.name not in rows]
         outdated = sum(bool(found[job.walk.name]) for job in missing)
         if outdated:  # they describe recordings that will be replaced
-            for name in (manifests.NAME, card.NAME):
+            for name in (manifests.NAME, manifests.CARD_NAME):
                 (options.folder / name).unlink(missing_ok=True)
         copy_files(options.folder, campaign.own)
         stage = f"walks, {outdated} of another version again" if outdated else "walks"
@@ -123,7 +123,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
             rows[row["walk"]] = row
             progress(stage, len(rows) / len(jobs))
         content = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
-        for name, text in ((card.NAME, card.card(content)), (manifests.NAME, json_text(content))):
+        for name, text in ((manifests.CARD_NAME, manifests.card(content)), (manifests.NAME, json_text(content))):
             with whole_file(options.folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return Done(manifest=content, made=len(missing))

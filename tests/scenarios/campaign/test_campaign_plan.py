@@ -7,8 +7,7 @@ import pytest
 from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
-from stridetwin.scenarios.campaign.card import card
-from stridetwin.scenarios.campaign.manifest import manifest, ranges, split
+from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
 from stridetwin.scenarios.campaign.plan import Extra, cube, people, plan
 
 
