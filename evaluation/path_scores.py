@@ -23,7 +23,8 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 RPE_DISTANCES_M = (1.0, 5.0)
-RPECHI2_3_95 = 7.814727903251179
+RPE_SPACING_M = 0.1
+CHI2_3_95 = 7.814727903251179
 _VARIANCE_FLOOR_M2 = 1e-12
 LOST_M = 2.0
 SPAN_M = 5.0
