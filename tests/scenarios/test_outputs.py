@@ -42,7 +42,7 @@ def test_an_output_that_is_read_or_written_for_something_else_is_refused(here, c
     before = {p: p.read_bytes() for p in here.iterdir() if p.is_file()}
     assert main(words.split()) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"error: {said} is not valid; valid: a file that is neither read nor written for something else" in line
+    assert f"error: {said} is not valid; valid: a file that is not also an input or another output" in line
     assert {p: p.read_bytes() for p in here.iterdir() if p.is_file()} == before
 
 
@@ -70,7 +70,7 @@ def test_a_file_cannot_be_written_where_a_folder_is(here, capsys, words, name):
 
 def test_a_file_in_a_folder_that_is_not_there_is_refused_before_anything_is_done(here, capsys):
     assert main(["estimate", "foot_ins", "imu.npz", "-o", "no/path.txt"]) == 2
-    assert "there is no no" in capsys.readouterr().err
+    assert "no does not exist" in capsys.readouterr().err
     assert main(["import", "imu.npz", "-o", "new/walk.mcap"]) == 0  # makes it, as generate does
 
 
