@@ -130,15 +130,15 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     shared = [key for key in baseline.walks if key in now.walks]
     few = min(len(baseline.walks), len(now.walks))
     if len(shared) >= LEAST_WALKS:
-        method, words = PAIRED, f"{len(shared)} walks that both hold, pair by pair"
+        method, words = PAIRED, f"{len(shared)} walks in both tables, compared in pairs"
         others = len(baseline.walks) + len(now.walks) - 2 * len(shared)
-        words += f"; {others} that only one of them holds are left out" if others else ""
+        words += f"; {others} walks in only one table are left out" if others else ""
         before, after = ([side.walks[key] for key in shared] for side in (baseline, now))
     else:
         before, after = list(baseline.walks.values()), list(now.walks.values())
         method = UNPAIRED if few >= LEAST_WALKS else TOLERANCE
         counts = f"{len(baseline.walks)} walks of the baseline, {len(now.walks)} now"
-        words = f"{counts}, {len(shared)} of them the same: other walks, compared as groups"
+        words = f"{counts}, {len(shared)} of them equal: compared as groups"
         if method == TOLERANCE:
             words = (
                 f"{counts}: fewer than {LEAST_WALKS}, too few for statistics; "

@@ -111,7 +111,7 @@ def test_other_walks_are_compared_as_groups_and_seldom_differ():
 
 def test_walks_that_only_one_side_holds_are_left_out_and_said_to_be():
     comparison = compare_scores(table(1, 20, first=5), table(1, 20), RULES)
-    assert comparison.words == "15 walks that both hold, pair by pair; 10 that only one of them holds are left out"
+    assert comparison.words == "15 walks in both tables, compared in pairs; 10 walks in only one table are left out"
 
 
 def test_few_walks_are_judged_by_their_means_and_that_is_said():
