@@ -90,7 +90,7 @@ def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
         client = Client(address, timeout=_WAIT_S, set_as_default=False)
         client.wait_for_workers(1, timeout=_WAIT_S)
     except (OSError, ValueError) as error:
-        raise StrideTwinError(f"--scheduler: {address!r}: no scheduler with workers at this address ({error})") from error
+        raise StrideTwinError(f"--scheduler: {address!r}: no scheduler with workers there ({error})") from error
     with client:
         by_key = {f"{job.walk.name}-{job.key}": job for job in jobs}
         futures = [client.submit(make, job, key=key, pure=False) for key, job in by_key.items()]
