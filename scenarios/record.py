@@ -24,7 +24,12 @@ Progress = Callable[[str, float], None]
 
 
 def make_twin(scenario: Scenario, seed: int) -> Twin:
-    """The twin of a scenario.
+    """The twin of a scenario; see `twin_class`."""
+    return twin_class()(scenario.config, seed)
+
+
+def twin_class() -> type[Twin]:
+    """The class of the twin.
 
     Raises:
         StrideTwinError: The simulator is not installed.
@@ -37,7 +42,7 @@ def make_twin(scenario: Scenario, seed: int) -> Twin:
         raise StrideTwinError(
             f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
         ) from error
-    return Twin(scenario.config, seed)
+    return Twin
 
 
 def without_cameras(scenario: Scenario) -> Scenario:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from stridetwin.scenarios.campaign.walk import (
     versions,
     with_verdict,
 )
-from stridetwin.scenarios.files import json_text, sha256
+from stridetwin.scenarios.files import json_text, locked, sha256
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 
@@ -162,15 +161,12 @@ def _held(folder: Path) -> Iterator[None]:
     """Locks and creates the folders of a campaign; removes the unfinished files of killed runs."""
     for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
-    try:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stack.enter_context(locked(folder))
         except BlockingIOError:
             raise StrideTwinError(f"{folder}: another process generates walks there: expected another folder") from None
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
         (folder / HIDDEN).mkdir(exist_ok=True)
         yield
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
-    finally:
-        os.close(handle)

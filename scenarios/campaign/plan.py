@@ -5,9 +5,9 @@ Low-discrepancy points of the unit cube: one point per walk, one dimension per v
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -164,13 +164,13 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     Raises:
         ConfigError: This scenario lacks the field of a variable.
     """
-    scenario: dict[str, Any] = _copied(base.scenario)
+    scenario: dict[str, Any] = deepcopy(base.scenario)
     for variable in in_force(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         for path in variable.paths:
-            put(scenario, path, _copied(value), variable.at)
+            put(scenario, path, deepcopy(value), variable.at)
     if person is not None:
-        scenario["person"] = _copied(person)
+        scenario["person"] = deepcopy(person)
     if extra.physics is not None:
         scenario["physics"] = extra.physics
     if not extra.cameras:
@@ -182,8 +182,3 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
 def _drawn(variables: Sequence[Variable], quantiles: Sequence[float]) -> Iterator[tuple[str, Any]]:
     for variable, u in zip(variables, quantiles):
         yield variable.name, variable.distribution.at(u)
-
-
-def _copied(value: Any) -> Any:
-    """A deep copy of plain data."""
-    return json.loads(json.dumps(value))

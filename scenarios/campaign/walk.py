@@ -22,7 +22,7 @@ from stridetwin.scenarios.campaign.plan import Walk
 from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.metadata import injected_faults
-from stridetwin.scenarios.record import record
+from stridetwin.scenarios.record import record, twin_class
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.config import Person, TwinConfig
@@ -167,17 +167,12 @@ def _put(text: str, hidden: Path, path: Path) -> None:
 
 
 def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
-    try:
-        from stridetwin.sim.twin import Twin
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
-        ) from None
+    make_twin = twin_class()
     scenario: Scenario | None = None
     recorded = hidden / f"{job.walk.name}.mcap"
     try:
         scenario = read_scenario(path)
-        twin = Twin(scenario.config, job.walk.seed)
+        twin = make_twin(scenario.config, job.walk.seed)
         _ = twin.duration_s  # simulated here
     except StrideTwinError as error:
         return _infeasible(job, error, path, scenario)
