@@ -26,12 +26,7 @@ _EXIT_CODES = "Exit codes: 0 done, 1 worse than the baseline or invalid, 2 usage
 
 @dataclass(frozen=True)
 class Call:
-    """A parsed command line.
-
-    Attributes:
-        command: Name of the command.
-        options: Its options.
-    """
+    """A parsed command line: the name of the command and its options."""
 
     command: str
     options: Options

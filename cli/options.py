@@ -33,13 +33,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Outcome of a command.
-
-    Attributes:
-        data: For `--json`.
-        lines: Output as text and tables.
-        code: Exit code.
-    """
+    """Outcome of a command: data for `--json`, output as text and tables, and the exit code."""
 
     data: dict[str, Any]
     lines: Sequence[str | Table]

@@ -114,11 +114,7 @@ def _check_poses(estimate: Estimate) -> None:
 
 
 def summary(all_scores: Iterable[dict[str, Scores]]) -> dict[str, Scores]:
-    """Mean of each score over recordings (the largest of the `_max_` ones), per estimator.
-
-    Args:
-        all_scores: For each recording, estimator to scores.
-    """
+    """Mean of each score over recordings (the largest of the `_max_` ones), per estimator."""
     gathered: dict[str, dict[str, list[float]]] = {}
     for recording in all_scores:
         for name, scores in recording.items():

@@ -255,13 +255,7 @@ def _ground_ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layo
 
 
 def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
-    """(K, 3) m, those of (N, 3) points that lie between 0.5 and 2.5 m ahead, and within 0.5 m of the route.
-
-    Args:
-        points: In the true world.
-        here: Position of the camera along the route, m.
-        layout: The true terrain.
-    """
+    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place (m) on the route, within 0.5 m."""
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
     s = _places_ahead(here, layout)
     if not len(s) or not len(near):

@@ -78,12 +78,7 @@ class ScoredMode:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeScores:
-    """Scores of one walk.
-
-    Attributes:
-        steps: In order.
-        approaches: The terrain changes, in order along the route.
-    """
+    """Scores of one walk: its steps and the terrain changes that were approached, in order."""
 
     steps: list[ScoredMode] = field(default_factory=list)
     approaches: list[ScoredChange] = field(default_factory=list)
@@ -163,12 +158,7 @@ def score_modes(
 def first_steps(
     footprints: Sequence[Footprint], estimates: Sequence[ModeEstimate]
 ) -> list[tuple[ModeEstimate, StepPrediction] | None]:
-    """For each true step the first prediction after the previous foot had landed; None if there was none.
-
-    Args:
-        footprints: As in `score_modes`; the initial ones are no steps.
-        estimates: In time order.
-    """
+    """For each true step the first prediction after the previous foot had landed; None if there was none."""
     landed = footprints[2:]
     first = _first_predictions(landed, predictions_by_step(landed, estimates))
     return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]

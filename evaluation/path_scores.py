@@ -199,23 +199,14 @@ def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Odometry:
-    """The output of an odometry on a walk.
-
-    Attributes:
-        path: N poses of the IMU in a world of its own.
-        healthy: (N,) whether it reports itself healthy.
-    """
+    """The output of an odometry: N poses of the IMU in a world of its own, and whether it reports each as healthy."""
 
     path: Trajectory
     healthy: NDArray[np.bool_]
 
 
 def drift_figures(odometry: Odometry, truth: TruePath) -> dict[str, Any]:
-    """The figures of one walk, ready for JSON, from the first healthy pose on.
-
-    Args:
-        odometry: Its output.
-        truth: True path of the same frame.
+    """The figures of one walk, ready for JSON, from the first healthy pose on; the truth is that of the same frame.
 
     Returns:
         `failure`: "" or what went wrong: `silent` (no two healthy poses), `not finite`, `lost` (declared) or `off`

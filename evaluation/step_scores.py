@@ -98,9 +98,7 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
     """Number of false steps: repeated estimates of a footprint, or estimates without any footprint.
 
-    Args:
-        footprints: As in `score_steps`; one that the truth lacks between two of the other foot may have an estimate.
-        estimates: One per step, in order.
+    A footprint that the truth lacks between two of the other foot may have an estimate. Arguments as in `score_steps`.
     """
     estimates, right = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
@@ -189,12 +187,9 @@ def yaw_aligned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepResult:
-    """Result of a step estimator on one recording.
+    """Result of a step estimator on one recording: its estimates, the true steps with them, and the scores.
 
-    Attributes:
-        estimates: One per step.
-        steps: The true steps with their estimates.
-        scores: See `step_scores`; and `false_pct`, the share of false steps among all estimated ones.
+    The scores are those of `step_scores`, and `false_pct`, the share of false steps among the estimated ones.
     """
 
     estimates: list[StepEstimate]

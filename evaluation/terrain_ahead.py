@@ -126,10 +126,6 @@ def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estima
     """The path of every estimator that the recording feeds, and the result of `look_ahead` if an odometry is available.
 
     The paths of other estimators with cameras are computed in a parallel process, because they take as long.
-
-    Args:
-        recording: Any.
-        progress: Called with the stage and its completed share.
     """
     with ExitStack() as stack:
         others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
@@ -217,13 +213,7 @@ def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], d
 
 
 def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None) -> Ahead:
-    """Runs every installed map and mode estimator that a recording feeds.
-
-    Args:
-        recording: One for which `odometry_of` has found an odometry.
-        odometry: Its path estimate.
-        progress: Called with the stage and its completed share.
-    """
+    """Runs every installed map and mode estimator that a recording feeds, with the poses of `odometry_of`."""
     layout = terrain_layout(recording.metadata)
     assert layout is not None
     led, maps = _led_by(recording, odometry)

@@ -16,14 +16,7 @@ _TERRAIN, _FAULTS = "terrain", "faults"
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """One fault on one stream.
-
-    Attributes:
-        kind: Kind of fault.
-        topic: The stream.
-        from_s: Start, s of the walk.
-        until_s: End; the end of the walk for a mount slip, which is permanent.
-    """
+    """One fault on one stream, from start to end; a mount slip is permanent and ends with the walk."""
 
     kind: str
     topic: str

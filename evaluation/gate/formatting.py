@@ -16,13 +16,7 @@ _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """An estimator that could not be scored; the gate then fails regardless of the comparison.
-
-    Attributes:
-        walk: Name of the walk.
-        estimator: Its name, or `score_table.EVERY`.
-        why: Reason as text.
-    """
+    """An estimator (or `score_table.EVERY`) that could not be scored on a walk, and the reason; the gate fails."""
 
     walk: str
     estimator: str
@@ -30,11 +24,7 @@ class Failure:
 
 
 def failures(rows: Sequence[Mapping[str, Any]]) -> list[Failure]:
-    """The failures on walks.
-
-    Args:
-        rows: Results of `score_walk`.
-    """
+    """The failures in results of `score_walk`."""
     return [
         Failure(walk=str(row["name"]), estimator=name, why=why)
         for row in rows

@@ -36,11 +36,7 @@ class ScoreTable:
 
 
 def table_of(document: object, source: str) -> ScoreTable:
-    """The table in a file of scores.
-
-    Args:
-        document: Its JSON.
-        source: Its name for messages.
+    """The table in the JSON of a file of scores; `source` is its name in messages.
 
     Raises:
         ConfigError: It does not have the form of `score --json`.

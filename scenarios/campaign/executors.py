@@ -19,12 +19,7 @@ _WAIT_S = 60
 
 
 def rows(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
-    """Rows, in the order in which walks finish.
-
-    Args:
-        jobs: Walks to generate.
-        workers: Processes on this machine.
-        scheduler: Address of a Dask scheduler, whose workers generate the walks instead.
+    """Rows, in the order in which walks finish, from processes on this machine or the workers of a Dask scheduler.
 
     Raises:
         StrideTwinError: An error that affects all walks, such as a full disk.

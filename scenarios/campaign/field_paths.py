@@ -16,12 +16,7 @@ _FORM = "keys with dots between and numbers of items in brackets, such as terrai
 
 @dataclass(frozen=True, kw_only=True)
 class FieldPath:
-    """A place in a scenario.
-
-    Attributes:
-        text: As the file writes it.
-        keys: Keys of mappings and numbers of items, from the root.
-    """
+    """A field of a scenario: its text in the file, and the keys of mappings and indices of lists from the root."""
 
     text: str
     keys: tuple[str | int, ...]

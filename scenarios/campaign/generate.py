@@ -59,12 +59,7 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """Result of a campaign.
-
-    Attributes:
-        manifest: As written.
-        made: Number of walks generated now; the others were reused.
-    """
+    """Result of a campaign: its manifest, and the number of walks generated now; the others were reused."""
 
     manifest: dict[str, Any]
     made: int
@@ -82,11 +77,6 @@ class Done:
 
 def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
     """Generates the walks that the folder lacks for this configuration and version of the code.
-
-    Args:
-        campaign: The campaign.
-        options: How it is run.
-        progress: Receives the stage and its progress (0-1).
 
     Raises:
         StrideTwinError: Any usage error; finished walks are kept.

@@ -38,16 +38,7 @@ for walk in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["
 
 
 def split(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
-    """Assigns each person and each terrain to a part.
-
-    Args:
-        rows: All walks, in order.
-        splits: Parts and their shares.
-        seed: Of the campaign.
-
-    Returns:
-        For `person` and `terrain`, name to part.
-    """
+    """Assigns each person and each terrain of all walks to a part: by `person` and `terrain`, name to part."""
     return {
         by: _assigned(list(dict.fromkeys(k for row in rows if (k := group(row, by, splits)))), splits.shares, seed, by)
         for by in _KEYS
@@ -77,14 +68,7 @@ NAME, CARD_NAME = "manifest.json", "dataset_card.md"
 def manifest(
     campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], own: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The manifest as JSON holds it.
-
-    Args:
-        campaign: Its configuration.
-        rows: All walks, in order.
-        versions: Of the code that made them.
-        own: Checksum of each of the user's files.
-    """
+    """The manifest as JSON: of all rows, in order, with the code's versions and the checksums of the user's files."""
     dealt = split(rows, campaign.splits, campaign.seed)
     walks, bodies = [], {}
     for row in rows:

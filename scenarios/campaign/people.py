@@ -46,11 +46,7 @@ class Group:
         return tuple(key for key, found in self.body.items() if not isinstance(found, Fixed))
 
     def person(self, quantiles: dict[str, float]) -> dict[str, Any]:
-        """A member, in the form of a scenario file's person.
-
-        Args:
-            quantiles: Of each key that varies.
-        """
+        """A member, in the form of a scenario file's person, from the quantile of each key that varies."""
         body = {key: found.at(quantiles.get(key, 0.0)) for key, found in self.body.items()}
         if "bmi" in body:
             height = body.get("height_m", Person.height_m)

@@ -67,14 +67,11 @@ _LIBRARIES = ("mujoco", "numpy", "scipy")
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """A walk to generate.
+    """A walk to generate, in the campaign's folder and with its quality limits.
 
     Attributes:
-        walk: Its plan.
-        folder: The campaign's.
-        quality: Its quality limits.
-        key: Of its row: a digest of everything that determines the recording.
-        versions: Of the code that must generate it.
+        key: Digest of everything that determines the recording.
+        versions: Versions of the code that must generate it.
     """
 
     walk: Walk
@@ -99,13 +96,7 @@ def versions() -> dict[str, str]:
 
 
 def key_of(walk: Walk, own: dict[str, str], made_by: dict[str, str]) -> str:
-    """Digest of everything that determines a walk's recording.
-
-    Args:
-        walk: The walk.
-        own: Digest of each of the user's files.
-        made_by: Versions of the code.
-    """
+    """Digest of everything that determines a recording: the walk, digests of the user's files, versions of the code."""
     what = json.dumps([asdict(walk), own, made_by], sort_keys=True)
     return hashlib.sha256(what.encode()).hexdigest()[:16]
 
@@ -269,12 +260,7 @@ def measured(recording: Recording, person: Person, fell_at_s: float | None) -> d
 
 
 def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
-    """Why a walk is rejected; empty where it is accepted.
-
-    Args:
-        figures: Of `measured`.
-        quality: The campaign's limits.
-    """
+    """Reasons to reject a walk by the figures of `measured`; empty if it is accepted."""
     found = []
     if figures["fell_at_s"] is not None and quality.falls == "reject":
         found.append(f"fell: at {figures['fell_at_s']:.2f} s")
