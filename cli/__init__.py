@@ -28,12 +28,7 @@ __all__ = ["COMMANDS", "Command", "Options", "Outcome"]
 
 @dataclass(frozen=True)
 class Command:
-    """A command of the command line.
-
-    Attributes:
-        options: Class of its options, whose docstring is the command's help.
-        run: Takes the options and a progress callback; returns the outcome.
-    """
+    """A command: its class of options, whose docstring is the help, and the function that runs it."""
 
     options: type[Options]
     run: Callable[[Any, Callable[[str, float], None]], Outcome]

@@ -71,11 +71,7 @@ def show(lines: Iterable[str | Table]) -> None:
 
 
 class Console:
-    """Progress on stderr, so that stdout stays for results.
-
-    Args:
-        stream: Where to write; stderr by default.
-    """
+    """Progress on a stream, by default stderr, so that stdout stays for results."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         stream = stream or sys.stderr

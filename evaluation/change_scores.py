@@ -42,19 +42,15 @@ class TerrainChange:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredChange:
-    """Errors of an estimated terrain change: estimated minus true, and the reported standard deviations.
+    """Errors of an estimated terrain change (estimated minus true), and the reported standard deviations; or NaN.
 
     Attributes:
         mode: True mode of the steps beyond it.
         found: Whether it was detected.
-        distance_m: Error of the position along the route. All values are NaN if they are unknown.
-        distance_sd_m: Its standard deviation.
+        distance_m: Error of the position along the route.
         riser_m: Error of the height of the risers.
-        riser_sd_m: Its standard deviation.
         tread_m: Error of the depth of the treads.
-        tread_sd_m: Its standard deviation.
         slope_rad: Error of the slope.
-        slope_sd_rad: Its standard deviation.
     """
 
     mode: str
@@ -94,15 +90,7 @@ def score_approaches(
     alignment: MovingAlignment,
     layout: Layout,
 ) -> list[ScoredChange]:
-    """Every terrain change of a walk that a foot landed beyond, with its estimate.
-
-    Args:
-        landed: True footprints, in order.
-        places: (F,) m, their positions along the route.
-        estimates: In time order.
-        alignment: Alignment of the estimator's world with the true one.
-        layout: The true terrain.
-    """
+    """Every terrain change that a foot landed beyond, with its estimate; `places` (F,) of the feet are m on the route."""
     t_ns = np.array([e.t_ns for e in estimates])
     landed_ns = np.array([f.t_ns for f in landed])
     scored = []

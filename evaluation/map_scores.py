@@ -119,12 +119,7 @@ def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
 
 
 class MapScorer:
-    """Samples a map while it is built, and computes its scores.
-
-    Args:
-        layout: The true terrain.
-        path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
-    """
+    """Samples a map while it is built, and computes its scores; `path` (F, 2) has time, ns, and place, m, of the feet."""
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
@@ -136,13 +131,7 @@ class MapScorer:
         self._tick_ns = 0
 
     def look(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, here: float) -> bool:
-        """Samples a map after a depth image.
-
-        Args:
-            t_ns: Time of the image.
-            mapper: The map.
-            alignment: Alignment of its world with the true one.
-            here: Position of the camera along the route, m.
+        """Samples a map after a depth image, where the camera is `here`, m along the route.
 
         Returns:
             Whether its whole ground was sampled, which happens each half second.

@@ -78,9 +78,7 @@ class ScoredStep:
 def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
     """Every true step of a walk with its estimate, except steps next to a footprint that the truth lacks.
 
-    Args:
-        footprints: In order; the two initial ones come first and are no steps.
-        estimates: One per step (`ContactTerrain.run`), in order.
+    The two initial footprints come first and are not steps; there is one estimate per step. Both are in order.
     """
     estimates = list(estimates)
     made = []
@@ -250,12 +248,7 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
 
 
 def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
-    """RMS and mean errors of the steps with estimates; classes of all steps.
-
-    Args:
-        steps: Of any walks.
-        places: Errors of the displacement per step, m; `displacement_errors`. Without any their RMS is left out.
-    """
+    """RMS and mean errors of the steps with estimates, classes of all steps, and RMS of any `displacement_errors`."""
     seen = [s for s in steps if s.seen]
     slope = np.degrees([s.slope_error for s in seen])
     elevation = 1e3 * np.array([s.elevation_error for s in seen])

@@ -28,13 +28,7 @@ _OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "idea
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A named walk.
-
-    Attributes:
-        description: Its purpose in one line.
-        config: Configuration of the twin.
-        notes: Notes for the user.
-    """
+    """A named walk: its purpose in one line, the configuration of the twin, and notes for the user."""
 
     description: str
     config: TwinConfig
@@ -54,8 +48,8 @@ def load_scenario(name: str) -> Scenario:
         name: Name of the catalogue, or path of a file (with a suffix or a separator in it).
 
     Raises:
-        StrideTwinError: No such scenario (the message lists the existing ones).
-        ConfigError: A bad file; the message names the file, the key, the value and what is valid.
+        StrideTwinError: Unknown scenario; the message lists the known ones.
+        ConfigError: An invalid value.
     """
     known = catalogue()
     if name in known:

@@ -83,12 +83,7 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All scores against their baselines.
-
-    Attributes:
-        words: The method of comparison, and its reason.
-        lines: By estimator and score.
-    """
+    """All scores against their baselines, by estimator and score; `words` give the method of comparison."""
 
     words: str
     lines: Sequence[Line]

@@ -248,11 +248,7 @@ def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
 
 
 def parse_scenario(folder: Path, scenario: dict[str, Any]) -> Scenario:
-    """Parses and validates a scenario's plain data.
-
-    Args:
-        folder: Contains `SCENARIOS` and the user's files; a file is written there.
-        scenario: Plain data.
+    """Parses and validates a scenario's plain data, through a file in the folder that has `SCENARIOS` and user files.
 
     Raises:
         StrideTwinError: It is invalid.

@@ -30,8 +30,8 @@ def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, 
     Args:
         sampling: `sobol` or `latin_hypercube`.
         count: Number of points.
-        dimensions: Of the cube.
-        seed: Of the campaign.
+        dimensions: Number of dimensions.
+        seed: Seed of the campaign.
         key: Identifies this cube among those of the campaign.
 
     Returns:
@@ -57,8 +57,8 @@ class Walk:
     """One walk.
 
     Attributes:
-        name: Of its files.
-        seed: Of everything random in it.
+        name: Name of its files.
+        seed: Seed of all its random numbers.
         base: Name of the scenario that it comes from.
         values: Drawn values by their names in the campaign's file, without those that a later line replaces.
         scenario: Plain data of its own scenario file.
@@ -73,12 +73,7 @@ class Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Command-line overrides for every walk.
-
-    Attributes:
-        physics: How the body moves; None uses the scenario's.
-        cameras: False turns every camera off.
-    """
+    """Command-line overrides for every walk: other physics than the scenario's, and no cameras."""
 
     physics: str | None = None
     cameras: bool = True
@@ -152,14 +147,9 @@ def in_force(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
 
 
 def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, Any], extra: Extra) -> dict[str, Any]:
-    """Plain data of one walk's scenario.
+    """Plain data of one walk's scenario, with the drawn values, the person (None: the scenario's) and the overrides.
 
-    Args:
-        campaign: Its variables are set first, then the scenario's own.
-        base: The scenario.
-        person: The walker; None for the scenario's.
-        drawn: Value of each variable in force that varies.
-        extra: Overrides of the command line.
+    The campaign's variables are set first, then the scenario's own.
 
     Raises:
         ConfigError: This scenario lacks the field of a variable.

@@ -237,12 +237,7 @@ def _short(text: str) -> str:
 
 
 def measured(recording: Recording, person: Person, fell_at_s: float | None) -> dict[str, Any]:
-    """Figures of the quality check, as the manifest holds them.
-
-    Args:
-        recording: Opened leniently.
-        person: The walker; the force at the root is given in % of the body weight.
-        fell_at_s: When the walker fell according to the twin, s.
+    """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
 
     Returns:
         `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and
