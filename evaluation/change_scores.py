@@ -90,7 +90,7 @@ def score_approaches(
     alignment: MovingAlignment,
     layout: Layout,
 ) -> list[ScoredChange]:
-    """Every terrain change that a foot landed beyond, with its estimate; `places` (F,) of the feet are m on the route."""
+    """Every terrain change that a foot landed beyond, with its estimate; `places` (F,) are m along the route."""
     t_ns = np.array([e.t_ns for e in estimates])
     landed_ns = np.array([f.t_ns for f in landed])
     scored = []
