@@ -119,7 +119,7 @@ def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
 
 
 class MapScorer:
-    """Samples a map while it is built, and computes its scores; `path` (F, 2): times, ns, and places, m, of the feet."""
+    """Samples a map while it is built, and computes its scores; `path` (F, 2): times, ns, and places, m, of feet."""
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
