@@ -14,7 +14,7 @@ from stridetwin.estimators.base import STEPS
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
 from stridetwin.evaluation.alignment import vertical_rotation
 from stridetwin.evaluation.path_scores import Scores
-from stridetwin.evaluation.truth import FOOTPRINTS
+from stridetwin.evaluation.truth import FOOTPRINTS, true_footprints
 from stridetwin.pipeline.run import Found, fed
 from stridetwin.pipeline.run import steps as steps_of
 from stridetwin.streams.errors import RecordingError
@@ -214,7 +214,7 @@ def evaluate_steps(recording: Recording, found: Found) -> StepResult:
         RecordingError: None of its steps matches a true step.
     """
     made = steps_of(found, recording)
-    footprints = list(recording.block(FOOTPRINTS))
+    footprints = true_footprints(recording)
     steps = score_steps(footprints, made)
     if not any(s.seen for s in steps):
         name = found.declaration.name

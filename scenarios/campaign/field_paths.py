@@ -60,13 +60,10 @@ def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> 
 def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
     """Whether a node has a place for the key at this depth."""
     key, there = path.keys[depth], _text(path.keys[:depth])
-    if isinstance(key, int):
-        if not isinstance(node, list):
-            raise where.error(path.text, f"a field of the scenario, where {there} is {_short(node)}")
-        if key >= len(node):
-            raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}]")
-    elif not isinstance(node, dict):
+    if not isinstance(node, list if isinstance(key, int) else dict):
         raise where.error(path.text, f"a field of the scenario, where {there} is {_short(node)}")
+    if isinstance(key, int) and key >= len(node):
+        raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}]")
 
 
 def _opened(node: Any, *, of_group: bool) -> Any:
