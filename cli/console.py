@@ -23,18 +23,17 @@ def table(
     rows: Iterable[Sequence[str]], head: Sequence[str] = (), *, title: str | None = None, text_columns: int = 1
 ) -> Table:
     """A table of text columns, followed by columns of numbers, which are aligned at the right."""
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     found = list(rows)
     width = len(head) or max(map(len, found), default=0)
     made = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=bool(head))
     made.padding = (0, 2, 0, 0)
     for i in range(width):
-        name = escape(head[i]) if head else ""
-        made.add_column(name, justify="left" if i < text_columns else "right", overflow="fold")
+        made.add_column(Text(head[i]) if head else "", justify="left" if i < text_columns else "right", overflow="fold")
     for row in found:
-        made.add_row(*map(escape, row))
+        made.add_row(*map(Text, row))
     return made
 
 

@@ -60,7 +60,7 @@ def test_a_bar_that_was_never_shown_leaves_the_terminal_alone():
 
 
 def rows():
-    return [console.table([["foot_ins_l", "0.123"], ["[b]x", "-"]], ["estimator", "end m"], title="Scores"), "done"]
+    return [console.table([["foot_ins_l", "0.123"], ["[b]:cat:", "-"]], ["estimator", "end m"], title="Scores"), "done"]
 
 
 def test_tables_are_aligned_plain_text_in_a_pipe(capsys):
@@ -69,7 +69,7 @@ def test_tables_are_aligned_plain_text_in_a_pipe(capsys):
         "Scores",
         "estimator   end m",
         "foot_ins_l  0.123",
-        "[b]x            -",
+        "[b]:cat:        -",
         "done",
     ]
 
@@ -80,7 +80,7 @@ def test_a_terminal_has_tables_in_colour(monkeypatch):
     monkeypatch.setattr(console.sys, "stdout", screen)
     console.show(rows())
     assert "\x1b[" in screen.getvalue()
-    assert "[b]x" in screen.getvalue()
+    assert "[b]:cat:" in screen.getvalue()
 
 
 def test_colours_are_never_in_a_file(monkeypatch, capsys):
