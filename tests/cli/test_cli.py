@@ -178,7 +178,7 @@ def test_score_agrees_with_run_and_holds_its_baseline(walk, capsys, tmp_path):
     assert call(capsys, "score", recording, "--baseline", baseline)[0] == 0
 
 
-def test_score_tells_what_has_become_worse(walk, capsys, tmp_path):
+def test_score_reports_what_has_become_worse(walk, capsys, tmp_path):
     baseline = tmp_path / "base.json"
     words = ("score", walk / "recording.mcap", "--estimate", f"foot_ins_l={walk / 'foot_ins_l.txt'}")
     scores = json.loads(call(capsys, *words, "--json")[1])
@@ -213,7 +213,7 @@ def test_view_says_what_to_open_without_a_display(walk, capsys, tmp_path, monkey
         (("view", "none.mcap"), "none.mcap: cannot be read"),
     ],
 )
-def test_what_is_not_there_is_told_in_one_line(capsys, words, said):
+def test_missing_inputs_are_reported_in_one_line(capsys, words, said):
     assert said in failed(capsys, *words)
 
 
@@ -229,7 +229,7 @@ def test_what_is_not_there_is_told_in_one_line(capsys, words, said):
         (),
     ],
 )
-def test_bad_arguments_are_told_in_one_line(capsys, words):
+def test_bad_arguments_are_reported_in_one_line(capsys, words):
     with pytest.raises(SystemExit) as stop:
         main(list(words))
     assert stop.value.code == 2
@@ -282,7 +282,7 @@ def rewritten(source, target, change):
     return target
 
 
-def test_a_missing_topic_is_told_with_those_there_are(walk, capsys, tmp_path):
+def test_a_missing_topic_is_reported_with_the_existing_ones(walk, capsys, tmp_path):
     path, out = tmp_path / "no_left.mcap", tmp_path / "path.txt"
     rewritten(walk / "recording.mcap", path, lambda b: None if b.topic == "/foot_l/imu" else b)
     line = failed(capsys, "estimate", "foot_ins", path, "--foot", "l", "-o", out)
@@ -324,7 +324,7 @@ def test_without_truth_there_is_an_estimate_but_no_score(walk, capsys, tmp_path)
         (("--baseline", "none.json"), "none.json: No such file"),
     ],
 )
-def test_bad_companions_of_a_score_are_told_in_one_line(walk, capsys, words, said):
+def test_bad_files_beside_a_score_are_reported_in_one_line(walk, capsys, words, said):
     assert said in failed(capsys, "score", walk / "recording.mcap", *words)
 
 

@@ -73,7 +73,7 @@ def test_estimators_take_bags_and_folders_as_they_are(sources, capsys, tmp_path)
     assert "no topic '/foot_l/imu'; it has /head/color, /head/imu" in err
 
 
-def test_a_table_is_estimated_with_what_is_told_of_it(capsys, tmp_path):
+def test_a_table_is_estimated_with_its_options(capsys, tmp_path):
     table, rig, path = standing_foot(tmp_path / "foot.csv"), tmp_path / "rig.yaml", tmp_path / "path.txt"
     imu = ImuCalibration(
         topic="/foot_l/imu", part="", rate_hz=100.0, mount=Mount(body="foot_l"), gyroscope_noise_density=2e-2,
@@ -178,7 +178,7 @@ def test_a_taken_place_is_left_as_it_is(sources, capsys, tmp_path):
         (("--rig", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
     ],
 )
-def test_wrong_options_are_said_in_one_line(sources, capsys, tmp_path, words, says):
+def test_wrong_options_are_reported_in_one_line(sources, capsys, tmp_path, words, says):
     try:
         code, _, err = call(capsys, "import", sources["tum"], "-o", tmp_path / "a.mcap", *words)
     except SystemExit as stop:

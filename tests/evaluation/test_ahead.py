@@ -137,7 +137,7 @@ def wide(figure: str) -> str:
     return "".join(re.findall(r'<svg class="wide".*?</svg>', figure, re.S))
 
 
-def test_a_laid_world_goes_there_and_back():
+def test_an_alignment_is_inverted_exactly():
     laid = YawAlignment(estimated=np.array([1.0, 2.0, 3.0]), true=np.array([-1.0, 0.5, 3.2]), yaw=math.pi / 2)
     points = np.array([[[1.0, 2.0, 3.0], [2.0, 2.0, 3.5]]])
     np.testing.assert_allclose(laid.to_true(points)[0], [[-1.0, 0.5, 3.2], [-1.0, 1.5, 3.7]], atol=1e-12)
@@ -153,7 +153,7 @@ class Pictures:
         return (Depth(topic="/head/depth", t_ns=k * 10**9 // 30, depth=np.zeros((2, 2), np.float32)) for k in range(30))
 
 
-def test_map_and_prediction_are_given_every_picture_and_first_the_pose_of_its_instant():
+def test_map_and_prediction_get_every_image_after_the_pose_of_its_instant():
     t_ns = np.arange(30) * 10**9 // 30
     path = Trajectory(t_ns=t_ns, p_frame_in_world=np.zeros((30, 3)), q_world_frame=np.tile([1.0, 0, 0, 0], (30, 1)))
     given = list(merged(path, Pictures(), ["/head/depth"]))
@@ -161,7 +161,7 @@ def test_map_and_prediction_are_given_every_picture_and_first_the_pose_of_its_in
     assert [type(s) for s in given] == [Odometry, Depth] * 30
 
 
-def test_steps_told_in_a_turned_and_shifted_world_are_as_far_off_as_they_were_made(ahead):
+def test_errors_of_steps_do_not_depend_on_the_estimators_world(ahead):
     steps = ahead.modes.steps
     assert [i for i, s in enumerate(steps) if not s.right] == list(WRONG_STEPS)
     np.testing.assert_allclose([s.forward_m for s in steps[1:]], 0.02, atol=1e-9)
@@ -170,7 +170,7 @@ def test_steps_told_in_a_turned_and_shifted_world_are_as_far_off_as_they_were_ma
     assert (up.distance_m, up.riser_m, up.tread_m) == pytest.approx((0.0, 0.001, 0.002), abs=1e-9)
 
 
-def test_the_plan_has_every_footprint_those_told_and_the_wrong_ones(ahead):
+def test_the_plan_shows_true_predicted_and_wrong_footprints(ahead):
     plan = wide(ground_from_above(ahead))
     assert plan.count('fill="#ffffff" stroke="#46546a"') == len(ahead.footprints)
     assert plan.count("<ellipse") == len(ahead.footprints) - 3  # of the first step nothing is told between two landings
@@ -181,7 +181,7 @@ def test_the_plan_has_every_footprint_those_told_and_the_wrong_ones(ahead):
     assert "nan" not in plan
 
 
-def test_told_footprints_lie_where_they_were_told(ahead):
+def test_predicted_footprints_are_drawn_in_place(ahead):
     plan = wide(ground_from_above(ahead))
     shapes = re.findall(r'<polygon points="([^"]+)" fill="#ffffff" stroke="#46546a"', plan)
     lines = re.findall(r'<polyline points="([^"]+)" fill="none" [^>]*stroke-dasharray="3 2"', plan)
@@ -214,7 +214,7 @@ def test_leads_are_bars_as_long_as_they_are(ahead):
     assert lead.count('r="2.6"') == sum(s.transition for s in ahead.modes.steps) == 2
 
 
-def test_the_side_view_and_its_errors_tell_millimetres(ahead):
+def test_the_side_view_and_its_errors_resolve_millimetres(ahead):
     aside, errors = wide(ground_from_aside(ahead)), wide(ground_errors(ahead))
     assert ">true ground</text>" in aside
     assert errors.count('r="3"') == len(EDGES)
@@ -262,7 +262,7 @@ def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
     )
 
 
-def test_scores_are_told_by_kind_and_judged_the_right_way_round(ahead):
+def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(ahead):
     found = ScoredChange(mode="RA", found=True, distance_m=0.003, slope_rad=0.01)
     missed = ScoredChange(mode="SA", found=False)
     ground = map_figures(

@@ -129,7 +129,7 @@ def test_a_closed_loop_hides_a_wrong_scale_and_the_way_over_5_m_does_not(error: 
     assert figures["climb_error_m"] == pytest.approx(abs(error) * RISE_M, rel=0.02, abs=1e-9)
 
 
-def test_a_steady_drift_is_told_along_the_worlds_axes() -> None:
+def test_a_steady_drift_is_reported_along_the_worlds_axes() -> None:
     share = np.linspace(0.0, 1.0, len(TRUTH.t_ns))[:, None]
     path = replace(TRUTH.poses, p_frame_in_world=TRUTH.p_frame_in_world + share * [-0.216, 0.023, 0.136])
     figures = drift_figures(told(path), TRUTH)

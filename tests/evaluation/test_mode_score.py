@@ -152,7 +152,7 @@ def test_who_pauses_does_not_walk_steadily():
     assert figures["footprint_rmse_m"]["forward"] > 0.1
 
 
-def test_estimates_about_a_touch_down_tell_of_the_feet_that_they_wait_for() -> None:
+def test_estimates_about_a_touch_down_predict_the_feet_that_they_wait_for() -> None:
     """Feet land at 1, 2, 3 s; one lands heard late, one was guessed early."""
     landed = [SimpleNamespace(t_ns=t * 10**9, foot=foot) for t, foot in ((1, "l"), (2, "r"), (3, "l"))]
 

@@ -75,7 +75,7 @@ def test_se3_alignment_undoes_any_rigid_transform(angles, shift):
     assert np.abs(np.sum(back.q_world_frame * truth.q_world_frame, axis=1)) == pytest.approx(1, abs=1e-9)
 
 
-def test_a_steady_drift_is_told_in_every_score():
+def test_a_steady_drift_appears_in_every_score():
     path = walk()
     t = (T_NS * 1e-9)[:, None]
     comparison = compare(offset(path.poses, 0.01 * t * [1.0, 0, 0] + 0.005 * t * [0, 0, 1.0]), path)

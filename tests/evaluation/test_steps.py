@@ -30,7 +30,7 @@ def estimate(i, place=None, **more):
     return StepEstimate(**(told | more))
 
 
-def test_each_step_gets_what_was_told_of_it():
+def test_each_step_gets_its_own_estimate():
     footprints = [footprint(i, pitch=0.1) for i in range(8)]
     steps = score_steps(footprints, [estimate(i, elevation=0.01 * i) for i in range(2, 8) if i != 5])
     assert [s.seen for s in steps] == [True, True, True, False, True, True]
@@ -107,7 +107,7 @@ def test_the_table_has_a_row_a_step(tmp_path):
     assert (rows[0]["foot"], rows[1]["step"], rows[1]["slope_sd_rad"]) == ("l", "3", "inf")
 
 
-def test_the_experiment_lays_its_figures_beside_the_papers():
+def test_the_experiment_prints_its_figures_beside_the_papers():
     def steps(mode, elevation):
         return [
             ScoredStep(

@@ -43,7 +43,7 @@ def test_accepted_walks_are_scored_by_every_estimator(campaign, walk, capsys):
     assert told["estimators"] == json.loads((walk / "scores.json").read_text())["estimators"]
 
 
-def test_two_workers_tell_what_one_does(campaign, walk, capsys):
+def test_two_workers_give_the_same_scores_as_one(campaign, walk, capsys):
     words = ["score", str(campaign), "--program", f"mine=env R={{recording}} cp {walk / 'foot_ins_l.txt'} {{output}}"]
     assert main([*words, "--json"]) == 0
     one = capsys.readouterr().out
@@ -52,7 +52,7 @@ def test_two_workers_tell_what_one_does(campaign, walk, capsys):
     assert json.loads(one)["estimators"]["mine"]["ape_rmse_m"] > 0.0
 
 
-def test_an_estimator_that_fails_on_a_walk_is_told_and_the_others_go_on(campaign, capsys):
+def test_an_estimator_that_fails_on_a_walk_is_reported_and_the_others_continue(campaign, capsys):
     assert main(["score", str(campaign), *OWN, "--json"]) == 1
     said = capsys.readouterr()
     rows = json.loads(said.out)["recordings"]
@@ -75,7 +75,7 @@ def test_what_score_has_written_of_walks_of_which_one_fails_is_a_baseline(campai
     assert json.loads(capsys.readouterr().out)["regressions"] == []
 
 
-def test_one_that_fails_beside_a_baseline_that_it_is_not_in_is_told_in_every_file(campaign, walk, tmp_path, capsys):
+def test_a_failure_of_an_estimator_without_baseline_is_reported_in_every_file(campaign, walk, tmp_path, capsys):
     (tmp_path / "base.json").write_text('{"estimators": {"fine": {"end_error_m": 9.0}}, "recordings": []}')
     fine = f"fine=env R={{recording}} cp {walk / 'foot_ins_l.txt'} {{output}}"
     out = {name: tmp_path / name for name in ("gate.xml", "gate.md", "gate.jsonl")}

@@ -45,7 +45,7 @@ def test_the_same_scores_are_the_same():
     assert ("mine", "distance_m") not in found
 
 
-def test_eight_percent_in_the_noise_are_found_on_the_same_walks_and_told_as_they_are():
+def test_eight_percent_in_the_noise_are_found_on_the_same_walks():
     found = lines(table(1, 30, factor=1.08, jitter=0.05), table(1, 30))
     overall = found["mine", OVERALL]
     assert overall.verdict == WORSE
@@ -60,7 +60,7 @@ def test_the_composite_finds_what_no_single_score_shows():
     assert [m for (_, m), x in found.items() if x.verdict == WORSE] == [OVERALL]
 
 
-def test_better_is_told_and_closes_nothing():
+def test_an_improvement_is_reported_and_passes():
     comparison = compare_scores(table(1, 30, factor=0.9, jitter=0.05), table(1, 30), RULES)
     assert any(x.verdict == BETTER for x in comparison.lines)
     assert comparison.regressions == []
@@ -91,7 +91,7 @@ def test_a_level_that_asks_for_too_many_resamples_is_refused_with_the_smallest_v
     assert compare_scores(few, few, Rules(level=1e-4)).regressions == []  # by the tolerance
 
 
-def test_two_feet_of_one_estimator_are_judged_together_and_one_of_them_alone_is_too():
+def test_two_feet_of_one_estimator_are_compared_together_and_a_single_one_alone():
     names = ("foot_l", "foot_r", "lone_l")
     found = lines(table(1, 12, 1.1, 0.02, names), table(1, 12, names=names))
     assert {name for name, _ in found} == {"foot", "lone_l"}
@@ -109,12 +109,12 @@ def test_other_walks_are_compared_as_groups_and_seldom_differ():
     assert lines(table(5, 20, factor=3.0), table(100, 20))["mine", OVERALL].verdict == WORSE
 
 
-def test_walks_that_only_one_side_holds_are_left_out_and_said_to_be():
+def test_walks_in_only_one_table_are_left_out_and_counted():
     comparison = compare_scores(table(1, 20, first=5), table(1, 20), RULES)
     assert comparison.words == "15 walks in both tables, compared in pairs; 10 walks in only one table are left out"
 
 
-def test_few_walks_are_judged_by_their_means_and_that_is_said():
+def test_few_walks_are_compared_by_their_means():
     comparison = compare_scores(table(1, 3, factor=1.2), table(1, 3), RULES)
     assert "3 walks of the baseline, 3 now: fewer than 8, too few for statistics" in comparison.words
     found = {x.metric: x for x in comparison.lines}
@@ -123,7 +123,7 @@ def test_few_walks_are_judged_by_their_means_and_that_is_said():
     assert lines(table(1, 3, factor=1.05), table(1, 3))["mine", "ape_rmse_m"].verdict == SAME
 
 
-def test_an_estimator_that_tells_nothing_of_a_walk_any_more_closes_the_gate():
+def test_an_estimator_without_scores_on_a_walk_fails_the_gate():
     baseline = table(1, 12, names=("mine", "yours"))
     now = changed(baseline, lambda i, name, s: None if (i, name) == (4, "yours") else s)
     comparison = compare_scores(now, baseline, RULES)

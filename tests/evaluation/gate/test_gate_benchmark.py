@@ -19,7 +19,7 @@ RECORDING = SimpleNamespace(block=lambda topic: BLOCK)
 
 
 @pytest.mark.parametrize("how", [r for r in REGRESSIONS if r.imu], ids=lambda r: r.name)
-def test_the_imu_is_spoilt_alike_each_time_and_the_truth_is_not(how):
+def test_faults_of_the_imu_are_reproducible_and_leave_the_truth_alone(how):
     spoilt = Spoilt(RECORDING, how)
     before = {name: BLOCK.columns[name].copy() for name in COLUMNS}
     once, twice = (spoilt.block("/foot_l/imu").columns for _ in range(2))

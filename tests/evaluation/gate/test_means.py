@@ -26,7 +26,7 @@ def test_for_shares_of_good_samples_higher_is_better():
     assert found(SAME | {"nees_position_within_95_pct": 70.0}) == ["nees_position_within_95_pct"]
 
 
-def test_what_describes_the_walk_is_not_judged_but_a_missing_score_is_worse():
+def test_descriptions_of_the_walk_are_not_compared_but_a_missing_score_is_worse():
     assert found(SAME | {"distance_m": 99.0}) == []
     assert found({}) == ["ape_rmse_m", "nees_position_within_95_pct"]
 
@@ -37,5 +37,5 @@ def test_a_summary_has_means_and_the_largest_maximum():
 
 
 @pytest.mark.parametrize("metric", ["nis_standing", "end_height_error_m", "straddling_pct"])
-def test_what_a_mean_does_not_tell_is_not_judged(metric):
+def test_scores_without_a_meaningful_mean_are_not_compared(metric):
     assert found({metric: 9.0}, {metric: 1.0}) == []

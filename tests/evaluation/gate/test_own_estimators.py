@@ -179,7 +179,7 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
         ("own_filters", "expected module:Class"),
     ],
 )
-def test_what_is_wrong_with_a_class_is_told(recording, place, name, said):
+def test_an_invalid_class_is_reported(recording, place, name, said):
     with pytest.raises(StrideTwinError, match=said):
         PythonClass(name="mine", place=name, frame="foot_l/imu").path(recording)
 
@@ -257,7 +257,7 @@ def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):
         ("import sys; open(sys.argv[2], 'w').write('0 1 2')", r"{output}: line 1: '0 1 2' is not valid"),
     ],
 )
-def test_what_a_program_did_wrong_is_told_in_its_own_words(recording, tmp_path, text, said):
+def test_a_failing_program_is_reported_with_its_output(recording, tmp_path, text, said):
     with pytest.raises(StrideTwinError) as error:
         program(script(tmp_path, text)).path(recording)
     assert said in str(error.value)
@@ -341,12 +341,12 @@ def test_words_of_a_command_are_no_shells(recording, tmp_path):
         (["--history", "x.jsonl"], "needs the --label"),
     ],
 )
-def test_what_is_asked_wrongly_is_told_in_one_line_before_anything_is_scored(walk, capsys, words, said):
+def test_invalid_options_are_reported_before_anything_is_scored(walk, capsys, words, said):
     assert main(["score", str(walk / "recording.mcap"), *words]) == 2
     assert said in capsys.readouterr().err
 
 
-def test_a_level_that_a_baseline_is_too_large_for_is_told_before_anything_is_scored(tmp_path, capsys):
+def test_a_level_too_low_for_the_baseline_is_reported_before_anything_is_scored(tmp_path, capsys):
     scores = {f"e{i}": {f"score_{k}_m": 1.0 for k in range(6)} for i in range(20)}
     rows = [{"name": f"w{i}", "sha256": str(i), "estimators": scores} for i in range(12)]
     (tmp_path / "base.json").write_text(json.dumps({"estimators": scores, "recordings": rows}))

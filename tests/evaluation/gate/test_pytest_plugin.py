@@ -45,7 +45,7 @@ def test_a_walk_is_made_once(stridetwin_scenario):
     assert "/head/color" not in walk.topics
 
 
-def test_a_walk_may_be_told_in_other_ways(stridetwin_scenario):
+def test_a_walk_may_be_given_in_other_ways(stridetwin_scenario):
     level = {"terrain": [{"level": {"length_m": 6}}], "sensors": {"foot_imu": "my_imu.yaml"}}
     assert stridetwin_scenario(level).metadata["scenario"] == "scenario"
     config = TwinConfig(name="mine", route=Route(segments=(Level(length_m=5.0),)))

@@ -63,7 +63,7 @@ def test_a_file_that_is_no_baseline_is_one_error_with_the_field(tmp_path, capsys
     assert len(told) < len(str(file)) + 650
 
 
-def test_scores_of_now_may_hold_nothing_and_those_of_run_tell_of_no_walk(tmp_path):
+def test_current_scores_may_be_empty_and_those_of_run_have_no_walks(tmp_path):
     assert table_of({"estimators": {}, "recordings": [{"estimators": {}, "failed": {"a": "no"}}]}, "now").walks
     file = tmp_path / "scores.json"
     file.write_text(json.dumps({"estimators": GOOD, "recordings": [{"scenario": "level", "seed": 1}]}))

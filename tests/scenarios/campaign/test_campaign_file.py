@@ -81,7 +81,7 @@ def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, old, new, m
     assert message in refused(write(tmp_path, SMALL.replace(old, new)))
 
 
-def test_an_error_in_the_scenario_itself_is_told_as_one(tmp_path):
+def test_an_error_in_the_scenario_itself_is_reported_as_one(tmp_path):
     message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2")))
     assert "scenarios[0].scenario: 'short' is not valid; valid: a valid scenario (terrain[0].level.len" in message
 
@@ -175,7 +175,7 @@ def test_the_exoskeleton_of_the_examples_walks_in_campaigns(tmp_path):
     assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.own.keys()
 
 
-def test_campaigns_are_told_from_scenarios_by_what_they_say(tmp_path):
+def test_campaigns_are_distinguished_from_scenarios_by_their_keys(tmp_path):
     assert find_campaign("demo") is None
     assert find_campaign("stairs_and_ramps") == campaigns()["stairs_and_ramps"]
     path = write(tmp_path)

@@ -59,7 +59,7 @@ def one(home, campaign):
     return home / "one"
 
 
-def test_a_manifest_tells_what_lies_there(one, campaign):
+def test_a_manifest_lists_the_files(one, campaign):
     manifest = json.loads((one / "manifest.json").read_text())
     assert [w["walk"] for w in manifest["walks"]] == [f"walk_{i:05d}" for i in range(3)]
     dealt: dict[str, set[str]] = {}
@@ -80,7 +80,7 @@ def test_a_manifest_tells_what_lies_there(one, campaign):
     assert str(one.parent) not in (one / "manifest.json").read_text() + (one / "dataset_card.md").read_text()
 
 
-def test_the_card_tells_of_it_and_its_program_reads_it(one, monkeypatch, capsys):
+def test_the_card_describes_the_data_and_its_program_reads_them(one, monkeypatch, capsys):
     card = (one / "dataset_card.md").read_text()
     assert card.startswith("# A few steps of three people\n")
     for words in ("3 walks of 3", "uniform 0.9 to 1.2", "female: 3", "## Splits", "None.", "Apache-2.0", "mujoco"):
@@ -152,9 +152,7 @@ def jobs_of(campaign, folder: Path) -> list[Job]:
     ]
 
 
-def test_a_walk_that_failed_tells_of_person_and_terrain_as_it_will_when_it_succeeds(
-    one, campaign, tmp_path, monkeypatch
-):
+def test_a_failed_walk_has_the_person_and_terrain_of_a_successful_one(one, campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_walk, "record", lambda *_: 1 / 0)
     row = campaign_walk.make(jobs_of(campaign, tmp_path)[1])
     assert (row["status"], row["reasons"]) == ("failed", ["error: ZeroDivisionError: division by zero"])

@@ -59,7 +59,7 @@ def test_the_table_names_what_is_worse_first(worse, fine):
     assert changed(fine) == []
 
 
-def test_an_estimator_that_failed_beside_the_comparison_is_told_wherever_the_verdict_is(fine, worse):
+def test_a_failed_estimator_is_reported_beside_every_verdict(fine, worse):
     why = "no <map>\x01 | at\nall"
     rows = [{"name": "w_1", "sha256": "1", "failed": {"mine": why, "new_one": why}}, {"name": "w_2", "sha256": "2"}]
     failed = failures(rows)
@@ -83,7 +83,7 @@ def test_an_estimator_that_failed_beside_the_comparison_is_told_wherever_the_ver
         assert "an estimator failed on 1 of 2 walks" in history_page([line], "One")
 
 
-def test_what_is_missing_is_said_in_one_sentence():
+def test_a_missing_score_is_reported_in_one_sentence():
     line = Line(estimator="mine", metric="walks", method="paired", walks=5, verdict="missing", baseline=5.0, now=3.0)
     assert sentence(line) == "mine: nothing to score on 5 walks but 3"
 
