@@ -44,7 +44,7 @@ from stridetwin.evaluation.map_scores import (
     true_heights,
 )
 from stridetwin.pipeline.terrain_files import given_poses
-from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
@@ -191,7 +191,7 @@ class Tally:
 
 def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], Map]) -> dict[str, float]:
     """Figures of one map on one walk."""
-    camera, layout = depth_calibration(recording.rig), from_metadata(recording.metadata)
+    camera, layout = depth_calibration(recording.rig), terrain_layout(recording.metadata)
     assert layout is not None
     ground, tally, due_ns, here = make(recording, camera), Tally(), 0, 0.0
     for sample in recording.samples([given_poses(recording, camera)[0], camera.depth_topic]):

@@ -5,13 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from stridetwin.cli.bridge import LiveOptions, SendOptions, live_command, send_command
-from stridetwin.cli.campaign import generate_command
 from stridetwin.cli.estimate import EstimateOptions, estimate_command
-from stridetwin.cli.experiment import ExperimentOptions, experiment_command
 from stridetwin.cli.listing import ListOptions, list_command
-from stridetwin.cli.options import Options
-from stridetwin.cli.outcome import Outcome
-from stridetwin.cli.place import PlaceOptions, place_command
+from stridetwin.cli.options import Options, Outcome
 from stridetwin.cli.recording import (
     CheckOptions,
     ExportOptions,
@@ -24,19 +20,15 @@ from stridetwin.cli.recording import (
 )
 from stridetwin.cli.schema import SchemaOptions, schema_command
 from stridetwin.cli.score import HistoryOptions, ScoreOptions, history_command, score_command
-from stridetwin.cli.walk import GenerateOptions, RunOptions, run_command
+from stridetwin.cli.studies import ExperimentOptions, PlaceOptions, experiment_command, place_command
+from stridetwin.cli.walk import GenerateOptions, RunOptions, generate_command, run_command
 
 __all__ = ["COMMANDS", "Command", "Options", "Outcome"]
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command of the command line.
-
-    Attributes:
-        options: Class of its options, whose docstring is the command's help.
-        run: Takes the options and a progress callback; returns the outcome.
-    """
+    """A command: its class of options, whose docstring is the help, and the function that runs it."""
 
     options: type[Options]
     run: Callable[[Any, Callable[[str, float], None]], Outcome]

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import BackendOption, ImportableOptions, Options, one_of, positive, share
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.options import BackendOption, ImportableOptions, Options, Outcome, Progress, one_of, positive, share
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import current_name

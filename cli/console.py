@@ -1,38 +1,84 @@
-"""Progress of a command on stderr: a bar with the time left on a terminal, plain lines elsewhere."""
+"""The terminal: tables and results on stdout, progress on stderr; plain text where the output is not a terminal."""
 
 from __future__ import annotations
 
+import io
 import sys
 import time
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+    from rich.table import Table
 
 _LINE_EVERY_S = 30.0
-"""Time between two lines of one stage, which keeps the log of a long run short."""
+"""Time between two progress lines of one stage, which keeps the log of a long run short."""
 _KNOWN_FROM = 0.05
 """Share of a stage from which its speed, and so the time left, is known: kernels may compile at first."""
+_PLAIN_WIDTH = 10_000
+"""Width of plain text, characters: rows of a table are neither wrapped nor cut."""
+
+
+def table(
+    rows: Iterable[Sequence[str]], head: Sequence[str] = (), *, title: str | None = None, text_columns: int = 1
+) -> Table:
+    """A table of text columns, followed by columns of numbers, which are aligned at the right."""
+    from rich.table import Table
+    from rich.text import Text
+
+    found = list(rows)
+    width = len(head) or max(map(len, found), default=0)
+    made = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=bool(head))
+    made.padding = (0, 2, 0, 0)
+    for i in range(width):
+        made.add_column(Text(head[i]) if head else "", justify="left" if i < text_columns else "right", overflow="fold")
+    for row in found:
+        made.add_row(*map(Text, row))
+    return made
+
+
+def plain_text(lines: Iterable[str | Table]) -> str:
+    """Lines and tables as text without colours, for pipes and files."""
+    from rich.console import Console as Terminal
+
+    out: list[str] = []
+    for line in lines:
+        if isinstance(line, str):
+            out.append(line)
+            continue
+        file = io.StringIO()
+        Terminal(file=file, width=_PLAIN_WIDTH, color_system=None, force_terminal=False).print(line)
+        out += [row.rstrip() for row in file.getvalue().splitlines()]
+    return "\n".join(out)
+
+
+def show(lines: Iterable[str | Table]) -> None:
+    """Prints lines and tables: formatted on a terminal, as plain text elsewhere."""
+    if not sys.stdout.isatty():
+        print(plain_text(lines), flush=True)
+        return
+    from rich import box
+    from rich.console import Console as Terminal
+
+    terminal = Terminal()
+    for line in lines:
+        if isinstance(line, str):
+            terminal.print(line, markup=False, highlight=False, soft_wrap=True)
+        else:
+            line.box = box.SIMPLE_HEAD if line.show_header else None
+            terminal.print(line)
 
 
 class Console:
-    """Progress on stderr, so that stdout stays for results.
-
-    Args:
-        stream: Where to write; stderr by default.
-    """
+    """Progress on a stream, by default stderr, so that stdout stays for results."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         stream = stream or sys.stderr
         self._shown: _Bar | _Lines = _Bar(stream) if stream.isatty() else _Lines(stream)
 
     def __call__(self, stage: str, share: float) -> None:
-        """Shows the progress of a stage.
-
-        Args:
-            stage: Its name.
-            share: 0-1.
-        """
+        """Shows the progress of a stage, 0-1."""
         self._shown.show(stage, min(max(share, 0.0), 1.0))
 
     def close(self) -> None:
@@ -97,7 +143,7 @@ class _Lines:
         if now_s - self._written_s >= _LINE_EVERY_S and 0.0 < share < 1.0:
             done, left = share - self._begun_share, ""
             if done >= _KNOWN_FROM:
-                left = f", {_clock((now_s - self._begun_s) * (1.0 - share) / done)} left"
+                left = f", {timedelta(seconds=round((now_s - self._begun_s) * (1.0 - share) / done))} left"
             self._write(f"{stage} {share:.0%}{left} ...", now_s)
 
     def close(self) -> None:
@@ -107,9 +153,3 @@ class _Lines:
         self._stream.write(f"{line}\n")
         self._stream.flush()
         self._written_s = now_s
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"

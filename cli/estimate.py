@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import BackendOption, ImportableOptions, one_of
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.options import (
+    BackendOption,
+    ImportableOptions,
+    Outcome,
+    Progress,
+    one_of,
+    option,
+    output_option,
+    switch,
+)
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, current_name
@@ -39,46 +47,34 @@ class EstimateOptions(ImportableOptions):
             **one_of(registry.names()),
         ),
     ]
-    foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: foot of a recording (default l).")] = None
-    lag: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="foot_ins: smooth each pose with the next S seconds, up to 10."),
-    ] = None
+    foot: Annotated[Literal["l", "r"] | None, option("foot_ins: foot of a recording (default l).")] = None
+    lag: Annotated[float | None, option("foot_ins: smooth each pose with the next S seconds, up to 10.", "S")] = None
     method: Annotated[
         str | None,
-        typer.Option(
-            parser=current_name,
-            metavar="NAME",
-            help="foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm (default proposed).",
+        option(
+            "foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm (default proposed).", "NAME", current_name
         ),
     ] = None
     poses: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame "
+        option(
+            "terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame "
             "(default: poses of the recording).",
+            "FILE",
         ),
     ] = None
     backend: BackendOption = None
     mesh: Annotated[
-        bool,
-        typer.Option(
-            "--mesh", help="terrain_map: write the ground as a .glb; with open3d also all surfaces, _mesh.ply."
-        ),
+        bool, switch("--mesh", "terrain_map: write the ground as a .glb; with open3d also all surfaces, _mesh.ply.")
     ] = False
     exoskeleton: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the recording provides none."),
+        Path | None, option("contact_terrain: geometry, where the recording provides none.", "FILE")
     ] = None
     output: Annotated[
         Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain, locomotion_mode: "
-            "table, .csv; terrain_map: .json, and a .ply beside it.",
+        output_option(
+            "TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain, locomotion_mode: "
+            "table, .csv; terrain_map: .json, and a .ply beside it."
         ),
     ]
 
@@ -110,7 +106,7 @@ def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaratio
         words = goes_with(lambda d: arguments.method in d.methods)
         where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
         valid = ", ".join(declaration.methods)
-        raise StrideTwinError(f"{where}: expected one of {declaration.name}, {valid}")
+        raise StrideTwinError(f"{where}: expected {valid}")
     if arguments.backend is not None and arguments.backend not in declaration.backends:
         raise StrideTwinError(f"--backend goes with {goes_with(lambda d: arguments.backend in d.backends)}")
     method, foot = arguments.method or declaration.methods[0], arguments.foot or "l"

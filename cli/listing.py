@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
-from stridetwin.cli.options import Options
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.console import table
+from stridetwin.cli.options import Options, Outcome, Progress
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,50 +20,34 @@ class ListOptions(Options):
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.estimators.registry import descriptions
-    from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
-    from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
+    from stridetwin.scenarios.campaign.campaign_file import campaigns
+    from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue
     from stridetwin.scenarios.scenario_model import FAULTS
     from stridetwin.sim.parts.library import kind_of, library, part
     from stridetwin.sim.wearer.anthropometry import PEOPLE
+    from stridetwin.streams.yaml_file import read_yaml
     from stridetwin.studies.catalogue import STUDIES
-    from stridetwin.studies.placement.problem_file import problems, read_problem
+    from stridetwin.studies.placement.problem_file import problems
 
     parts = {name: part(name) for name in library()}
-    scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
-    placements = {name: read_problem(path).description for name, path in problems().items()}
-    many = {name: read_campaign(path).description for name, path in campaigns().items()}
-    known = descriptions()
-    data = {
-        "scenarios": scenarios,
-        "campaigns": many,
-        "placements": placements,
+    data: dict[str, Any] = {
+        "scenarios": {name: read_yaml(path)["description"] for name, path in catalogue().items()},
+        "campaigns": {name: read_yaml(path)["campaign"] for name, path in campaigns().items()},
+        "placements": {name: read_yaml(path)["placement"] for name, path in problems().items()},
         "sensors": list(SENSORS),
-        "estimators": known,
+        "estimators": descriptions(),
         "experiments": {name: study.description for name, study in STUDIES.items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(FAULTS),
         "physics": list(PHYSICS),
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
-    lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), ""]
-    lines += ["Campaigns", *(f"  {n:<16} {words}" for n, words in many.items()), ""]
-    lines += ["Placements", *(f"  {n:<16} {words}" for n, words in placements.items()), "", "Estimators"]
-    lines += [
-        *(f"  {n:<16} {words}" for n, words in known.items()),
-        "",
-        "Experiments",
-        *(f"  {n:<16} {study.description}" for n, study in STUDIES.items()),
-        "",
-        "Sensors",
-        f"  {', '.join(SENSORS)}",
-        "",
-        "Parts (each has an ideal twin: its name with -ideal)",
-        *(f"  {n:<16} {kind_of(p):<11} {p.description}" for n, p in parts.items()),
-        "",
-        "Faults",
-        *textwrap.wrap(", ".join(sorted(FAULTS)), 110, initial_indent="  ", subsequent_indent="  "),
-        "",
-        "People",
-        *(f"  {n:<16} {p.sex}, {p.height_m:.3g} m, {p.mass_kg:.3g} kg" for n, p in PEOPLE.items()),
-    ]
+    lines: list[str | Table] = []
+    for title in ("scenarios", "campaigns", "placements", "estimators", "experiments"):
+        lines += [table(data[title].items(), title=title.capitalize(), text_columns=2), ""]
+    kinds = [(name, kind_of(p), p.description) for name, p in parts.items()]
+    people = [(name, p.sex, f"{p.height_m:.3g} m", f"{p.mass_kg:.3g} kg") for name, p in PEOPLE.items()]
+    lines += ["Sensors", ", ".join(SENSORS), ""]
+    lines += [table(kinds, title="Parts (NAME-ideal: the part without errors)", text_columns=3), ""]
+    lines += ["Faults", ", ".join(sorted(FAULTS)), "", table(people, title="People", text_columns=2)]
     return Outcome(data=data, lines=lines)

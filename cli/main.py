@@ -13,9 +13,8 @@ from typing import Any, get_type_hints
 import typer
 
 from stridetwin.cli import COMMANDS, Command, Options, Outcome
-from stridetwin.cli.console import Console
-from stridetwin.cli.outcome import Progress
-from stridetwin.cli.outputs import check_outputs
+from stridetwin.cli.console import Console, show
+from stridetwin.cli.options import Progress, check_outputs
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 
@@ -27,12 +26,7 @@ _EXIT_CODES = "Exit codes: 0 done, 1 worse than the baseline or invalid, 2 usage
 
 @dataclass(frozen=True)
 class Call:
-    """A parsed command line.
-
-    Attributes:
-        command: Name of the command.
-        options: Its options.
-    """
+    """A parsed command line: the name of the command and its options."""
 
     command: str
     options: Options
@@ -81,12 +75,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _failed(console, "stopped") + 128
     console.close()
-    if call.options.json:
-        result = json.dumps(outcome.data, indent=2, sort_keys=True, allow_nan=False)
-    else:
-        result = "\n".join(outcome.lines)
     try:
-        print(result, flush=True)
+        if call.options.json:
+            print(json.dumps(outcome.data, indent=2, sort_keys=True, allow_nan=False), flush=True)
+        else:
+            show(outcome.lines)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise the interpreter's own flush fails
         return _PIPE_CLOSED

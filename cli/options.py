@@ -1,4 +1,4 @@
-"""Shared options: each command's options are a dataclass, from whose fields the parser is built.
+"""Options and outcome of a command. The options are a dataclass, from whose fields the parser is built.
 
 A field's annotation is its type on the command line (`typer.Argument` or `typer.Option` with its help), its default the
 option's default. Fields without default are required.
@@ -7,17 +7,38 @@ option's default. Fields without default are required.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from stridetwin.estimators.base import BACKENDS
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.files import partial_path
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _MOST = 1_000_000
+_OUTPUTS = {
+    "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",
+}  # fmt: skip
+_FOLDERS = ("run", "generate", "export", "experiment", "place")
+"""Commands whose `-o` may be a folder."""
+_MAKE_FOLDERS = (("import", "output"), ("score", "history"))
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Outcome of a command: data for `--json`, output as text and tables, and the exit code."""
+
+    data: dict[str, Any]
+    lines: Sequence[str | Table]
+    code: int = 0
 
 
 def one_of(names: Sequence[str]) -> dict[str, Any]:
@@ -74,13 +95,26 @@ def count(text: str) -> int:
     return int(digits)
 
 
+def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] | None = None) -> Any:
+    """An option with a value: `typer.Option`."""
+    return typer.Option(help=help, metavar=metavar, parser=parser)
+
+
+def switch(name: str, help: str) -> Any:
+    """An option without a value."""
+    return typer.Option(name, help=help)
+
+
+def output_option(help: str, metavar: str = "FILE") -> Any:
+    """The option `-o`."""
+    return typer.Option("-o", "--output", help=help, metavar=metavar)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Options of every command."""
 
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")] = (
-        False
-    )
+    json: Annotated[bool, switch("--json", "Print one JSON object on stdout and nothing else there.")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,9 +125,7 @@ class SourceOptions(Options):
         Path,
         typer.Argument(metavar="RECORDING", help="Recording, or anything that `import` reads.", show_default=False),
     ]
-    lenient: Annotated[
-        bool, typer.Option("--lenient", help="Read a damaged or suspicious source as far as possible.")
-    ] = False
+    lenient: Annotated[bool, switch("--lenient", "Read a damaged or suspicious source as far as possible.")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,27 +135,17 @@ class ImportableOptions(SourceOptions):
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="PATH",
-            help="Recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table.",
+            metavar="PATH", help="Recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table."
         ),
     ]
     kind: Annotated[
-        str | None,
-        typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}."),
+        str | None, typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}.")
     ] = None
-    map: Annotated[list[str], typer.Option("--map", metavar="FROM=TO", help="Topic for a stream of the source.")] = (
-        field(default_factory=list)
-    )
-    rig: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Calibration (Kalibr YAML) in place of the source's.")
-    ] = None
+    map: Annotated[list[str], option("Topic for a stream of the source.", "FROM=TO")] = field(default_factory=list)
+    rig: Annotated[Path | None, option("Calibration (Kalibr YAML) in place of the source's.", "FILE")] = None
     depth_scale: Annotated[
         float | None,
-        typer.Option(
-            parser=positive,
-            metavar="N",
-            help="Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).",
-        ),
+        option("Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).", "N", positive),
     ] = None
 
 
@@ -132,9 +154,50 @@ class WalkOptions(Options):
     """How to walk a scenario."""
 
     physics: Annotated[
-        str | None,
-        typer.Option(help="How the body moves: kinematic, dynamic (default: as the scenario says)."),
+        Literal["kinematic", "dynamic"] | None, option("How the body moves (default: as in the scenario).")
     ] = None
-    no_cameras: Annotated[
-        bool, typer.Option("--no-cameras", help="Leave out every camera of the rig: much faster.")
-    ] = False
+    no_cameras: Annotated[bool, switch("--no-cameras", "Leave out every camera of the rig: much faster.")] = False
+
+
+def check_outputs(command: str, arguments: Options) -> None:
+    """Rejects outputs that would overwrite an input or fail at the end of a long run.
+
+    Raises:
+        ConfigError: An output is also an input, is given twice, or cannot be a file.
+    """
+    given = dict(vars(arguments))
+    if command == "history":
+        given["file"] = given.pop("history")  # an input
+    outputs = {name: given.pop(name) for name in _OUTPUTS if isinstance(given.get(name), Path)}
+    taken = list(_files(given.values()))
+    for name, path in outputs.items():
+        option = f"{command} {_OUTPUTS[name]}"
+        if any(_same(path, other) for other in taken):
+            raise ConfigError(option, "", str(path), "a file that is not also an input or another output")
+        if name != "output" or command not in _FOLDERS:
+            partial_path(path)
+            if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
+                raise ConfigError(option, "", str(path), f"a file in an existing folder; {path.parent} does not exist")
+        taken.append(path)
+
+
+def _files(values: Iterable[object]) -> Iterator[Path]:
+    """All names in a value: paths, lists of them, file names, `NAME=FILE`."""
+    for value in values:
+        if isinstance(value, list):
+            yield from _files(value)
+        elif isinstance(value, Path):
+            yield value
+        elif isinstance(value, str):
+            yield from (path for path in map(Path, {value, value.rpartition("=")[2]}) if _is_file(path))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # not a valid file name
+        return False
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.absolute() == other.absolute() or (one.exists() and other.exists() and one.samefile(other))

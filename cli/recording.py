@@ -12,8 +12,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import ImportableOptions, SourceOptions, positive
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.options import ImportableOptions, Outcome, Progress, SourceOptions, positive
 from stridetwin.evaluation.evaluate import true_path
 from stridetwin.scenarios.files import staged
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -101,6 +100,7 @@ def export(
 
 
 def _table(recording: Recording, output: Path, frame: str) -> dict[str, int]:
+
     imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
     if frame not in imus:
         raise StrideTwinError(f"{recording.path}: no IMU {frame!r}; it has {', '.join(imus) or 'none'}")

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from stridetwin.cli.options import Options, one_of
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.options import Options, Outcome, Progress, one_of
 
 SCHEMAS = {
     "scenario": "stridetwin.scenarios.scenario_model:ScenarioFile",

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import Options, count, positive, probability, share
-from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.console import table
+from stridetwin.cli.options import (
+    Options,
+    Outcome,
+    Progress,
+    count,
+    option,
+    output_option,
+    positive,
+    probability,
+    share,
+    switch,
+)
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stridetwin.evaluation.gate.compare import Comparison
+    from stridetwin.evaluation.gate.formatting import Failure
     from stridetwin.evaluation.gate.own_estimators import OwnEstimator
     from stridetwin.evaluation.path_scores import Scores
 
@@ -71,50 +87,32 @@ class ScoreOptions(Options):
     recordings: Annotated[
         list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
     ]
-    lenient: Annotated[bool, typer.Option("--lenient", help="Read a damaged recording as far as possible.")] = False
-    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Recordings at a time.")] = 1
-    estimate: Annotated[list[str], typer.Option(metavar="NAME=FILE", help="Score a TUM file made elsewhere.")] = field(
+    lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
+    workers: Annotated[int, option("Recordings at a time.", "N", count)] = 1
+    estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
+    estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
         default_factory=list
     )
-    estimator: Annotated[
-        list[str], typer.Option(metavar="NAME=MODULE:CLASS", help="Score a Python class with update(sample).")
-    ] = field(default_factory=list)
     program: Annotated[
         list[str],
-        typer.Option(
-            metavar="NAME=COMMAND",
-            help="Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
+        option(
+            "Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
+            "NAME=COMMAND",
         ),
     ] = field(default_factory=list)
-    timeout: Annotated[float, typer.Option(parser=positive, metavar="S", help="Time limit of a program, s.")] = 600.0
-    frame: Annotated[str, typer.Option(help="Frame that these three estimate.")] = "foot_l/imu"
-    align: Annotated[Literal["start", "yaw", "se3"], typer.Option(help="Alignment of paths with the truth.")] = "start"
-    baseline: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="An earlier `score --json`; exit 1 if a score is worse.")
-    ] = None
-    least: Annotated[
-        float,
-        typer.Option(parser=share, metavar="PCT", help="Ignore smaller changes: % of an error, points of a share."),
-    ] = 1.0
+    timeout: Annotated[float, option("Time limit of a program, s.", "S", positive)] = 600.0
+    frame: Annotated[str, option("Frame that these three estimate.")] = "foot_l/imu"
+    align: Annotated[Literal["start", "yaw", "se3"], option("Alignment of paths with the truth.")] = "start"
+    baseline: Annotated[Path | None, option("An earlier `score --json`; exit 1 if a score is worse.", "FILE")] = None
+    least: Annotated[float, option("Ignore smaller changes: % of an error, points of a share.", "PCT", share)] = 1.0
     false_alarms: Annotated[
-        float,
-        typer.Option(
-            parser=probability,
-            metavar="PCT",
-            help="Percentage of comparisons in which a score may seem worse by chance.",
-        ),
+        float, option("Percentage of comparisons in which a score may seem worse by chance.", "PCT", probability)
     ] = 1.0
-    tolerance: Annotated[
-        float, typer.Option(parser=share, metavar="PCT", help="How much worse means of few walks may be, %.")
-    ] = 10.0
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison as JUnit XML.")] = None
-    markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison for a pull request.")] = (
-        None
-    )
-    history: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Append a line with means and verdict (.jsonl).")
-    ] = None
-    label: Annotated[str | None, typer.Option(metavar="TEXT", help="--history: name of this version.")] = None
+    tolerance: Annotated[float, option("How much worse means of few walks may be, %.", "PCT", share)] = 10.0
+    junit: Annotated[Path | None, option("Write the comparison as JUnit XML.", "FILE")] = None
+    markdown: Annotated[Path | None, option("Write the comparison for a pull request.", "FILE")] = None
+    history: Annotated[Path | None, option("Append a line with means and verdict (.jsonl).", "FILE")] = None
+    label: Annotated[str | None, option("--history: name of this version.", "TEXT")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,50 +120,50 @@ class HistoryOptions(Options):
     """Draw how scores changed from version to version."""
 
     history: Annotated[Path, typer.Argument(metavar="FILE", help="File that `score --history` has written (.jsonl).")]
-    title: Annotated[str, typer.Option(help="Title of the page.")] = "History"
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write (.html).")]
+    title: Annotated[str, option("Title of the page.")] = "History"
+    output: Annotated[Path, output_option("Page to write (.html).")]
 
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.evaluation.evaluate import summary
     from stridetwin.evaluation.gate.compare import Rules, check_level, compare_scores
-    from stridetwin.evaluation.gate.formatting import failures, junit, markdown, table_lines
+    from stridetwin.evaluation.gate.formatting import failures, junit, markdown
     from stridetwin.evaluation.gate.score_table import document_of, read_table, table_of
     from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
     from stridetwin.report.history import append_history, history_line
     from stridetwin.streams.files import whole_file
 
-    for option in ("junit", "markdown"):
-        if getattr(arguments, option) and not arguments.baseline:
-            raise StrideTwinError(f"--{option} compares with --baseline: expected both")
+    for name in ("junit", "markdown"):
+        if getattr(arguments, name) and not arguments.baseline:
+            raise StrideTwinError(f"--{name} reports changes: expected --baseline as well")
     if arguments.history and not arguments.label:
         raise StrideTwinError("--history needs the --label of this version, such as a commit")
     baseline = read_table(arguments.baseline) if arguments.baseline else None
     rules = Rules(level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0)
     if baseline is not None:
         check_level(baseline, rules)
-    asked = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
-    jobs = jobs_of(arguments.recordings, **asked)
+    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
+    jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
-        raise StrideTwinError("--estimate goes with one recording: expected one RECORDING, or --program for many")
+        raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
     rows = list(score_walks(jobs, arguments.workers, progress))
     means = summary(row["estimators"] for row in rows)
     data = document_of(rows, means)
     failed = failures(rows)
-    lines, code = score_table(means), int(bool(failed))
+    lines, code = score_tables(means), int(bool(failed))
     lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
     comparison = None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
-        lines += ["", *table_lines(comparison, failed)]
+        lines += _changes(comparison, failed)
         code = 1 if comparison.regressions else code
-        for path, tell in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        for path, form in ((arguments.junit, junit), (arguments.markdown, markdown)):
             if path is not None:
                 with whole_file(path) as file:
-                    file.write_text(tell(comparison, failed), encoding="utf-8")
+                    file.write_text(form(comparison, failed), encoding="utf-8")
     if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
     return Outcome(data=data, lines=lines, code=code)
@@ -204,26 +202,32 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         own.append(program)
     names = [estimator.name for estimator in own]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise StrideTwinError(f"two estimators are called {twice[0]!r}: expected a name for each")
+        raise StrideTwinError(f"invalid name {twice[0]!r} of two estimators: expected a name for each")
     return tuple(own)
 
 
-def score_table(scores: dict[str, Scores]) -> list[str]:
-    """The main scores as text, one line per estimator: paths, then steps, map and modes."""
-    parts: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
+def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
+    """The main scores, one row per estimator, one table per kind: paths, then steps, map and modes."""
+    by_kind: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
     for name, values in scores.items():
-        parts[next(key for key, _ in _KINDS if not key or key in values)][name] = values
+        by_kind[next(key for key, _ in _KINDS if not key or key in values)][name] = values
     shown = dict(_KINDS)
-    blocks = [_score_lines(found, shown[key]) for key, found in parts.items() if found]
-    return [line for block in blocks for line in ("", *block)][1:] or _score_lines({}, _SHOWN)
+    blocks = [_score_table(found, shown[key]) for key, found in by_kind.items() if found]
+    return [line for block in blocks for line in ("", block)][1:] or [_score_table({}, _SHOWN)]
 
 
-def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:
-    lines = [f"{'estimator':<16}" + "".join(f"{words:>17}" for words in shown.values())]
-    for name, values in scores.items():
-        cells = (f"{values[k]:>17.3f}" if k in values else f"{'-':>17}" for k in shown)
-        lines.append(f"{name:<16}" + "".join(cells))
-    return lines
+def _score_table(scores: dict[str, Scores], shown: dict[str, str]) -> Table:
+    rows = [[name, *(f"{values[k]:.3f}" if k in values else "-" for k in shown)] for name, values in scores.items()]
+    return table(rows, ["estimator", *shown.values()])
+
+
+def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:
+    """The scores that differ from the baseline, regressions first."""
+    from stridetwin.evaluation.gate.formatting import HEAD, cells, changed, verdict
+
+    rows = [cells(line) for line in changed(comparison)]
+    head = f"against the baseline: {comparison.words}"
+    return ["", head, *([table(rows, HEAD, text_columns=2)] if rows else []), verdict(comparison, failed)]
 
 
 def _named(text: str, option: str, what: str) -> tuple[str, str]:

@@ -1,7 +1,8 @@
-"""`run`, and `generate` of a scenario: walks of the twin."""
+"""`run` and `generate`: walks of the twin, and data sets of many walks."""
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from dataclasses import dataclass, replace
@@ -10,12 +11,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stridetwin.cli.options import BackendOption, WalkOptions, count, whole
-from stridetwin.cli.outcome import Outcome, Progress
-from stridetwin.cli.score import score_table
+from stridetwin.cli.options import (
+    BackendOption,
+    Outcome,
+    Progress,
+    WalkOptions,
+    count,
+    option,
+    output_option,
+    switch,
+    whole,
+)
+from stridetwin.cli.score import score_tables
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from stridetwin.scenarios.scenario_file import Scenario
+
+_SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +38,10 @@ class RunOptions(WalkOptions):
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
-    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Determines every byte.")] = 0
+    seed: Annotated[int, option("Determines every byte.", "N", whole)] = 0
     backend: BackendOption = None
-    no_film: Annotated[bool, typer.Option("--no-film", help="Leave the film out of the report.")] = False
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the files (default runs/SCENARIO).")
-    ] = None
+    no_film: Annotated[bool, switch("--no-film", "Leave the film out of the report.")] = False
+    output: Annotated[Path | None, output_option("Folder for the files (default runs/SCENARIO).", "DIR")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,27 +51,13 @@ class GenerateOptions(WalkOptions):
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO|CAMPAIGN", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
-    seed: Annotated[
-        int | None,
-        typer.Option(parser=whole, metavar="N", help="Determines every byte (default 0, or the campaign's)."),
-    ] = None
-    workers: Annotated[
-        int | None, typer.Option(parser=count, metavar="N", help="Campaign: walks at a time (default 1).")
-    ] = None
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Campaign: walk on the workers of this Dask scheduler.")
-    ] = None
-    subset: Annotated[int | None, typer.Option(parser=count, metavar="K", help="Campaign: only the first K walks.")] = (
-        None
-    )
+    seed: Annotated[int | None, option("Determines every byte (default 0, or the campaign's).", "N", whole)] = None
+    workers: Annotated[int | None, option("Campaign: walks at a time (default 1).", "N", count)] = None
+    scheduler: Annotated[str | None, option("Campaign: walk on the workers of this Dask scheduler.", "ADDRESS")] = None
+    subset: Annotated[int | None, option("Campaign: only the first K walks.", "K", count)] = None
     output: Annotated[
         Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="Recording to write (.mcap); for a campaign: output folder, existing walks are kept.",
-        ),
+        output_option("Recording to write (.mcap); for a campaign: output folder, existing walks are kept.", "PATH"),
     ]
 
 
@@ -81,10 +78,72 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     )
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
     report = (run.folder / "report.html").absolute().as_uri()
-    return Outcome(data=data, lines=[*score_table(run.scores), "", f"report  {report}", f"files   {folder}/"])
+    return Outcome(data=data, lines=[*score_tables(run.scores), "", f"report  {report}", f"files   {folder}/"])
 
 
-def record_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
+def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
+    """`generate`; the contents of a file decide whether it is a scenario or a campaign."""
+    from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign
+    from stridetwin.scenarios.scenario_file import catalogue
+    from stridetwin.streams.validation import suggest
+
+    name, names = arguments.scenario, [*catalogue(), *campaigns()]
+    if name not in names and not Path(name).suffix and Path(name).parent == Path("."):
+        valid = f"{suggest(name, names)}, or the path of a .yaml file"
+        raise StrideTwinError(f"invalid scenario or campaign {name!r}: expected {valid}")
+    path = find_campaign(name)
+    if path is not None:
+        return _campaign(path, arguments, progress)
+    for limited in ("workers", "scheduler", "subset"):
+        if (value := getattr(arguments, limited)) is not None:
+            raise ConfigError("command line", f"--{limited}", value, f"no --{limited}, as {name} is a scenario")
+    return _record(arguments, progress)
+
+
+def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
+    """`generate` of a campaign."""
+    from stridetwin.scenarios.campaign import manifest
+    from stridetwin.scenarios.campaign.campaign_file import read_campaign
+    from stridetwin.scenarios.campaign.generate import Options, generate
+    from stridetwin.scenarios.campaign.plan import Extra
+    from stridetwin.scenarios.campaign.walk import ACCEPTED, FAILED
+
+    if arguments.output.suffix == ".mcap" or arguments.output.is_file():
+        raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
+    if arguments.workers and arguments.scheduler:
+        raise ConfigError("command line", "--workers", arguments.workers, "either --workers or --scheduler")
+    if arguments.scheduler is not None and not _SCHEDULER.fullmatch(arguments.scheduler):
+        valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
+        raise ConfigError("command line", "--scheduler", arguments.scheduler, valid)
+    folder = arguments.output
+    options = Options(
+        folder=folder,
+        workers=arguments.workers or 1,
+        scheduler=arguments.scheduler,
+        seed=arguments.seed,
+        subset=arguments.subset,
+        extra=Extra(physics=arguments.physics, cameras=not arguments.no_cameras),
+    )
+    done = generate(read_campaign(path), options, progress)
+    walks, verdicts = done.manifest["walks"], done.verdicts
+    hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
+    data = {
+        "campaign": done.manifest["campaign"],
+        "folder": str(folder),
+        "walks": len(walks),
+        "made": done.made,
+        "accepted": verdicts[ACCEPTED],
+        "rejected": dict(done.reasons),
+        "hours": hours,
+        "manifest": str(folder / manifest.NAME),
+        "card": str(folder / manifest.CARD_NAME),
+    }
+    lines = [f"{folder}: {verdicts[ACCEPTED]} of {len(walks)} walks, {hours:.2f} h ({done.made} generated now)"]
+    lines += [f"  rejected, {kind}: {count}" for kind, count in sorted(done.reasons.items())]
+    return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=1 if verdicts[FAILED] else 0)
+
+
+def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
     from stridetwin.scenarios.record import make_twin, record
 
@@ -99,15 +158,12 @@ def record_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
     from stridetwin.scenarios.record import without_cameras
-    from stridetwin.scenarios.scenario_file import PHYSICS, load_scenario
-    from stridetwin.streams.errors import ConfigError
+    from stridetwin.scenarios.scenario_file import load_scenario
 
     scenario = load_scenario(arguments.scenario)
     for note in scenario.notes:
         print(f"stridetwin: note: {note}", file=sys.stderr)
     if arguments.physics is not None:
-        if arguments.physics not in PHYSICS:
-            raise ConfigError("command line", "--physics", arguments.physics, ", ".join(PHYSICS))
         scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
     return without_cameras(scenario) if arguments.no_cameras else scenario
 

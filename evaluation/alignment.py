@@ -31,7 +31,7 @@ class Rigid:
 
     def apply(self, path: Trajectory) -> Trajectory:
         """The path in the truth's world; the covariance of the position is rotated with it."""
-        turned = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
+        q = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
         covariance = path.covariance
         if covariance is not None:
             G = np.kron(np.eye(covariance.shape[-1] // 3), self.R)
@@ -39,7 +39,7 @@ class Rigid:
         return replace(
             path,
             p_frame_in_world=path.p_frame_in_world @ self.R.T + self.t,
-            q_world_frame=turned.as_quat(scalar_first=True),
+            q_world_frame=q.as_quat(scalar_first=True),
             covariance=covariance,
         )
 
@@ -55,12 +55,12 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
             rotation (Umeyama 1991, IEEE TPAMI 13(4):376-380, without scale).
     """
     if how == "start":
-        R = vertical_turn(_rotation(truth.q_world_frame[0]) @ _rotation(estimate.q_world_frame[0]).T)
+        R = vertical_rotation(_rotation(truth.q_world_frame[0]) @ _rotation(estimate.q_world_frame[0]).T)
         return Rigid(R=R, t=truth.p_frame_in_world[0] - R @ estimate.p_frame_in_world[0])
     mean_e, mean_t = estimate.p_frame_in_world.mean(axis=0), truth.p_frame_in_world.mean(axis=0)
     H = (truth.p_frame_in_world - mean_t).T @ (estimate.p_frame_in_world - mean_e)
     if how == "yaw":
-        R = vertical_turn(H)
+        R = vertical_rotation(H)
     elif how == "se3":
         U, _, Vt = np.linalg.svd(H)
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
@@ -69,7 +69,7 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
     return Rigid(R=R, t=mean_t - R @ mean_e)
 
 
-def vertical_turn(M: Array) -> Array:
+def vertical_rotation(M: Array) -> Array:
     """The rotations (..., 3, 3) about z that maximise tr(Rᵀ M) for matrices (..., 3, 3)."""
     a = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
     return np.asarray(Rotation.from_rotvec(a[..., None] * np.array([0.0, 0.0, 1.0])).as_matrix())
@@ -80,32 +80,32 @@ def _rotation(q: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Laying:
+class YawAlignment:
     """A translation and a rotation about the vertical between two worlds.
 
     Attributes:
-        told: (3,) m, estimated position of the frame.
+        estimated: (3,) m, estimated position of the frame.
         true: (3,) m, its true position.
-        turn: rad, rotation from the estimator's world to the true one.
+        yaw: rad, rotation from the estimator's world to the true one.
     """
 
-    told: Array
+    estimated: Array
     true: Array
-    turn: float = 0.0
+    yaw: float = 0.0
 
     @property
     def rotation(self) -> Array:
         """(2, 2) in the horizontal plane, from the estimator's world to the true one."""
-        c, s = math.cos(self.turn), math.sin(self.turn)
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
         return np.array([[c, -s], [s, c]])
 
     def to_true(self, points: Array) -> Array:
         """Points in the true world from points in the estimator's; both (..., 2 or 3) m."""
-        return self._moved(points, self.told, self.true, self.rotation)
+        return self._moved(points, self.estimated, self.true, self.rotation)
 
-    def to_told(self, points: Array) -> Array:
+    def to_estimated(self, points: Array) -> Array:
         """Points in the estimator's world from points in the true one; both (..., 2 or 3) m."""
-        return self._moved(points, self.true, self.told, self.rotation.T)
+        return self._moved(points, self.true, self.estimated, self.rotation.T)
 
     @staticmethod
     def _moved(points: Array, before: Array, after: Array, rotation: Array) -> Array:
@@ -114,23 +114,23 @@ class Laying:
         return np.asarray(offset + after[: offset.shape[-1]])
 
 
-class Laid:
+class MovingAlignment:
     """Aligns an estimator's world with the true one at each instant, which removes the drift.
 
     Args:
-        told: Poses that the estimator received.
+        estimate: Poses that the estimator received.
         truth: True poses of the same frame at the same stamps.
     """
 
-    def __init__(self, told: Trajectory, truth: Trajectory) -> None:
-        self._t_ns = told.t_ns
-        self._told, self._true = told.p_frame_in_world, truth.p_frame_in_world
-        self._turn = _yaw(truth.q_world_frame) - _yaw(told.q_world_frame)
+    def __init__(self, estimate: Trajectory, truth: Trajectory) -> None:
+        self._t_ns = estimate.t_ns
+        self._estimated, self._true = estimate.p_frame_in_world, truth.p_frame_in_world
+        self._yaw = _yaw(truth.q_world_frame) - _yaw(estimate.q_world_frame)
 
-    def at(self, t_ns: int) -> Laying:
+    def at(self, t_ns: int) -> YawAlignment:
         """The alignment at a time."""
         i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
-        return Laying(told=self._told[i], true=self._true[i], turn=float(self._turn[i]))
+        return YawAlignment(estimated=self._estimated[i], true=self._true[i], yaw=float(self._yaw[i]))
 
     def point(self, t_ns: int, p: Array) -> Array:
         """A point in the true world from one in the estimator's world at a time; (2,) or (3,) m."""

@@ -45,7 +45,7 @@ def true_path(recording: Recording, frame: str) -> TruePath:
     for other in mounts if frame in mounts else ():
         if other in frames and mounts[other].body == mounts[frame].body:
             T_other_frame = np.linalg.inv(mounts[other].T_body_sensor) @ mounts[frame].T_body_sensor
-            return _carried(recording.block(f"/truth/{other}/odometry"), T_other_frame)
+            return _rigidly_mounted(recording.block(f"/truth/{other}/odometry"), T_other_frame)
     raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
 
 
@@ -56,16 +56,16 @@ def _mounts(rig: Rig) -> dict[str, Mount]:
     return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
 
 
-def _carried(told: Block[Odometry], T_told_frame: Array) -> TruePath:
+def _rigidly_mounted(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
     """The path of a frame that is rigidly mounted in the recorded one, (4, 4) m."""
-    path, arm = TruePath.of(told), T_told_frame[:3, 3]
+    path, arm = TruePath.of(recorded), T_recorded_frame[:3, 3]
     attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
-    turning = np.cross(told.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
+    relative = np.cross(recorded.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
     return TruePath(
         t_ns=path.t_ns,
         p_frame_in_world=path.p_frame_in_world + attitude.apply(arm),
-        v_frame_in_world=path.v_frame_in_world + attitude.apply(turning),
-        q_world_frame=(attitude * Rotation.from_matrix(T_told_frame[:3, :3])).as_quat(scalar_first=True),
+        v_frame_in_world=path.v_frame_in_world + attitude.apply(relative),
+        q_world_frame=(attitude * Rotation.from_matrix(T_recorded_frame[:3, :3])).as_quat(scalar_first=True),
     )
 
 
@@ -89,7 +89,7 @@ def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "s
         path = true_path(recording, estimate.frame).since(estimate.ready_ns)
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
         if estimate.world:
-            worlds.setdefault(estimate.world, comparison.laid)
+            worlds.setdefault(estimate.world, comparison.transform)
         scores = score(comparison, not estimate.world) | {f"nis_{kind}": v for kind, v in estimate.nis.items()}
         for metric, value in scores.items():
             if not abs(value) <= LARGEST_SCORE:
@@ -114,11 +114,7 @@ def _check_poses(estimate: Estimate) -> None:
 
 
 def summary(all_scores: Iterable[dict[str, Scores]]) -> dict[str, Scores]:
-    """Mean of each score over recordings (the largest of the `_max_` ones), per estimator.
-
-    Args:
-        all_scores: For each recording, estimator to scores.
-    """
+    """Mean of each score over recordings (the largest of the `_max_` ones), per estimator."""
     gathered: dict[str, dict[str, list[float]]] = {}
     for recording in all_scores:
         for name, scores in recording.items():

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
-from stridetwin.evaluation.alignment import Laying
+from stridetwin.evaluation.alignment import YawAlignment
+from stridetwin.evaluation.change_scores import ScoredChange, TerrainChange, mode_of
 from stridetwin.evaluation.path_scores import Scores
-from stridetwin.evaluation.truth import asked_ns, edges, flights
+from stridetwin.evaluation.truth import edges, flights, scored_at_ns
 from stridetwin.sim.world.route import Layout, Slab, Strip
 from stridetwin.streams.samples import Array
 
@@ -22,63 +23,15 @@ _COMPLETE_M = 0.03
 _CELL_M = 0.05
 _MATCH_M = 0.35
 _KNOWN_M = 0.03
-_SAME_EDGE_M = 0.14
-"""Half of the shortest tread in the scenarios; an edge farther away is no match."""
 """An edge with a larger standard deviation counts as not seen."""
+_SAME_EDGE_M = 0.14
+"""Half of the shortest tread in the scenarios; an edge farther away does not match."""
 _TICK_S = 0.5
 _LATE_NS = 200_000_000
 _FLOOR_BELOW_M = 0.1
 _STRAIGHT_M = 0.05
 _EVERY = 5
 """Every n-th point is measured."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrueChange:
-    """A place on the route where the ground changes from level to stairs or a ramp.
-
-    Attributes:
-        kind: `stairs` or `ramp`.
-        s: Arc length of its first edge or slope break, m.
-        riser: m, down negative; 0 for a ramp.
-        tread: m; 0 for a ramp.
-        risers: Number of risers.
-        slope: rad, down negative; 0 for stairs.
-    """
-
-    kind: str
-    s: float
-    riser: float = 0.0
-    tread: float = 0.0
-    risers: int = 0
-    slope: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScoredChange:
-    """A terrain change and its estimate when it was scored (`asked_ns`).
-
-    Attributes:
-        true: The true change.
-        found: Whether it was detected; stairs are detected with two edges.
-        edge_error: Estimated minus true position of its beginning, m, NaN if not found; likewise below.
-        riser_error: m.
-        tread_error: m.
-        slope_error: rad.
-        riser_sd: Reported by the map, m; likewise below.
-        tread_sd: m.
-        slope_sd: rad.
-    """
-
-    true: TrueChange
-    found: bool
-    edge_error: float = math.nan
-    riser_error: float = math.nan
-    tread_error: float = math.nan
-    slope_error: float = math.nan
-    riser_sd: float = math.nan
-    tread_sd: float = math.nan
-    slope_sd: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,60 +98,59 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
     return np.where(over, np.abs((points - a) @ normal), np.min(sides, axis=0))
 
 
-def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
+def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
     """Stairs and ramps of a route, in order."""
     found = [
-        TrueChange(kind="stairs", s=flight.s, riser=flight.riser, tread=flight.tread, risers=flight.risers)
+        TerrainChange(
+            s=flight.s,
+            mode="SA" if flight.riser > 0 else "SD",
+            riser=flight.riser,
+            tread=flight.tread,
+            risers=flight.risers,
+        )
         for flight in flights(profile)
     ]
-    found += [TrueChange(kind="ramp", s=strip.s0, slope=strip.slope) for strip in profile if strip.terrain == "ramp"]
+    found += [
+        TerrainChange(s=strip.s0, mode=mode_of(strip), slope=strip.slope)
+        for strip in profile
+        if strip.terrain == "ramp"
+    ]
     return sorted(found, key=lambda change: change.s)
 
 
 class MapScorer:
-    """Samples a map while it is built, and computes its scores.
-
-    Args:
-        layout: The true terrain.
-        path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
-    """
+    """Samples a map while it is built, and computes its scores; `path` (F, 2): times, ns, and places, m, of feet."""
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
-        self._asked = [(change, asked_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
+        self._pending = [(change, scored_at_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
         self._changes: list[ScoredChange] = []
         self._points: list[Array] = []
         self._complete: list[float] = []
         self._edges: list[Array] = []
         self._tick_ns = 0
 
-    def look(self, t_ns: int, mapper: TerrainMap, laid: Laying, here: float) -> bool:
-        """Samples a map after a depth image.
-
-        Args:
-            t_ns: Time of the image.
-            mapper: The map.
-            laid: Alignment of its world with the true one.
-            here: Position of the camera along the route, m.
+    def look(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, here: float) -> bool:
+        """Samples a map after a depth image, where the camera is `here`, m along the route.
 
         Returns:
             Whether its whole ground was sampled, which happens each half second.
         """
-        for change, at_ns in list(self._asked):
+        for change, at_ns in list(self._pending):
             if t_ns >= at_ns:
-                self._asked.remove((change, at_ns))
+                self._pending.remove((change, at_ns))
                 late = t_ns >= at_ns + _LATE_NS  # no image at that time: the change counts as not found
                 self._changes.append(
-                    ScoredChange(true=change, found=False)
+                    ScoredChange(mode=change.mode, found=False)
                     if late
-                    else _score_change(change, mapper, here, laid, self._layout)
+                    else _score_change(change, mapper, here, alignment, self._layout)
                 )
         if t_ns < self._tick_ns:
             return False
         self._tick_ns = t_ns + int(_TICK_S * 1e9)
-        self._points.append(_ground_ahead(mapper, here, laid, self._layout))
-        self._complete.append(_completeness(mapper, here, laid, self._layout))
-        self._edges.append(_edge_errors(mapper, here, laid, self._layout))
+        self._points.append(_ground_ahead(mapper, here, alignment, self._layout))
+        self._complete.append(_completeness(mapper, here, alignment, self._layout))
+        self._edges.append(_edge_errors(mapper, here, alignment, self._layout))
         return True
 
     def scores(self) -> MapScores:
@@ -232,10 +184,10 @@ def map_figures(scores: MapScores) -> Scores:
         "edge_mean_mm": 1e3 * float(true.mean()) if len(true) else math.nan,
         "edge_false_pct": 100.0 * (1.0 - len(true) / len(scores.edge_errors)) if len(scores.edge_errors) else math.nan,
         "found_pct": 100.0 * float(np.mean([c.found for c in changes])) if changes else math.nan,
-        "begin_rmse_mm": 1e3 * _rms([c.edge_error for c in changes]),
-        "riser_rmse_mm": 1e3 * _rms([c.riser_error for c in changes]),
-        "tread_rmse_mm": 1e3 * _rms([c.tread_error for c in changes]),
-        "slope_rmse_deg": math.degrees(_rms([c.slope_error for c in changes])),
+        "begin_rmse_mm": 1e3 * _rms([c.distance_m for c in changes]),
+        "riser_rmse_mm": 1e3 * _rms([c.riser_m for c in changes]),
+        "tread_rmse_mm": 1e3 * _rms([c.tread_m for c in changes]),
+        "slope_rmse_deg": math.degrees(_rms([c.slope_rad for c in changes])),
     }
     return {name: float(value) for name, value in found.items() if math.isfinite(value)}
 
@@ -246,28 +198,30 @@ def _rms(values: Array | Sequence[float]) -> float:
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
-def _ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Profile:
+def _ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Profile:
     """The map's profile straight ahead on the route, corrected for drift."""
     heading = float(layout.way.heading(here))
-    return mapper.profile(laid.to_told(layout.way.point(here)), heading - laid.turn)
+    return mapper.profile(alignment.to_estimated(layout.way.point(here)), heading - alignment.yaw)
 
 
-def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> ScoredChange:
+def _score_change(
+    change: TerrainChange, mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout
+) -> ScoredChange:
     estimate = mapper.estimate
-    heading = float(layout.way.heading(change.s)) - laid.turn
+    heading = float(layout.way.heading(change.s)) - alignment.yaw
     forward = np.array([math.cos(heading), math.sin(heading)])
-    place = laid.to_told(layout.way.point(change.s))
+    place = alignment.to_estimated(layout.way.point(change.s))
     if estimate is None:
-        return ScoredChange(true=change, found=False)
-    if change.kind == "ramp":
-        near = [c for c in _ahead(mapper, here, laid, layout).changes if c.kind == "slope_break"]
+        return ScoredChange(mode=change.mode, found=False)
+    if change.slope:
+        near = [c for c in _ahead(mapper, here, alignment, layout).changes if c.kind == "slope_break"]
         edge = min((here + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
         if at is None or at[0].slope < math.radians(5):
-            return ScoredChange(true=change, found=False, edge_error=edge)
+            return ScoredChange(mode=change.mode, found=False, distance_m=edge)
         slope = math.atan(float(at[0].gradient @ forward))
-        return ScoredChange(true=change, found=True, edge_error=edge, slope_error=slope - change.slope,
-                            slope_sd=at[0].slope_sd)  # fmt: skip
+        return ScoredChange(mode=change.mode, found=True, distance_m=edge, slope_rad=slope - change.slope,
+                            slope_sd_rad=at[0].slope_sd)  # fmt: skip
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
         sign = math.copysign(1.0, change.riser)
         if float(flight.up @ forward) * sign < 0.9:
@@ -276,27 +230,21 @@ def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Lay
         first = min(own[np.isfinite(own)], default=math.nan)
         if abs(first) < _MATCH_M and flight.steps >= 2:
             return ScoredChange(
-                true=change, found=True, edge_error=float(first), riser_error=flight.riser - abs(change.riser),
-                tread_error=flight.tread - change.tread, riser_sd=math.sqrt(flight.covariance[0, 0]),
-                tread_sd=math.sqrt(flight.covariance[1, 1]),
+                mode=change.mode, found=True, distance_m=float(first), riser_m=flight.riser - abs(change.riser),
+                tread_m=flight.tread - change.tread, riser_sd_m=math.sqrt(flight.covariance[0, 0]),
+                tread_sd_m=math.sqrt(flight.covariance[1, 1]),
             )  # fmt: skip
-    return ScoredChange(true=change, found=False)
+    return ScoredChange(mode=change.mode, found=False)
 
 
-def _ground_ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
+def _ground_ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
     """(N, 3) m, a subset of the map's points ahead on the route, in the true world."""
     points, plane = mapper.surface_points()
-    return on_the_way_ahead(laid.to_true(points[plane >= 0][::_EVERY]), here, layout)
+    return on_the_way_ahead(alignment.to_true(points[plane >= 0][::_EVERY]), here, layout)
 
 
 def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
-    """(K, 3) m, those of (N, 3) points that lie between 0.5 and 2.5 m ahead, and within 0.5 m of the route.
-
-    Args:
-        points: In the true world.
-        here: Position of the camera along the route, m.
-        layout: The true terrain.
-    """
+    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place (m) on the route, within 0.5 m."""
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
     s = _places_ahead(here, layout)
     if not len(s) or not len(near):
@@ -322,14 +270,14 @@ def cells_ahead(here: float, layout: Layout) -> tuple[Array, Array]:
     return s, aside
 
 
-def _completeness(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> float:
+def _completeness(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> float:
     """Share of the ground ahead whose height the map knows."""
     s, aside = cells_ahead(here, layout)
     if not len(s):
         return math.nan
-    xy = laid.to_told(layout.way.point(s, aside))
-    told = mapper.heights(xy) - laid.told[2] + laid.true[2]
-    return float(np.mean(np.abs(told - true_heights(layout.profile, s, aside)) < _COMPLETE_M))
+    xy = alignment.to_estimated(layout.way.point(s, aside))
+    height = mapper.heights(xy) - alignment.estimated[2] + alignment.true[2]
+    return float(np.mean(np.abs(height - true_heights(layout.profile, s, aside)) < _COMPLETE_M))
 
 
 def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) -> Array:
@@ -340,16 +288,15 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
     return np.asarray(z0 + slope * (s - s0) + cross * left)
 
 
-def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
+def _edge_errors(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
     """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
-    changes = _ahead(mapper, here, laid, layout).changes
-    told = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
+    changes = _ahead(mapper, here, alignment, layout).changes
+    known = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
     heading = float(layout.way.heading(here))
-    ahead = layout.way.point(here) + (told - here)[:, None] * [math.cos(heading), math.sin(heading)]
-    told = told[
-        np.linalg.norm(layout.way.point(told) - ahead, axis=1) < _STRAIGHT_M
-    ]  # where the route does not turn away
+    ahead = layout.way.point(here) + (known - here)[:, None] * [math.cos(heading), math.sin(heading)]
+    straight = np.linalg.norm(layout.way.point(known) - ahead, axis=1) < _STRAIGHT_M  # before the route turns away
+    known = known[straight]
     if not len(jumps):
-        return np.full(len(told), math.inf)
-    return np.asarray(told - jumps[np.argmin(np.abs(told[:, None] - jumps), axis=1)])
+        return np.full(len(known), math.inf)
+    return np.asarray(known - jumps[np.argmin(np.abs(known[:, None] - jumps), axis=1)])

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.evaluation.alignment import Laid
-from stridetwin.evaluation.change_scores import ScoredApproach, mode_of, score_approaches
+from stridetwin.evaluation.alignment import MovingAlignment
+from stridetwin.evaluation.change_scores import ScoredChange, mode_of, score_approaches
 from stridetwin.evaluation.truth import along_way
 from stridetwin.sim.world.route import Layout
 from stridetwin.streams.samples import Footprint
@@ -34,7 +34,7 @@ class ScoredMode:
         t_s: Touch-down, s.
         mode: True mode.
         before: True mode of the previous step.
-        told: The last mode predicted before touch-down; "" if there was no prediction.
+        predicted: The last mode predicted before touch-down; "" if there was no prediction.
         allowed: Modes that count as right.
         lead_s: How long before touch-down the predicted mode had become right for good, 0 if it was wrong.
         probabilities: Of `MODES`, at the last prediction.
@@ -47,7 +47,7 @@ class ScoredMode:
     t_s: float
     mode: str
     before: str
-    told: str
+    predicted: str
     allowed: tuple[str, ...]
     lead_s: float
     probabilities: tuple[float, ...] = ()
@@ -58,12 +58,12 @@ class ScoredMode:
     @property
     def right(self) -> bool:
         """Whether the predicted mode counts as right."""
-        return self.told in self.allowed
+        return self.predicted in self.allowed
 
     @property
     def strictly_right(self) -> bool:
         """Whether it is the true mode."""
-        return self.told == self.mode
+        return self.predicted == self.mode
 
     @property
     def transition(self) -> bool:
@@ -78,15 +78,10 @@ class ScoredMode:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeScores:
-    """Scores of one walk.
-
-    Attributes:
-        steps: In order.
-        approaches: The terrain changes, in order along the route.
-    """
+    """Scores of one walk: its steps and the terrain changes that were approached, in order."""
 
     steps: list[ScoredMode] = field(default_factory=list)
-    approaches: list[ScoredApproach] = field(default_factory=list)
+    approaches: list[ScoredChange] = field(default_factory=list)
 
     @classmethod
     def of(cls, rows: Mapping[str, Any]) -> ModeScores:
@@ -96,7 +91,7 @@ class ModeScores:
             row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
         return cls(
             steps=[ScoredMode(**row) for row in steps],
-            approaches=[ScoredApproach(**_known(row)) for row in rows["approaches"]],
+            approaches=[ScoredChange(**_known(row)) for row in rows["approaches"]],
         )
 
     def rows(self) -> dict[str, list[dict[str, Any]]]:
@@ -104,7 +99,7 @@ class ModeScores:
         return {"steps": [_row(s) for s in self.steps], "approaches": [_row(a) for a in self.approaches]}
 
 
-def _row(scored: ScoredMode | ScoredApproach) -> dict[str, Any]:
+def _row(scored: ScoredMode | ScoredChange) -> dict[str, Any]:
     return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
 
 
@@ -113,26 +108,30 @@ def _known(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def score_modes(
-    footprints: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout | None, sole_m: float
+    footprints: Sequence[Footprint],
+    estimates: Sequence[ModeEstimate],
+    alignment: MovingAlignment,
+    layout: Layout | None,
+    sole_m: float,
 ) -> ModeScores:
     """Every true step and terrain change of a walk, with its prediction.
 
     Args:
         footprints: True footprints, in order; the two initial ones come first.
-        told: Estimates in time order.
-        laid: Alignment of the estimator's world with the true one.
+        estimates: In time order.
+        alignment: Alignment of the estimator's world with the true one.
         layout: The true terrain; None: nothing straddles and no change is scored.
         sole_m: Length of the soles.
     """
     landed = footprints[2:]
-    by_step = told_by_step(landed, told)
-    first = _first_told(landed, by_step)
+    by_step = predictions_by_step(landed, estimates)
+    first = _first_predictions(landed, by_step)
     straddled: list[tuple[str, ...]] = [() for _ in landed]
-    approaches: list[ScoredApproach] = []
+    approaches: list[ScoredChange] = []
     if layout is not None:
         places = along_way([f.p_foot_in_world for f in footprints], layout)[2:]
         straddled = [_straddled(f.mode, s, layout, sole_m) for f, s in zip(landed, places)]
-        approaches = score_approaches(landed, places, told, laid, layout)
+        approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
@@ -141,11 +140,11 @@ def score_modes(
         last = own[-1] if own else None
         wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
         since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
-        forward, left = _miss(print_, first[i], laid)
+        forward, left = _miss(print_, first[i], alignment)
         steps.append(
             ScoredMode(
                 t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
-                told=last[0].steps[last[1]].mode if last else "",
+                predicted=last[0].steps[last[1]].mode if last else "",
                 lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
                 probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
                 forward_m=forward, left_m=left,
@@ -157,31 +156,28 @@ def score_modes(
 
 
 def first_steps(
-    footprints: Sequence[Footprint], told: Sequence[ModeEstimate]
+    footprints: Sequence[Footprint], estimates: Sequence[ModeEstimate]
 ) -> list[tuple[ModeEstimate, StepPrediction] | None]:
-    """For each true step the first prediction after the previous foot had landed; None if there was none.
-
-    Args:
-        footprints: As in `score_modes`; the initial ones are no steps.
-        told: Likewise.
-    """
+    """For each true step the first prediction after the previous foot had landed; None if there was none."""
     landed = footprints[2:]
-    first = _first_told(landed, told_by_step(landed, told))
+    first = _first_predictions(landed, predictions_by_step(landed, estimates))
     return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
 
 
-def _first_told(
+def _first_predictions(
     landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
 ) -> list[tuple[ModeEstimate, int] | None]:
     """For each step the first estimate that predicts it as the next one."""
     found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
     for i in range(1, len(landed)):
-        asked = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
-        found[i] = next(asked, None)
+        candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
+        found[i] = next(candidates, None)
     return found
 
 
-def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
+def predictions_by_step(
+    landed: Sequence[Footprint], estimates: Sequence[ModeEstimate]
+) -> list[list[tuple[ModeEstimate, int]]]:
     """For each step the estimates before its touch-down that predict it, and its index in each.
 
     An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
@@ -189,7 +185,7 @@ def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> l
     """
     t_ns = np.array([f.t_ns for f in landed])
     found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
-    for estimate in told:
+    for estimate in estimates:
         first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
         next_foot = estimate.steps[0].foot if estimate.steps else ""
         late = early = False
@@ -197,10 +193,10 @@ def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> l
             late = next_foot == landed[first - 1].foot
         if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
             early = next_foot not in ("", landed[first].foot)
-        shift = early - late
+        offset = early - late
         for k in range(late, len(estimate.steps)):
-            if first + k + shift < len(landed):
-                found[first + k + shift].append((estimate, k))
+            if first + k + offset < len(landed):
+                found[first + k + offset].append((estimate, k))
     return found
 
 
@@ -214,12 +210,14 @@ def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str,
     return tuple(found)
 
 
-def _miss(print_: Footprint, told: tuple[ModeEstimate, int] | None, laid: Laid) -> tuple[float, float]:
+def _miss(
+    print_: Footprint, prediction: tuple[ModeEstimate, int] | None, alignment: MovingAlignment
+) -> tuple[float, float]:
     """Error of the footprint when it was first predicted as the next one, forward and left, m."""
-    if told is None:
+    if prediction is None:
         return math.nan, math.nan
-    estimate, k = told
-    p = laid.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
+    estimate, k = prediction
+    p = alignment.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
     w, x, y, z = print_.q_world_foot
     forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
     forward /= np.linalg.norm(forward)
@@ -248,7 +246,7 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
         `transitions`; of the ground `changes` (their number), `changes_found_pct`, `begins_found_pct` (stairs and
         ramps, not their ends), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`,
         `slope_rmse_deg` of sizes that were observed, not guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
-        slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `told_rmse` of all
+        slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `all_rmse` of all
         estimates including guesses; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
     """
     walks = list(walks)
@@ -257,7 +255,7 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
     transitions = [s for s in steps if s.transition]
     lead = [s.lead_s for s in steps]
     steady = [s for w in walks for s in _steady(w.steps)]
-    confusion = {m: {t: sum(s.mode == m and s.told == t for s in steps) for t in (*MODES, "")} for m in MODES}
+    confusion = {m: {t: sum(s.mode == m and s.predicted == t for s in steps) for t in (*MODES, "")} for m in MODES}
     return {
         "accuracy_pct": _percent(s.right for s in steps),
         "strict_accuracy_pct": _percent(s.strictly_right for s in steps),
@@ -295,7 +293,7 @@ def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
     return found
 
 
-def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
+def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
     kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
     median = {
         kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
@@ -313,9 +311,9 @@ def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
         "tread_rmse_mm": _scaled(_rms(seen["tread_m"]), 1e3),
         "slope_rmse_deg": _scaled(_rms(seen["slope_rad"]), 180.0 / math.pi),
         "sizes": {
-            told: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
+            size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
                    for way, mode in zip(("up", "down"), modes)}
-            for told, name, factor, modes in (
+            for size, name, factor, modes in (
                 ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
                 ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
                 ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
@@ -326,34 +324,34 @@ def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _size_figures(name: str, factor: float, approaches: Sequence[ScoredApproach]) -> dict[str, float | None]:
+def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> dict[str, float | None]:
     """For one size: the share of the changes where it was observed, the errors of those, and of all estimates."""
     sd = name.replace("_", "_sd_")
     own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
         "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
         "rmse": _scaled(_rms([e for e, d in own if d < _SEEN[name]]), factor),
-        "told_rmse": _scaled(_rms([e for e, _ in own]), factor),
+        "all_rmse": _scaled(_rms([e for e, _ in own]), factor),
     }
 
 
-def _inside(told: Iterable[tuple[float, float]]) -> float | None:
+def _inside(errors: Iterable[tuple[float, float]]) -> float | None:
     """Share of errors within the reported 95 % interval, %, from pairs of error and standard deviation."""
-    return _percent(abs(e) < 1.96 * sd for e, sd in told if math.isfinite(e) and math.isfinite(sd))
+    return _percent(abs(e) < 1.96 * sd for e, sd in errors if math.isfinite(e) and math.isfinite(sd))
 
 
 def _calibration(steps: Sequence[ScoredMode]) -> float | None:
     """Expected calibration error of the predicted modes' probabilities, 0-1."""
-    told = told_and_right(steps)
-    if not told:
+    bins = reliability(steps)
+    if not bins:
         return None
-    return sum(abs(p - right) * count for p, right, count in told) / sum(count for _, _, count in told)
+    return sum(abs(p - right) * count for p, right, count in bins) / sum(count for _, _, count in bins)
 
 
-def told_and_right(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
+def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
     """By tenths of the predicted mode's probability: its mean, the share of steps that were right, and their number."""
-    told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
-    p, right = np.array([t[0] for t in told]), np.array([t[1] for t in told], float)
+    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
+    p, right = np.array([t[0] for t in predicted]), np.array([t[1] for t in predicted], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
     return [
         (float(p[bins == b].mean()), float(right[bins == b].mean()), int((bins == b).sum())) for b in np.unique(bins)

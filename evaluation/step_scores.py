@@ -12,9 +12,9 @@ import numpy as np
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import STEPS
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
-from stridetwin.evaluation.alignment import vertical_turn
+from stridetwin.evaluation.alignment import vertical_rotation
 from stridetwin.evaluation.path_scores import Scores
-from stridetwin.evaluation.truth import FOOTPRINTS
+from stridetwin.evaluation.truth import FOOTPRINTS, true_footprints
 from stridetwin.pipeline.run import Found, fed
 from stridetwin.pipeline.run import steps as steps_of
 from stridetwin.streams.errors import RecordingError
@@ -34,10 +34,10 @@ class ScoredStep:
         slope: True slope of the ground in the foot's direction, rad.
         elevation: True height above the other foot's previous footprint, m.
         place: True position of the footprint, m.
-        told_mode: Estimated mode; "" if the step was missed.
-        told_slope: Estimate, rad.
-        told_elevation: Estimate, m.
-        told_place: Estimate, m, in the estimator's world.
+        estimated_mode: Estimated mode; "" if the step was missed.
+        estimated_slope: Estimate, rad.
+        estimated_elevation: Estimate, m.
+        estimated_place: Estimate, m, in the estimator's world.
         slope_sd: rad; None if the method reports none.
         elevation_sd: m; likewise.
         probability: Of the mode.
@@ -47,10 +47,10 @@ class ScoredStep:
     slope: float
     elevation: float
     place: tuple[float, ...]
-    told_mode: str = ""
-    told_slope: float = 0.0
-    told_elevation: float = 0.0
-    told_place: tuple[float, ...] = ()
+    estimated_mode: str = ""
+    estimated_slope: float = 0.0
+    estimated_elevation: float = 0.0
+    estimated_place: tuple[float, ...] = ()
     slope_sd: float | None = None
     elevation_sd: float | None = None
     probability: float = 0.0
@@ -58,17 +58,17 @@ class ScoredStep:
     @property
     def seen(self) -> bool:
         """Whether there is an estimate."""
-        return bool(self.told_place)
+        return bool(self.estimated_place)
 
     @property
     def slope_error(self) -> float:
         """Rad."""
-        return self.told_slope - self.slope
+        return self.estimated_slope - self.slope
 
     @property
     def elevation_error(self) -> float:
         """M."""
-        return self.told_elevation - self.elevation
+        return self.estimated_elevation - self.elevation
 
     def row(self) -> dict[str, Any]:
         """For JSON; `ScoredStep(**row)` restores it."""
@@ -78,45 +78,41 @@ class ScoredStep:
 def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
     """Every true step of a walk with its estimate, except steps next to a footprint that the truth lacks.
 
-    Args:
-        footprints: In order; the two initial ones come first and are no steps.
-        estimates: One per step (`ContactTerrain.run`), in order.
+    The two initial footprints come first and are not steps; there is one estimate per step. Both are in order.
     """
-    told = list(estimates)
+    estimates = list(estimates)
     made = []
     for i in range(_STANDING, len(footprints)):
         print_ = footprints[i]
-        # either foot may be second in the list and step first: that is no gap
+        # either foot may take the first step, whatever the order of the list: that is not a gap
         beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
         before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
         if before is None or any(p.foot == print_.foot for p in beside):
             continue
-        made.append(_scored(print_, before, next(iter(_told_of(footprints, i, told)), None)))
+        made.append(_scored(print_, before, next(iter(_estimates_of(footprints, i, estimates)), None)))
     return made
 
 
 def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
     """Number of false steps: repeated estimates of a footprint, or estimates without any footprint.
 
-    Args:
-        footprints: As in `score_steps`; one that the truth lacks between two of the other foot may have an estimate.
-        estimates: One per step, in order.
+    A footprint that the truth lacks between two of the other foot may have an estimate. Arguments as in `score_steps`.
     """
-    told, right = list(estimates), set[int]()
+    estimates, right = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
         later = footprints[max(i + 1, _STANDING) :]
         others = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
         true = (i >= _STANDING) + max(others - 1, 0)
-        right.update([id(e) for e in _told_of(footprints, i, told) if id(e) not in right][:true])
-    return len(told) - len(right)
+        right.update([id(e) for e in _estimates_of(footprints, i, estimates) if id(e) not in right][:true])
+    return len(estimates) - len(right)
 
 
-def _told_of(footprints: Sequence[Footprint], i: int, told: Iterable[StepEstimate]) -> list[StepEstimate]:
+def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[StepEstimate]) -> list[StepEstimate]:
     """The estimates of a footprint's foot from shortly before it until the foot's next one."""
     foot = footprints[i].foot
     since = footprints[i].t_ns - _EARLY_NS
     until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)
-    return [e for e in told if e.foot == foot and since < e.t_ns < until]
+    return [e for e in estimates if e.foot == foot and since < e.t_ns < until]
 
 
 def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
@@ -131,10 +127,10 @@ def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None)
         return ScoredStep(**true)
     return ScoredStep(
         **true,
-        told_mode=estimate.mode,
-        told_slope=float(estimate.slope),
-        told_elevation=float(estimate.elevation),
-        told_place=tuple(np.asarray(estimate.p_sole_in_world).tolist()),
+        estimated_mode=estimate.mode,
+        estimated_slope=float(estimate.slope),
+        estimated_elevation=float(estimate.elevation),
+        estimated_place=tuple(np.asarray(estimate.p_sole_in_world).tolist()),
         slope_sd=_finite(estimate.slope_sd),
         elevation_sd=_finite(estimate.elevation_sd),
         probability=float(estimate.probability),
@@ -167,14 +163,14 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
             run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.seen]
             if len(run) > 1:
                 (i, first), (j, last) = run[0], run[-1]
-                moved = np.subtract(last.told_place, first.told_place) - np.subtract(last.place, first.place)
+                moved = np.subtract(last.estimated_place, first.estimated_place) - np.subtract(last.place, first.place)
                 forward, left, up = (moved / (j - i)).tolist()
                 errors.append((forward, up, left))
         start = end
     return errors
 
 
-def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
+def yaw_aligned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     """The steps of a walk; estimated positions are rotated about the vertical to fit the true ones best.
 
     Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
@@ -182,19 +178,16 @@ def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     seen = [s for s in steps if s.seen]
     if len(seen) < 2:
         return list(steps)
-    true, told = (np.array(places) for places in ([s.place for s in seen], [s.told_place for s in seen]))
-    R = vertical_turn((true - true.mean(axis=0)).T @ (told - told.mean(axis=0)))
-    return [replace(s, told_place=tuple((R @ s.told_place).tolist())) if s.seen else s for s in steps]
+    true, estimated = (np.array(places) for places in ([s.place for s in seen], [s.estimated_place for s in seen]))
+    R = vertical_rotation((true - true.mean(axis=0)).T @ (estimated - estimated.mean(axis=0)))
+    return [replace(s, estimated_place=tuple((R @ s.estimated_place).tolist())) if s.seen else s for s in steps]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepResult:
-    """Result of a step estimator on one recording.
+    """Result of a step estimator on one recording: its estimates, the true steps with them, and the scores.
 
-    Attributes:
-        estimates: One per step.
-        steps: The true steps with their estimates.
-        scores: See `step_scores`; and `false_pct`, the share of false steps among all estimated ones.
+    The scores are those of `step_scores`, and `false_pct`, the share of false steps among the estimated ones.
     """
 
     estimates: list[StepEstimate]
@@ -221,7 +214,7 @@ def evaluate_steps(recording: Recording, found: Found) -> StepResult:
         RecordingError: None of its steps matches a true step.
     """
     made = steps_of(found, recording)
-    footprints = list(recording.block(FOOTPRINTS))
+    footprints = true_footprints(recording)
     steps = score_steps(footprints, made)
     if not any(s.seen for s in steps):
         name = found.declaration.name
@@ -241,28 +234,21 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
     """
     figures = step_figures(steps, displacement_errors(steps, ""))
     seen = [s for s in steps if s.seen]
-    places, told = np.array([s.place for s in seen]), np.array([s.told_place for s in seen])
-    end = float(np.linalg.norm((told[-1] - told[0]) - (places[-1] - places[0])))
+    places, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
+    end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
     way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
     left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")
     return {
         **{k: float(v) for k, v in figures.items() if k not in left_out},
-        "unknown_pct": percent(s.told_mode == UNKNOWN for s in steps),
+        "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
         "missed_pct": percent(not s.seen for s in steps),
         "end_error_m": end,
         **({"end_error_pct": 100.0 * end / way} if way > 0.0 else {}),
     }
 
 
-def step_figures(
-    steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]
-) -> dict[str, float]:  # fmt: skip
-    """RMS and mean errors of the steps with estimates; classes of all steps.
-
-    Args:
-        steps: Of any walks.
-        places: Errors of the displacement per step, m; `displacement_errors`. Without any their RMS is left out.
-    """
+def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
+    """RMS and mean errors of the steps with estimates, classes of all steps, and RMS of any `displacement_errors`."""
     seen = [s for s in steps if s.seen]
     slope = np.degrees([s.slope_error for s in seen])
     elevation = 1e3 * np.array([s.elevation_error for s in seen])
@@ -272,7 +258,7 @@ def step_figures(
         "elevation_rmse_mm": _rms(elevation),
         "elevation_mean_mm": float(elevation.mean()) if len(elevation) else 0.0,
         **_inside(seen),
-        "classification_accuracy_pct": percent(s.told_mode == s.mode for s in steps),
+        "classification_accuracy_pct": percent(s.estimated_mode == s.mode for s in steps),
         "steps": len(steps),
         "steps_missed": len(steps) - len(seen),
     }

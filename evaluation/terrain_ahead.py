@@ -21,7 +21,7 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, MODES, PATH, Options, Progress
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.estimators.terrain_map import Plane, Stairs, TerrainEstimate, TerrainMap
-from stridetwin.evaluation.alignment import Laid, Laying
+from stridetwin.evaluation.alignment import MovingAlignment, YawAlignment
 from stridetwin.evaluation.evaluate import Estimate, true_path
 from stridetwin.evaluation.map_scores import MapScorer, MapScores, map_figures
 from stridetwin.evaluation.mode_scores import ModeScores, mode_figures, score_modes
@@ -29,7 +29,7 @@ from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, along_way, true_footprints
 from stridetwin.pipeline.run import Found, all_paths, fed, merged
 from stridetwin.pipeline.terrain_files import KINDS, GroundGrid, kinds_at
-from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.processes import processes
 from stridetwin.sim.world.route import Layout
 from stridetwin.streams.recording.reader import Recording
@@ -98,7 +98,7 @@ class Ahead:
         terrain_map: The map at the end.
         seen: The ground along the route.
         snapshots: Each half second.
-        laid: Alignment of the estimators' world with the true one.
+        alignment: Alignment of the estimators' world with the true one.
         layout: The true terrain.
         footprints: The true footprints.
         path: (N, 3) m, true path of the camera.
@@ -113,7 +113,7 @@ class Ahead:
     terrain_map: TerrainMap
     seen: SeenWay
     snapshots: list[Snapshot]
-    laid: Laid
+    alignment: MovingAlignment
     layout: Layout
     footprints: list[Footprint]
     path: Array
@@ -126,11 +126,6 @@ def all_estimates(recording: Recording, progress: Progress, backend: str = "") -
     """The path of every estimator that the recording feeds, and the result of `look_ahead` if an odometry is available.
 
     The paths of other estimators with cameras are computed in a parallel process, because they take as long.
-
-    Args:
-        recording: Any.
-        progress: Called with the stage and its completed share.
-        backend: Of the terrain map, see `Options.backend`.
     """
     with ExitStack() as stack:
         others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
@@ -164,7 +159,7 @@ def odometry_of(recording: Recording, made: Iterable[Estimate]) -> Estimate | No
     They need depth on the body of the odometry's IMU; scoring needs true footprints, ground and path of the IMU.
     """
     odometry = next((e for e in made if e.leads), None)
-    if odometry is None or FOOTPRINTS not in recording.topics or from_metadata(recording.metadata) is None:
+    if odometry is None or FOOTPRINTS not in recording.topics or terrain_layout(recording.metadata) is None:
         return None
     body = recording.rig.imu(f"/{odometry.frame}").mount.body
     camera = next((c for c in recording.rig.cameras.values() if c.depth_topic), None)
@@ -184,15 +179,19 @@ class _Watch:
         self.way = _Unrolled(layout, float(here.min()) - 0.5, float(max(here.max(), places.max())) + 1.0)
         self.snapshots: list[Snapshot] = []
 
-    def look(self, t_ns: int, at: int, lying: Laying) -> None:
+    def look(self, t_ns: int, at: int, alignment: YawAlignment) -> None:
         """Samples the map after the depth image of `t_ns`; the walker is at the pose `at` of the path."""
         ground, here = self.ground, float(self._here[at])
-        if ground.estimate is None or ground.estimate.t_ns != t_ns or not self.scorer.look(t_ns, ground, lying, here):
+        if (
+            ground.estimate is None
+            or ground.estimate.t_ns != t_ns
+            or not self.scorer.look(t_ns, ground, alignment, here)
+        ):
             return
         grid = GroundGrid.of(ground)
-        heading = float(self._layout.way.heading(here)) - lying.turn
-        self.way.look(grid, ground.estimate, lying, here)
-        self.snapshots.append(_snapshot(grid, ground.estimate, lying, heading))
+        heading = float(self._layout.way.heading(here)) - alignment.yaw
+        self.way.look(grid, ground.estimate, alignment, here)
+        self.snapshots.append(_snapshot(grid, ground.estimate, alignment, heading))
 
 
 def _led_by(recording: Recording, odometry: Estimate, backend: str) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
@@ -217,28 +216,24 @@ def _led_by(recording: Recording, odometry: Estimate, backend: str) -> tuple[dic
 
 
 def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None, backend: str = "") -> Ahead:
-    """Runs every installed map and mode estimator that a recording feeds.
+    """Runs every installed map and mode estimator that a recording feeds, with the poses of `odometry_of`.
 
-    Args:
-        recording: One for which `odometry_of` has found an odometry.
-        odometry: Its path estimate.
-        progress: Called with the stage and its completed share.
-        backend: Of the terrain map, see `Options.backend`.
+    `backend` is that of the terrain map, see `Options.backend`.
     """
-    layout = from_metadata(recording.metadata)
+    layout = terrain_layout(recording.metadata)
     assert layout is not None
     led, maps = _led_by(recording, odometry, backend)
     truth = true_path(recording, odometry.frame)
-    told = _trusted(odometry, truth)
-    true = truth.at(told.t_ns)
-    laid = Laid(told, true)
+    poses = _trusted(odometry, truth)
+    true = truth.at(poses.t_ns)
+    alignment = MovingAlignment(poses, true)
     here = layout.way.project(true.p_frame_in_world[:, :2])
     footprints = true_footprints(recording)
     watches = {name: _Watch(terrain_map, layout, footprints, here) for name, terrain_map in maps.items()}
 
     predicted: dict[str, list[ModeEstimate]] = {name: [] for name in led if name not in maps}
     streams = [s for e in led.values() for s in e.streams(recording.rig, Options()) if s.topic in recording.topics]
-    for sample in merged(told, recording, list(dict.fromkeys(s.topic for s in streams))):
+    for sample in merged(poses, recording, list(dict.fromkeys(s.topic for s in streams))):
         for name, estimator in led.items():
             estimate = estimator.update(sample)
             if estimate is not None and name in predicted:
@@ -246,22 +241,23 @@ def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | No
         if not isinstance(sample, Depth):
             continue
         if progress is not None:
-            progress("look ahead", float(np.mean(told.t_ns <= sample.t_ns)))
-        at = int(np.searchsorted(told.t_ns, sample.t_ns, side="right")) - 1
+            progress("terrain ahead", float(np.mean(poses.t_ns <= sample.t_ns)))
+        at = int(np.searchsorted(poses.t_ns, sample.t_ns, side="right")) - 1
         if at >= 0:
             for watch in watches.values():
-                watch.look(sample.t_ns, at, laid.at(sample.t_ns))
+                watch.look(sample.t_ns, at, alignment.at(sample.t_ns))
 
     shoe_m = float(recording.metadata.get("shoe_length_m", _SOLE_M))
-    modes = {name: score_modes(footprints, e, laid, layout, shoe_m) for name, e in predicted.items()}
+    modes = {name: score_modes(footprints, e, alignment, layout, shoe_m) for name, e in predicted.items()}
     grounds = {name: watch.scorer.scores() for name, watch in watches.items()}
     scores = {name: map_figures(ground) for name, ground in grounds.items()}
     scores |= {name: mode_scores(of_steps) for name, of_steps in modes.items()}
     first = next(iter(maps))
     return Ahead(
         estimates=next(iter(predicted.values()), []), modes=next(iter(modes.values()), None), ground=grounds[first],
-        terrain_map=maps[first], seen=watches[first].way.seen(), snapshots=watches[first].snapshots, laid=laid,
-        layout=layout, footprints=footprints, path=true.p_frame_in_world, scores=scores, predicted=predicted, maps=maps,
+        terrain_map=maps[first], seen=watches[first].way.seen(), snapshots=watches[first].snapshots,
+        alignment=alignment, layout=layout, footprints=footprints, path=true.p_frame_in_world, scores=scores,
+        predicted=predicted, maps=maps,
     )  # fmt: skip
 
 
@@ -311,20 +307,20 @@ class _Unrolled:
         self._kind = np.full(self._height.shape, KINDS.index("none"), np.uint8)
         self._edges: list[tuple[float, float, float]] = []
 
-    def look(self, grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, here: float) -> None:
+    def look(self, grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, here: float) -> None:
         """Replaces the stored ground near the walker by the current estimate."""
         some = np.flatnonzero((self._s > here - _BEHIND_M) & (self._s < here + _AHEAD_M))
         s, left = np.meshgrid(self._s[some], self._left, indexing="ij")
-        height, plane = grid.at(laid.to_told(self._way.point(s, left)))
-        heading = float(self._way.heading(here + 0.5 * _AHEAD_M)) - laid.turn
+        height, plane = grid.at(alignment.to_estimated(self._way.point(s, left)))
+        heading = float(self._way.heading(here + 0.5 * _AHEAD_M)) - alignment.yaw
         kind = kinds_at(estimate, plane, heading)
         known = np.isfinite(height)
         rows, columns = np.nonzero(known)
-        self._height[some[rows], columns] = height[known] - laid.told[2] + laid.true[2]
+        self._height[some[rows], columns] = height[known] - alignment.estimated[2] + alignment.true[2]
         self._kind[some[rows], columns] = kind[known]
         for flight in estimate.stairs:
             for a, b in _edge_lines(flight):
-                self._keep_edge(laid.to_true(a), laid.to_true(b), here)
+                self._keep_edge(alignment.to_true(a), alignment.to_true(b), here)
 
     def _keep_edge(self, a: Array, b: Array, here: float) -> None:
         """Stores an edge ahead of the walker and replaces its earlier estimate."""
@@ -372,7 +368,7 @@ def _edge_lines(flight: Stairs) -> list[Array]:
     return lines
 
 
-def _snapshot(grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, heading: float) -> Snapshot:
+def _snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, heading: float) -> Snapshot:
     points, plane = grid.points()
     eye = estimate.p_camera_in_world
     some = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _WINDOW_M)
@@ -384,10 +380,10 @@ def _snapshot(grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, heading
     ]  # fmt: skip
     kinds = kinds_at(estimate, np.array([p.id for p in near], np.int64), heading)
     return Snapshot(
-        t_ns=estimate.t_ns, points=laid.to_true(points[some]).astype(np.float32),
+        t_ns=estimate.t_ns, points=alignment.to_true(points[some]).astype(np.float32),
         kinds=kinds_at(estimate, plane[some], heading),
-        planes=[(laid.to_true(_outline(p)), int(kind)) for p, kind in zip(near, kinds)],
-        edges=[laid.to_true(line) for flight in estimate.stairs for line in _edge_lines(flight)],
+        planes=[(alignment.to_true(_outline(p)), int(kind)) for p, kind in zip(near, kinds)],
+        edges=[alignment.to_true(line) for flight in estimate.stairs for line in _edge_lines(flight)],
     )  # fmt: skip
 
 

@@ -100,7 +100,7 @@ class TruePath:
 
 
 FOOTPRINTS = "/truth/footprints"
-ASKED_S = 1.5
+SCORED_AHEAD_S = 1.5
 """How long before a foot lands beyond a terrain change its estimate is scored."""
 _REACH_M = 1.5  # longest step; joggers reach 1.4 m
 
@@ -115,8 +115,8 @@ def along_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 
 
-def asked_ns(s: float, t_ns: Array, places: Array) -> float:
-    """When a terrain change is scored: `ASKED_S` before the first foot lands beyond it.
+def scored_at_ns(s: float, t_ns: Array, places: Array) -> float:
+    """When a terrain change is scored: `SCORED_AHEAD_S` before the first foot lands beyond it.
 
     Args:
         s: Its arc length, m.
@@ -127,7 +127,7 @@ def asked_ns(s: float, t_ns: Array, places: Array) -> float:
         ns; infinite if no foot lands beyond it.
     """
     beyond = np.flatnonzero(places > s)
-    return float(t_ns[beyond[0]]) - ASKED_S * 1e9 if len(beyond) else math.inf
+    return float(t_ns[beyond[0]]) - SCORED_AHEAD_S * 1e9 if len(beyond) else math.inf
 
 
 @dataclass(frozen=True, kw_only=True)

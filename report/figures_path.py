@@ -13,8 +13,7 @@ from stridetwin.evaluation.path_scores import CHI2_3_95
 from stridetwin.evaluation.step_scores import ScoredStep
 from stridetwin.evaluation.truth import along_way
 from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint
-from stridetwin.scenarios.ground import Layout
-from stridetwin.sim.world.route import Strip
+from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.samples import Array, Block, Footprint
 
 COLORS = {"l": "#0072b2", "r": "#d55e00", "camera": "#aa3377"}
@@ -202,5 +201,5 @@ def _step_positions(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
     The first estimated position is aligned with the true one; headings are those of the AHRS.
     """
     seen = [s for s in steps if s.seen]
-    true, estimated = np.array([s.place for s in seen]), np.array([s.told_place for s in seen])
-    return true, estimated - estimated[0] + true[0], np.array([s.told_slope for s in seen])
+    true, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
+    return true, estimated - estimated[0] + true[0], np.array([s.estimated_slope for s in seen])

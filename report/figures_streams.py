@@ -9,7 +9,7 @@ from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
 from stridetwin.report.plot import ERROR, PALETTE, Plot, data_range, faint
-from stridetwin.scenarios.injected import Injected, from_metadata
+from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import (
     Actuator,
@@ -74,7 +74,7 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[Markup]:
     """One small figure for each curve of each topic, over the same window, s; injected faults are shaded."""
-    figures, faults = [], from_metadata(recording.metadata)
+    figures, faults = [], injected_faults(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
         t = block.t_ns * 1e-9
@@ -95,7 +95,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
     return figures
 
 
-def _shade(plot: Plot, faults: list[Injected], window: tuple[float, float], span: tuple[float, float]) -> None:
+def _shade(plot: Plot, faults: list[InjectedFault], window: tuple[float, float], span: tuple[float, float]) -> None:
     """Shades the times of faults; the legend names their kinds."""
     least = 0.004 * (window[1] - window[0])
     for fault in faults:

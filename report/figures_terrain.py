@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.evaluation.map_scores import true_heights
-from stridetwin.evaluation.mode_scores import first_steps, told_by_step
+from stridetwin.evaluation.mode_scores import first_steps, predictions_by_step
 from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead
 from stridetwin.evaluation.truth import along_way, edges
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
@@ -70,9 +70,9 @@ class _Prints:
             if first is None:
                 continue
             estimate, step = first
-            laid = ahead.laid.at(estimate.t_ns)
-            shift = laid.to_true(step.p_foot_in_world[:2]) - ahead.footprints[i].p_foot_in_world[:2]
-            rotation = self._rotation(i) @ laid.rotation
+            alignment = ahead.alignment.at(estimate.t_ns)
+            shift = alignment.to_true(step.p_foot_in_world[:2]) - ahead.footprints[i].p_foot_in_world[:2]
+            rotation = self._rotation(i) @ alignment.rotation
             place = self.unrolled(i, outline(ahead.footprints[i]) + shift)
             self.predicted[i] = place, rotation @ step.covariance @ rotation.T, step.mode
 
@@ -241,7 +241,7 @@ def prediction_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
     A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
     """
     steps = ahead.modes.steps if ahead.modes else []
-    by_step = told_by_step(ahead.footprints[2:], ahead.estimates)
+    by_step = predictions_by_step(ahead.footprints[2:], ahead.estimates)
     found = []
     before = -math.inf
     for step, own in zip(steps, by_step):

@@ -12,14 +12,13 @@ import numpy as np
 from markupsafe import Markup
 
 from stridetwin.evaluation.gate.compare import Comparison
-from stridetwin.evaluation.gate.formatting import failures, said
+from stridetwin.evaluation.gate.formatting import failures, sentence
 from stridetwin.evaluation.gate.metric_policy import scale_of
 from stridetwin.evaluation.gate.score_table import checked_scores, is_text
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.report.html import multiples, page, section, table
 from stridetwin.report.plot import PALETTE, Plot, data_range
-from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
 _NAMES = 6  # version names below a plot
@@ -41,7 +40,7 @@ def history_line(
     return {
         "label": label,
         "verdict": verdict,
-        "regressions": [] if comparison is None else [said(line) for line in comparison.regressions],
+        "regressions": [] if comparison is None else [sentence(line) for line in comparison.regressions],
         "walks": len(rows),
         "walks_digest": sha256(digests.encode()).hexdigest()[:16],
         "failed": sum(bool(row.get("failed")) for row in rows),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.evaluation.alignment import Laying
+from stridetwin.evaluation.alignment import YawAlignment
 from stridetwin.evaluation.evaluate import Result, true_frames
 from stridetwin.evaluation.terrain_ahead import Ahead
 from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
@@ -21,7 +21,8 @@ from stridetwin.report.figures_path import outline, part_of
 from stridetwin.report.figures_streams import curves_of, scalar_topics
 from stridetwin.report.figures_terrain import WORDS, ellipse
 from stridetwin.report.images import camera_topics, images_of, scaled
-from stridetwin.scenarios.ground import Layout, from_metadata
+from stridetwin.scenarios.metadata import terrain_layout
+from stridetwin.sim.world.route import Layout
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 from stridetwin.streams.recording.reader import Recording
@@ -65,14 +66,14 @@ def _footprints(rr: Any, stream: Any, footprints: list[Footprint]) -> None:
 
 def _steps(rr: Any, stream: Any, ahead: Ahead) -> None:
     for estimate in _thinned(ahead.estimates):
-        laid = ahead.laid.at(estimate.t_ns)
+        alignment = ahead.alignment.at(estimate.t_ns)
         known = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
         colors = [KIND_COLORS[KINDS.index(s.mode)] for s in known]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
-        prints = [_sole(s, estimate, laid) for s in known]
+        prints = [_sole(s, estimate, alignment) for s in known]
         stream.log(f"{STEPS}/predicted", rr.LineStrips3D(prints, colors=colors, radii=[0.006]))
         ellipses = [
-            (_flat_ellipse(sole, laid.rotation @ s.covariance @ laid.rotation.T), c)
+            (_flat_ellipse(sole, alignment.rotation @ s.covariance @ alignment.rotation.T), c)
             for s, sole, c in zip(known, prints, colors)
             if np.isfinite(s.covariance).all()
         ]
@@ -126,10 +127,10 @@ def _thinned(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
             yield estimate
 
 
-def _sole(step: StepPrediction, estimate: ModeEstimate, laid: Laying) -> Array:
+def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
     """(5, 3) m, the sole of a coming step in the true world."""
-    half = 0.5 * (estimate.heading + laid.turn)
-    place = _known_height(step, laid)
+    half = 0.5 * (estimate.heading + alignment.yaw)
+    place = _known_height(step, alignment)
     footprint = Footprint(
         topic="", t_ns=step.t_ns, foot=step.foot, p_foot_in_world=place, terrain="", mode=step.mode,
         q_world_foot=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
@@ -144,9 +145,9 @@ def _flat_ellipse(sole: Array, covariance: Array) -> Array:
     return np.column_stack([xy, np.full(len(xy), middle[2])])
 
 
-def _known_height(step: StepPrediction, laid: Laying) -> Array:
+def _known_height(step: StepPrediction, alignment: YawAlignment) -> Array:
     """(3,) m in the true world; unknown ground has the floor's height in the estimator's world."""
-    return laid.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
+    return alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
 
 
 def _closed(corners: Array) -> Array:
@@ -189,7 +190,7 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahe
     except RuntimeError as error:
         raise StrideTwinError(f"{asked_name(str(path))}: cannot be written: {error}") from error
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _terrain(rr, stream, from_metadata(recording.metadata))
+    _terrain(rr, stream, terrain_layout(recording.metadata))
     _paths(rr, stream, recording, results)
     _curves(rr, stream, recording, results)
     if ahead is not None:

@@ -36,8 +36,7 @@ from stridetwin.report.figures_terrain import (
 )
 from stridetwin.report.html import boxes, multiples, page, rendered, section, table
 from stridetwin.report.images import Film, camera_views, data_uri, jpeg_uri
-from stridetwin.scenarios.ground import from_metadata
-from stridetwin.scenarios.injected import from_metadata as injected_faults
+from stridetwin.scenarios.metadata import injected_faults, terrain_layout
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
@@ -216,7 +215,7 @@ def _paths(data: ReportData) -> str:
     if not data.results:
         return ""
     footprints = data.recording.block(FOOTPRINTS) if FOOTPRINTS in data.recording.topics else None
-    layout = from_metadata(data.recording.metadata)
+    layout = terrain_layout(data.recording.metadata)
     parts = by_part(data.results).values()
     figures = (
         plan_view(layout, data.results, footprints),
@@ -233,7 +232,7 @@ def _paths(data: ReportData) -> str:
 def _steps(data: ReportData) -> str:
     if data.steps is None:
         return ""
-    layout, scores = from_metadata(data.recording.metadata), data.steps.scores
+    layout, scores = terrain_layout(data.recording.metadata), data.steps.scores
     figures = (steps_from_aside(layout, data.steps.steps), steps_from_above(layout, data.steps.steps))
     lead = (
         "Only from the exoskeleton's AHRS, encoders and insoles: the plane under each footprint and its normal, over "

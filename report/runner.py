@@ -16,8 +16,8 @@ from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
 from stridetwin.pipeline.step_files import predicted_steps, write_modes, write_steps
 from stridetwin.pipeline.terrain_files import write_terrain
-from stridetwin.scenarios import injected
 from stridetwin.scenarios.files import json_text, staged
+from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.formats.tum import write_tum
@@ -93,7 +93,7 @@ def run_scenario(
         if ahead is not None:
             scores |= ahead.scores
             write_ahead_files(ahead, out)
-        faults = injected.from_metadata(recording.metadata)
+        faults = injected_faults(recording.metadata)
         document = scores_document(scenario, seed, scores, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
@@ -133,7 +133,7 @@ def scores_document(
     seed: int,
     scores: dict[str, Scores],
     fell_at: float | None = None,
-    faults: Sequence[injected.Injected] = (),
+    faults: Sequence[InjectedFault] = (),
 ) -> dict[str, object]:
     """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes."""
     walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}

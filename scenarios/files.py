@@ -27,7 +27,7 @@ def staged(folder: Path) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _sweep(folder)
-        with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, _held(Path(temporary)):
+        with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, locked(Path(temporary)):
             yield Path(temporary)
             for path in sorted(Path(temporary).iterdir()):
                 os.replace(path, folder / path.name)
@@ -36,18 +36,22 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 def _sweep(folder: Path) -> None:
-    """Removes what killed processes have left; the folders of running processes are locked."""
+    """Removes the folders of killed processes; those of running processes are locked."""
     for left in folder.glob(f"{_PREFIX}*"):
         try:
-            with _held(left):
+            with locked(left):
                 shutil.rmtree(left)
         except BlockingIOError:
             continue
 
 
 @contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Locks a folder; the lock ends with the process in every case."""
+def locked(folder: Path) -> Iterator[None]:
+    """Locks a folder; the lock ends with the process in every case.
+
+    Raises:
+        BlockingIOError: Another process holds the lock.
+    """
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -39,7 +39,7 @@ def mapped(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[B
     if workers == 1 or len(jobs) < 2:
         yield from map(act, jobs)
         return
-    with _told_if_one_dies(workers), processes(workers) as pool:
+    with _worker_deaths_reported(workers), processes(workers) as pool:
         yield from pool.map(act, jobs)
 
 
@@ -48,20 +48,20 @@ def as_done(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[
     if workers == 1 or len(jobs) < 2:
         yield from ((job, act(job)) for job in jobs)
         return
-    with _told_if_one_dies(workers), processes(workers) as pool:
+    with _worker_deaths_reported(workers), processes(workers) as pool:
         running = {pool.submit(act, job): job for job in jobs}
         for future in as_completed(running):
             yield running[future], future.result()
 
 
 @contextmanager
-def _told_if_one_dies(workers: int) -> Iterator[None]:
+def _worker_deaths_reported(workers: int) -> Iterator[None]:
     try:
         yield
     except BrokenProcessPool:
         raise StrideTwinError(
-            f"a worker died before it was done; does memory suffice for {workers} at a time? Run it again with fewer "
-            "--workers; where there is --resume, that goes on with what is done"
+            f"a worker process died; memory may be too small for {workers} at a time. Run it again with fewer "
+            "--workers; commands with --resume continue where they stopped"
         ) from None
 
 

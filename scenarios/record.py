@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stridetwin.scenarios import exo_geometry, ground, injected
+from stridetwin.scenarios import exo_geometry
+from stridetwin.scenarios.metadata import fault_metadata, terrain_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.sim.faults.faults import arrivals, check_times, plan_faults
 from stridetwin.sim.wearer.anthropometry import anthropometry
@@ -22,7 +23,12 @@ Progress = Callable[[str, float], None]
 
 
 def make_twin(scenario: Scenario, seed: int) -> Twin:
-    """The twin of a scenario.
+    """The twin of a scenario; see `twin_class`."""
+    return twin_class()(scenario.config, seed)
+
+
+def twin_class() -> type[Twin]:
+    """The class of the twin.
 
     Raises:
         StrideTwinError: The simulator is not installed.
@@ -35,7 +41,7 @@ def make_twin(scenario: Scenario, seed: int) -> Twin:
         raise StrideTwinError(
             f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
         ) from error
-    return Twin(scenario.config, seed)
+    return Twin
 
 
 def without_cameras(scenario: Scenario) -> Scenario:
@@ -58,7 +64,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         "person_height_m": f"{config.person.height_m:g}",
         "person_mass_kg": f"{config.person.mass_kg:g}",
         "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
-        ground.KEY: ground.to_text(twin.terrain.layout),
+        **terrain_metadata(twin.terrain.layout),
         **exo_geometry.metadata(twin.size, twin.rig),
     }
     if twin.fell_at is None:
@@ -67,13 +73,13 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         metadata["fell_at_s"] = f"{twin.fell_at:g}"
     planned = plan_faults(config.faults, twin.rig, twin.seed, twin.duration_s)
     if planned:
-        metadata[injected.KEY] = injected.to_text(planned)
+        metadata |= fault_metadata(planned)
     with RecordingWriter(path, twin.rig, metadata) as writer:
-        for arrival in arrivals(_sensed(twin, progress), planned):
+        for arrival in arrivals(_with_progress(twin, progress), planned):
             writer.write(arrival.item, arrival.log_ns)
 
 
-def _sensed(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
+def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
     t_ns = 0
     for blocks in twin.blocks():
         for item in blocks:

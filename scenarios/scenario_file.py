@@ -28,13 +28,7 @@ _OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "idea
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A named walk.
-
-    Attributes:
-        description: Its purpose in one line.
-        config: Configuration of the twin.
-        notes: Notes for the user.
-    """
+    """A named walk: its purpose in one line, the configuration of the twin, and notes for the user."""
 
     description: str
     config: TwinConfig
@@ -54,8 +48,8 @@ def load_scenario(name: str) -> Scenario:
         name: Name of the catalogue, or path of a file (with a suffix or a separator in it).
 
     Raises:
-        StrideTwinError: No such scenario (the message lists the existing ones).
-        ConfigError: A bad file; the message names the file, the key, the value and what is valid.
+        StrideTwinError: Unknown scenario; the message lists the known ones.
+        ConfigError: An invalid value.
     """
     known = catalogue()
     if name in known:
@@ -63,9 +57,7 @@ def load_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.parent != Path("."):
         return read_scenario(path)
-    raise StrideTwinError(
-        f"there is no scenario {name!r}: expected {suggest(name, known)}, or the path of a .yaml file"
-    )
+    raise StrideTwinError(f"invalid scenario {name!r}: expected {suggest(name, known)}, or the path of a .yaml file")
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -97,14 +89,14 @@ def scenario_of(node: object, path: Path) -> Scenario:
     route = Route(segments=terrain, **{name: getattr(file, name) for name in _OF_ROUTE})
     values: dict[str, Any] = {name: getattr(file, name) for name in _OF_CONFIG}
     if "sensors" in file.model_fields_set:
-        values |= {"sensors": file.sensors.groups, "fittings": file.sensors.fittings}
+        values |= {"sensors": file.sensors.groups, "fittings": file.sensors.configs}
     config = TwinConfig(name=path.stem, route=route, **values)
     _every(
         lambda: _check_order(path, route.segments),
         lambda: _check_physics(path, config),
-        lambda: _check_worn(path, config, file.sensors.asked),
+        lambda: _check_exo_groups(path, config, file.sensors.paths),
     )
-    _every(lambda: _check_way(path, route), lambda: check_faults(path, config.faults, standard_rig(config)))
+    _every(lambda: _check_things(path, route), lambda: check_faults(path, config.faults, standard_rig(config)))
     return Scenario(description=file.description, config=config, notes=notes)
 
 
@@ -120,7 +112,7 @@ def _every(*checks: Callable[[], None]) -> None:
         raise errors[0] if len(errors) == 1 else ConfigFileError(errors)
 
 
-def _check_way(path: Path, route: Route) -> None:
+def _check_things(path: Path, route: Route) -> None:
     try:
         check_things(route.things, lay_out(route))
     except ConfigError as error:
@@ -129,21 +121,21 @@ def _check_way(path: Path, route: Route) -> None:
 
 def _check_physics(path: Path, config: TwinConfig) -> None:
     if config.dynamics is not None and config.physics != "dynamic":
-        raise ConfigError(path, "physics", config.physics, "dynamic (as there is dynamics)")
+        raise ConfigError(path, "physics", config.physics, "dynamic, as the scenario has dynamics")
 
 
 def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
     for i, segment in enumerate(segments):
         kind = type(segment).__name__.lower()
         if i in (0, len(segments) - 1) and kind != "level":
-            raise ConfigError(path, f"terrain[{i}]", kind, "level (a walk starts and ends standing on the level)")
+            raise ConfigError(path, f"terrain[{i}]", kind, "level (a walk starts and ends on level ground)")
         if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
-            valid = "level, ramp (the last riser of the stairs before needs a landing)"
+            valid = "level, ramp (stairs must end at a landing)"
             raise ConfigError(path, f"terrain[{i}]", kind, valid)
 
 
-def _check_worn(path: Path, config: TwinConfig, asked: dict[str, str]) -> None:
-    for name, at in asked.items():
+def _check_exo_groups(path: Path, config: TwinConfig, paths: dict[str, str]) -> None:
+    for name, at in paths.items():
         if config.exo is None and name in EXO_GROUPS:
-            valid = ", ".join(n for n in SENSORS if n not in EXO_GROUPS) + " (exo: none)"
+            valid = ", ".join(n for n in SENSORS if n not in EXO_GROUPS) + ", as the scenario has no exoskeleton"
             raise ConfigError(path, at, name, valid)

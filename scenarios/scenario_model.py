@@ -1,7 +1,7 @@
-"""What a scenario file may say, field by field, as pydantic types; `scenario_file` makes a scenario of it.
+"""The fields of a scenario file as pydantic types; `scenario_file` turns the file into a scenario.
 
-Files hold degrees and millimetres where the key says so (`_deg`, `_mm`); attributes are SI and radians. The fields of
-people, terrain, gait, faults and sensors are those of the dataclasses that they become.
+Files hold degrees and millimetres in keys that end in `_deg` and `_mm`; attributes are in SI units and radians. The
+fields of people, terrain, gait, faults and sensors are defined by their dataclasses in `sim`.
 """
 
 from __future__ import annotations
@@ -81,12 +81,12 @@ class _Model(BaseModel):
 
 
 class _UnevenStairs(_Model):
-    """Straight stair of the risers that are listed.
+    """A straight stair with risers of different heights.
 
     Attributes:
-        risers_mm: Height of each riser in the order of the walk.
+        risers_mm: Height of each riser, in walking order.
         tread_m: Depth of a tread.
-        down: Which way it leads from the walker's view.
+        down: Direction of the stair, as the walker takes it.
     """
 
     risers_mm: Annotated[tuple[Riser, ...], Field(min_length=1)]
@@ -107,11 +107,11 @@ _STRAIGHT: dict[str, Any] = {"level": Level, "stairs": _Stairs, "ramp": Annotate
 
 
 class _Lanes(_Model):
-    """Terrains side by side.
+    """Terrains side by side, one of which is walked.
 
     Attributes:
-        walk: Number of the lane that is walked, from 1, the leftmost.
-        lanes: From left to right, each a list of segments.
+        walk: Number of the lane to walk on; 1 is the leftmost.
+        lanes: Lanes from left to right, each a list of segments.
     """
 
     walk: Annotated[int, whole(1, LANES_MAX)]
@@ -122,7 +122,7 @@ class _Lanes(_Model):
     def build(self) -> Lanes:
         """The lanes, counted from 0."""
         if self.walk > len(self.lanes):
-            raise refused(self.walk, f"1-{len(self.lanes)}, the lanes that there are", "walk")
+            raise refused(self.walk, f"1-{len(self.lanes)}, the number of a lane", "walk")
         return Lanes(lanes=self.lanes, walk=self.walk - 1)
 
 
@@ -152,10 +152,10 @@ class _Exo(_Model):
     """The exoskeleton of Shim et al. 2019.
 
     Attributes:
-        mode: 0 no modules (measurement only), 1 both hips and knees, 2 both hips or both knees, 3 hip and knee of one
-            leg, 4 one joint.
-        joints: Which joints have a module, where the mode leaves a choice.
-        drive: What the motors do in the forward simulation.
+        mode: Which joints are driven: 0 none (measurement only), 1 both hips and knees, 2 both hips or both knees,
+            3 hip and knee of one leg, 4 one joint.
+        joints: Names of the driven joints, if the mode allows several choices.
+        drive: Control of the motors in the forward simulation.
     """
 
     mode: Annotated[int, whole(0, 4)]
@@ -168,12 +168,12 @@ class _Exo(_Model):
 
 
 class _OwnExo(_Model):
-    """An exoskeleton of the user's own.
+    """A user-supplied exoskeleton.
 
     Attributes:
-        model: MJCF or URDF file, from the folder of the scenario.
-        rig: YAML file of its cuffs, joints, motors and sensors.
-        drive: What the motors do in the forward simulation.
+        model: MJCF or URDF file, relative to the scenario's folder.
+        rig: YAML file with its cuffs, joints, motors and sensors.
+        drive: Control of the motors in the forward simulation.
     """
 
     model: Annotated[Any, file_beside()]
@@ -182,7 +182,7 @@ class _OwnExo(_Model):
 
     def build(self) -> Exo:
         """The exoskeleton."""
-        from stridetwin.sim.wearer.own_exo_rig import read_own_exo  # the one field that takes the simulator to be read
+        from stridetwin.sim.wearer.own_exo_rig import read_own_exo  # reading this field alone needs the simulator
 
         try:
             own = read_own_exo(self.model, self.rig)
@@ -214,7 +214,7 @@ _ExoInFile = Annotated[
 
 
 def _patterned(node: object) -> object:
-    """A gait with the speed and variability of its pattern where the file does not say otherwise."""
+    """A gait, with the speed and variability of its pattern unless the file sets them."""
     if not isinstance(node, dict):
         return node
     pattern = node.get("pattern")
@@ -222,11 +222,11 @@ def _patterned(node: object) -> object:
 
 
 class _Place(_Model):
-    """Where something lies or stands.
+    """Position of an object along the route.
 
     Attributes:
-        at_m: Where it begins along the way, from the world's origin.
-        left_m: How far its middle lies to the left of the way.
+        at_m: Distance of its near end along the route, from the world's origin.
+        left_m: Offset of its middle to the left of the route.
     """
 
     at_m: Annotated[float, number(-2, 500)]
@@ -239,7 +239,7 @@ _Thing = OneKey(
 
 
 def _when(fault: Fault) -> Fault:
-    """A fault that says either when or how often."""
+    """Checks that a fault has either a time or a rate."""
     given = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
     if len(given) != 1:
         raise refused(list(given), "either at_s or rate_per_min")
@@ -249,27 +249,27 @@ def _when(fault: Fault) -> Fault:
 
 
 class ScenarioFile(_Model):
-    """A scenario: who walks where, with which sensors.
+    """A scenario: the walker, the terrain, the gait and the sensors.
 
     Attributes:
-        description: One line that says what the walk is for.
-        terrain: Segments from the start of the walk to its end, or a mesh.
-        width_m: Of the way, or of each lane.
-        scenery: What stands around.
-        person: Who walks: someone of the catalogue, or a body.
-        exo: The exoskeleton; `none` for a person without it.
-        texture: How much there is to see on ground and walls.
-        light: Brightness of sun and sky, 1 as by day.
-        bystanders: Number of people who walk about.
-        things: What lies on the way or stands beside it or at its end.
-        gait: How the person walks.
+        description: Purpose of the walk, in one line.
+        terrain: Segments in walking order, or a mesh.
+        width_m: Width of the route, or of each lane.
+        scenery: Surroundings of the route.
+        person: The walker: a predefined person by name, or body measures.
+        exo: The exoskeleton; `none` for a person without one.
+        texture: Amount of visual detail on ground and walls.
+        light: Brightness of sun and sky; 1 is daylight.
+        bystanders: Number of other people who walk around.
+        things: Objects on the route, beside it or at its end.
+        gait: Speed, style and variability of the walk.
         physics: `kinematic` plays the plan, `dynamic` simulates it forward.
         dynamics: How `physics: dynamic` simulates.
-        sensors: Groups of sensors that are on, and what each has that the standard one has not.
-        rig_mount: Where the RGB-D camera sits.
-        ideal: Noise-free sensors on rigid shoes.
-        shock: The shoes' uppers vibrate when the feet strike and rock in stance; never with ideal sensors.
-        faults: What goes wrong between sensors and recorder, and with what holds the sensors.
+        sensors: Enabled groups of sensors, with options that differ from the standard rig.
+        rig_mount: Mount of the RGB-D camera.
+        ideal: Sensors without errors, on rigid shoes.
+        shock: Heel-strike vibration and rocking of the shoes' uppers; never with ideal sensors.
+        faults: Faults between sensors and recorder, and of the sensors' mounts.
     """
 
     description: Annotated[str, text()]
@@ -285,7 +285,7 @@ class ScenarioFile(_Model):
     gait: Annotated[Gait, BeforeValidator(_patterned)] = Gait()
     physics: Annotated[str, words(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None
-    sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), asked={})
+    sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), paths={})
     rig_mount: Annotated[str, words(("head", "chest"), key="camera_mount")] = "head"
     ideal: Annotated[bool, flag(key="ideal_sensors")] = False
     shock: Annotated[bool, flag()] = True

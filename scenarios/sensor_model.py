@@ -1,4 +1,4 @@
-"""The key `sensors` of a scenario file: which groups are on, and which part, rate, clock and place each has."""
+"""The key `sensors` of a scenario file: the enabled groups, and the part, rate, clock and mount of each."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.fields import elsewhere, flag, folder_of, refused, unique, words
+from stridetwin.streams.fields import DEG, elsewhere, flag, folder_of, refused, unique, words
 from stridetwin.streams.json_schema import described
 from stridetwin.streams.validation import suggest
 
 _FILE_SUFFIXES = (".yaml", ".yml")
 _SHIFTED = ("foot_camera", "foot_imu", "head_camera", "head_imu")
-"""Groups whose clock a calibration can know: cameras against the IMUs beside them."""
+"""Groups whose clock a calibration can hold: cameras relative to the IMUs beside them."""
 _OPTIONS = {
     "foot_camera": ("light", "exposure_s", "frames", "board", "mount"),
     "head_camera": ("light", "exposure_s", "calibration_sd", "pitch_down_rad", "mount"),
@@ -37,23 +37,23 @@ _OPTIONS = {
     "foot_imu": ("position_m", "rotation_rad"),
     "sonar": ("mount",),
 }
-"""Attributes of a `SensorConfig` that a group has beside those that all groups have."""
+"""Attributes of a `SensorConfig` that only some groups have."""
 _EVERY = ("ideal", "rate_hz", "clock")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """What a scenario says of its sensors.
+    """The sensors of a scenario.
 
     Attributes:
-        groups: That are on.
-        asked: Key path of every group that the file names.
-        fittings: What a group has that the standard one has not.
+        groups: Enabled groups.
+        paths: Key path of every group that the file names.
+        configs: Options of each group that differ from the standard rig.
     """
 
     groups: tuple[str, ...]
-    asked: dict[str, str]
-    fittings: dict[str, SensorConfig] = field(default_factory=dict)
+    paths: dict[str, str]
+    configs: dict[str, SensorConfig] = field(default_factory=dict)
 
 
 def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
@@ -80,29 +80,30 @@ def _valid(group: str, near: str = "") -> str:
     return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"
 
 
-def _untold(clock: Clock) -> Clock:
+def _without_nominal(clock: Clock) -> Clock:
     if clock.told:
         raise refused("told", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
     return clock
 
 
-def _unrolled(facing: Facing) -> Seat:
+def _seat(facing: Facing) -> Seat:
     return Seat(position_m=facing.position_m, faces_rad=facing.faces_rad)
 
 
 def _one_aim(options: Any) -> Any:
     if {"mount", "pitch_down_rad"} <= options.model_fields_set:
-        shown = options.pitch_down_rad * 180 / 3.141592653589793
-        raise refused(round(shown, 6), "no pitch_down_deg, as mount says how it faces", "pitch_down_deg")
+        raise refused(
+            round(options.pitch_down_rad / DEG, 6), "no pitch_down_deg, as mount sets the direction", "pitch_down_deg"
+        )
     return options
 
 
 def _group(group: str) -> Any:
-    """Type of what a file says of a group: `true`, `false`, a part, or keys."""
+    """Type of a group in a file: `true`, `false`, a part, or keys."""
     hints = get_type_hints(SensorConfig, include_extras=True)
     if group not in _SHIFTED:
-        hints["clock"] = Annotated[Clock, AfterValidator(_untold)]
-    hints["board"] = Annotated[Facing, AfterValidator(_unrolled)]
+        hints["clock"] = Annotated[Clock, AfterValidator(_without_nominal)]
+    hints["board"] = Annotated[Facing, AfterValidator(_seat)]
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     names = (*_EVERY, *_OPTIONS.get(group, ()))
     made: dict[str, Any] = {
@@ -110,8 +111,8 @@ def _group(group: str) -> Any:
     }
     made |= {name: (hints[name], None) for name in names}
     model = create_model(group, __config__=ConfigDict(extra="forbid"), **made)
-    told = described(SensorConfig)
-    model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {told[n]}\n" for n in made)
+    descriptions = described(SensorConfig)
+    model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in made)
     options: Any = Annotated[model, BeforeValidator(_short, json_schema_input_type=str | model)]
     if group == "head_camera":
         options = Annotated[options, AfterValidator(_one_aim)]
@@ -125,21 +126,21 @@ def _short(node: object) -> object:
     return {"part": node} if isinstance(node, str) else node
 
 
-def _fitting(options: BaseModel) -> SensorConfig:
+def _sensor_config(options: BaseModel) -> SensorConfig:
     given = {name: getattr(options, name) for name in options.model_fields_set}
     return replace(given.pop("part", SensorConfig()), **given)
 
 
 def _of_names(names: tuple[str, ...]) -> Sensors:
-    return Sensors(groups=names, asked={group: f"sensors[{i}]" for i, group in enumerate(names)})
+    return Sensors(groups=names, paths={group: f"sensors[{i}]" for i, group in enumerate(names)})
 
 
 def _of_groups(groups: BaseModel) -> Sensors:
     given = {name: getattr(groups, name) for name in KIND if name in groups.model_fields_set}
     return Sensors(
         groups=tuple(g for g in KIND if given.get(g, g in TwinConfig.sensors) is not False),
-        asked={name: f"sensors.{name}" for name, value in given.items() if value is not False},
-        fittings={name: _fitting(value) for name, value in given.items() if isinstance(value, BaseModel)},
+        paths={name: f"sensors.{name}" for name, value in given.items() if value is not False},
+        configs={name: _sensor_config(value) for name, value in given.items() if isinstance(value, BaseModel)},
     )
 
 
@@ -150,4 +151,4 @@ SensorsInFile = Annotated[
     Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_of_groups), Tag("=groups")],
     Discriminator(lambda node: "=groups" if isinstance(node, dict) else "=names"),
 ]
-"""Type of `sensors`: a list of groups, beside which none is on, or a mapping of those that differ from `TwinConfig`."""
+"""Type of `sensors`: the list of enabled groups, or a mapping of those that differ from `TwinConfig`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 _LONGEST_SHOWN = 400
 _MOST_LINES = 30
@@ -41,6 +42,26 @@ class ConfigError(StrideTwinError):
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
         """Pickles the constructor's arguments; by default an exception pickles its message alone."""
         return type(self), (self.source, self.field, self.value, self.valid)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Position in a file, for errors that are found after reading: the file as the user named it, and the keys."""
+
+    source: str
+    path: str = ""
+
+    def key(self, name: str) -> Where:
+        """The position of a key below this one."""
+        return Where(source=self.source, path=f"{self.path}.{name}" if self.path else name)
+
+    def item(self, index: int) -> Where:
+        """The position of a list's item."""
+        return Where(source=self.source, path=f"{self.path}[{index}]")
+
+    def error(self, value: object, valid: str) -> ConfigError:
+        """The error to raise about an invalid value at this position."""
+        return ConfigError(self.source, self.path, value, valid)
 
 
 class ConfigFileError(ConfigError):

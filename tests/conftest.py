@@ -1,7 +1,8 @@
-"""How the tests are spread over processes."""
+"""Recordings that many tests share, and how the tests are spread over processes."""
 
 from __future__ import annotations
 
+import pytest
 from xdist.scheduler import LoadFileScheduling
 
 _TOGETHER = (
@@ -19,17 +20,17 @@ _FIRST = (
     "tests/studies/test_jao_simulation.py",
     "tests/scenarios/campaign/test_campaign_generate.py",
     "tests/sim/test_exoskeleton.py",
-    "tests/scenarios/test_odometry.py",
-    "tests/scenarios/test_live_bridge.py",
-    "tests/scenarios/test_mode_files.py",
+    "tests/pipeline/test_odometry.py",
+    "tests/pipeline/test_live_bridge.py",
+    "tests/pipeline/test_mode_files.py",
     "tests/estimators/locomotion_mode/",
     "tests/studies/closed_loop/test_helping.py",
-    "tests/scenarios/test_cli.py",
+    "tests/cli/test_cli.py",
     "tests/sim/test_twin.py",
     "tests/estimators/test_board_twin.py",
     "tests/docs/",
     "tests/scenarios/test_page_commands.py",
-    "tests/scenarios/test_bare_install.py",
+    "tests/cli/test_bare_install.py",
     "tests/sim/test_calibration.py",
     "tests/sim/test_manners.py",
     "tests/scenarios/test_fault_fields.py",
@@ -65,3 +66,47 @@ def pytest_xdist_make_scheduler(config, log):
         return None
     config.option.loadscopereorder = False
     return _Scheduling(config, log)
+
+
+def _fake(patch):
+    """The fake twin in the place of the real one."""
+    from fake_twin import FakeTwin
+
+    from stridetwin.report import runner
+    from stridetwin.scenarios import record
+
+    for module in (record, runner):
+        patch.setattr(module, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
+
+
+@pytest.fixture
+def simulator(monkeypatch):
+    """The fake twin in the place of the real one."""
+    _fake(monkeypatch)
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory):
+    """Folder of one `stridetwin run`, with cameras and film."""
+    from stridetwin.cli.main import main
+
+    folder = tmp_path_factory.mktemp("walk")
+    with pytest.MonkeyPatch.context() as patch:
+        _fake(patch)
+        assert main(["run", "level_20m", "--seed", "3", "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def seen(tmp_path_factory):
+    """Recording of a few simulated steps with every sensor that an estimator of hardware takes but shoe cameras."""
+    from stridetwin.scenarios.record import record
+    from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+    from stridetwin.sim.twin import Twin
+
+    path = tmp_path_factory.mktemp("seen") / "walk.mcap"
+    sensors = ("foot_imu", "insole", "head_imu", "head_camera", "ahrs", "encoder")
+    route = Route(segments=(Level(length_m=0.5),))
+    config = TwinConfig(name="seen", route=route, sensors=sensors, gait=Gait(stand_s=0.5))
+    record(Twin(config, 5), path, lambda *_: None)
+    return path

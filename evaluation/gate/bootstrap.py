@@ -6,7 +6,7 @@ error in every resample, so that few walks of a skewed score do not appear too c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -49,8 +49,7 @@ def paired(changes: ArrayLike, least_draws: int = 0) -> Tested:
         changes: (walks, S), NaN where a value is missing; two or more values in each column.
         least_draws: Resamples, if `DRAWS` are too few.
     """
-    x, draws = np.asarray(changes, float), max(DRAWS, least_draws)
-    return _joined([_paired(x[:, part], draws) for part in _parts(x.shape[1], draws)])
+    return _tests([np.asarray(changes, float)], least_draws)
 
 
 def unpaired(before: ArrayLike, now: ArrayLike, least_draws: int = 0) -> Tested:
@@ -61,37 +60,34 @@ def unpaired(before: ArrayLike, now: ArrayLike, least_draws: int = 0) -> Tested:
         now: (other walks, S).
         least_draws: As in `paired`.
     """
-    x, y, draws = np.asarray(before, float), np.asarray(now, float), max(DRAWS, least_draws)
-    return _joined([_unpaired(x[:, part], y[:, part], draws) for part in _parts(x.shape[1], draws)])
+    return _tests([np.asarray(before, float), np.asarray(now, float)], least_draws)
 
 
-def _parts(size: int, draws: int) -> Iterator[slice]:
-    """Slices of columns that are resampled together; every slice gets the same resamples."""
+def _tests(sides: Sequence[Array], least_draws: int) -> Tested:
+    """Tests of slices of columns that are resampled together; every slice gets the same resamples."""
+    draws = max(DRAWS, least_draws)
     step = max(1, _HELD // draws)
-    return (slice(start, start + step) for start in range(0, size, step))
-
-
-def _joined(parts: Sequence[Tested]) -> Tested:
+    starts = range(0, sides[0].shape[1], step)
+    parts = [_test([side[:, start : start + step] for side in sides], draws) for start in starts]
     return Tested(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Tested)})
 
 
-def _paired(x: Array, draws: int) -> Tested:
-    mean, variance, count = _moments(x)
-    drawn_mean, drawn_variance = _resampled(x, draws, np.random.default_rng(_SEED))
-    return _tested(mean, np.sqrt(variance), drawn_mean, np.sqrt(drawn_variance), count)
-
-
-def _unpaired(before: Array, now: Array, draws: int) -> Tested:
+def _test(sides: Sequence[Array], draws: int) -> Tested:
+    """Tests the mean of one group of walks, or the second group's mean minus the first's."""
     rng = np.random.default_rng(_SEED)
-    (mean0, variance0, count0), (mean1, variance1, count1) = map(_moments, (before, now))
-    (drawn0, spread0), (drawn1, spread1) = (_resampled(side, draws, rng) for side in (before, now))
+    means, variances, counts = zip(*map(_moments, sides))
+    drawn_means, drawn_variances = zip(*(_resampled(side, draws, rng) for side in sides))
     return _tested(
-        mean1 - mean0,
-        np.sqrt(variance0 + variance1),
-        drawn1 - drawn0,
-        np.sqrt(spread0 + spread1),
-        np.minimum(count0, count1),
+        _difference(means),
+        np.sqrt(np.sum(variances, axis=0)),
+        _difference(drawn_means),
+        np.sqrt(np.sum(drawn_variances, axis=0)),
+        np.min(counts, axis=0),
     )
+
+
+def _difference(values: Sequence[Array]) -> Array:
+    return values[-1] - values[0] if len(values) > 1 else values[0]
 
 
 def holm(p: ArrayLike) -> Array:

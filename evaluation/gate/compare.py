@@ -83,12 +83,7 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All scores against their baselines.
-
-    Attributes:
-        words: The method of comparison, and its reason.
-        lines: By estimator and score.
-    """
+    """All scores against their baselines, by estimator and score; `words` give the method of comparison."""
 
     words: str
     lines: Sequence[Line]
@@ -130,15 +125,15 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     shared = [key for key in baseline.walks if key in now.walks]
     few = min(len(baseline.walks), len(now.walks))
     if len(shared) >= LEAST_WALKS:
-        method, words = PAIRED, f"{len(shared)} walks that both hold, pair by pair"
+        method, words = PAIRED, f"{len(shared)} walks in both tables, compared in pairs"
         others = len(baseline.walks) + len(now.walks) - 2 * len(shared)
-        words += f"; {others} that only one of them holds are left out" if others else ""
+        words += f"; {others} walks in only one table are left out" if others else ""
         before, after = ([side.walks[key] for key in shared] for side in (baseline, now))
     else:
         before, after = list(baseline.walks.values()), list(now.walks.values())
         method = UNPAIRED if few >= LEAST_WALKS else TOLERANCE
         counts = f"{len(baseline.walks)} walks of the baseline, {len(now.walks)} now"
-        words = f"{counts}, {len(shared)} of them the same: other walks, compared as groups"
+        words = f"{counts}, {len(shared)} of them equal: compared as groups"
         if method == TOLERANCE:
             words = (
                 f"{counts}: fewer than {LEAST_WALKS}, too few for statistics; "
@@ -150,8 +145,8 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     if method == TOLERANCE:
         lines += _tolerated(now.means, {n: s for n, s in baseline.means.items() if n not in gone}, rules)
     else:
-        enough = [c for c in columns if c.told(method) >= LEAST_WALKS]
-        lines += _judged([*enough, *_composites(columns)], method, rules)
+        enough = [c for c in columns if c.count(method) >= LEAST_WALKS]
+        lines += _tested_by_walks([*enough, *_composites(columns)], method, rules)
         tested = {(name, c.metric) for c in enough for name in c.members}
         means = {
             name: {m: v for m, v in scores.items() if (name, m) not in tested}
@@ -182,7 +177,7 @@ class _Column:
     before: Array
     now: Array
 
-    def told(self, method: str) -> int:
+    def count(self, method: str) -> int:
         """Number of walks that have it."""
         if method == PAIRED:
             return int(np.isfinite(self.before + self.now).sum())
@@ -209,8 +204,8 @@ def _columns(before: Walks, now: Walks, gone: Iterable[str]) -> list[_Column]:
 
 
 def _losses(walks: Walks, name: str, metric: str, scale: Scale) -> Array:
-    told = (walk.get(name, {}).get(metric) for walk in walks)
-    return np.array([np.nan if value is None else scale.loss(value) for value in told])
+    values = (walk.get(name, {}).get(metric) for walk in walks)
+    return np.array([np.nan if value is None else scale.loss(value) for value in values])
 
 
 def _estimators(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
@@ -253,30 +248,21 @@ def _composites(columns: Sequence[_Column]) -> list[_Column]:
     return found
 
 
-def _judged(columns: Sequence[_Column], method: str, rules: Rules) -> list[Line]:
+def _tested_by_walks(columns: Sequence[_Column], method: str, rules: Rules) -> list[Line]:
     """Lines of the scores that enough walks have."""
     lines = []
     for c in columns:
         there = np.isfinite(c.before + c.now) if method == PAIRED else None
         b, n = (side[there] if there is not None else side[np.isfinite(side)] for side in (c.before, c.now))
-        values = c.scale.told(float(b.mean())), c.scale.told(float(n.mean()))
+        values = c.scale.value(float(b.mean())), c.scale.value(float(n.mean()))
         if c.metric == OVERALL:  # of several units
             values = 1.0, values[1] / values[0]
         lines.append(
             Line(
-                estimator=c.estimator,
-                metric=c.metric,
-                method=method,
-                walks=c.told(method),
-                baseline=values[0],
-                now=values[1],
-                change=0.0,
-                low=0.0,
-                high=0.0,
-                p=1.0,
-                in_points=c.scale.in_points,
+                estimator=c.estimator, metric=c.metric, method=method, walks=c.count(method), baseline=values[0],
+                now=values[1], change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points,
             )
-        )
+        )  # fmt: skip
     # a score that is equal on every walk cannot have become worse and does not count as a comparison
     moved = [i for i, c in enumerate(columns) if method == UNPAIRED or np.nanmax(np.abs(c.now - c.before)) > 0.0]
     if not moved:
@@ -320,9 +306,8 @@ def _lost(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], method: 
         else:
             broke = {key for key, failed in now.failed.items() if failed.keys() & {name, EVERY}}
             expected = not any(failed.keys() & {name, EVERY} for failed in baseline.failed.values())
-            told = [key for key, walk in now.walks.items() if name in walk]
-            had = [*told, *broke] if expected else told
-            has = told
+            has = [key for key, walk in now.walks.items() if name in walk]
+            had = [*has, *broke] if expected else has
             if name not in now.means:
                 had, has = had or list(baseline.walks) or ["the mean"], []
         if len(has) < len(had):

@@ -11,19 +11,12 @@ from xml.etree import ElementTree
 from stridetwin.evaluation.gate.compare import BETTER, MISSING, NEW, SAME, WALKS, Comparison, Line
 
 HEAD = ("estimator", "score", "baseline", "now", "change", "95 % interval", "p", "verdict")
-_WIDTHS = (44, 11, 11, 11, 24, 9)
 _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """An estimator that could not be scored; the gate then fails regardless of the comparison.
-
-    Attributes:
-        walk: Name of the walk.
-        estimator: Its name, or `score_table.EVERY`.
-        why: Reason as text.
-    """
+    """An estimator (or `score_table.EVERY`) that could not be scored on a walk, and the reason; the gate fails."""
 
     walk: str
     estimator: str
@@ -31,11 +24,7 @@ class Failure:
 
 
 def failures(rows: Sequence[Mapping[str, Any]]) -> list[Failure]:
-    """The failures on walks.
-
-    Args:
-        rows: Results of `score_walk`.
-    """
+    """The failures in results of `score_walk`."""
     return [
         Failure(walk=str(row["name"]), estimator=name, why=why)
         for row in rows
@@ -55,37 +44,31 @@ def cells(line: Line) -> list[str]:
     return [line.estimator, line.metric, *values, change, interval, p, line.verdict]
 
 
-def table_lines(comparison: Comparison, failed: Sequence[Failure] = ()) -> list[str]:
-    """Table of the changes, regressions first; one line if nothing has changed."""
-    told = [line for line in comparison.lines if line.verdict != SAME]
-    lines = [f"against the baseline: {comparison.words}"]
-    if told:
-        lines.append(_row(HEAD))
-    lines += [_row(cells(line)) for line in sorted(told, key=lambda line: not line.regressed)]
-    count, judged = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
-    verdict = f"{count} of {judged} scores worse than the baseline" if count else f"none of {judged} scores is worse"
-    broke = f"{' and' if count else ', but'} {len(failed)} failed" if failed else ""
-    return [*lines, verdict + broke]
+def changed(comparison: Comparison) -> list[Line]:
+    """The lines with a change, regressions first."""
+    return sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
 
 
-def _row(words: Sequence[str]) -> str:
-    named = [" ".join(words[:2]), *words[2:7]]
-    return f"{named[0]:<{_WIDTHS[0]}}{''.join(f'{x:>{n}}' for x, n in zip(named[1:], _WIDTHS[1:]))}  {words[7]}"
+def verdict(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
+    """The result of a comparison in one line."""
+    count, tested = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
+    words = f"{count} of {tested} scores worse than the baseline" if count else f"none of {tested} scores is worse"
+    return words + (f"{' and' if count else ', but'} {len(failed)} failed" if failed else "")
 
 
 def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
     """The comparison as a page of Markdown: changes are visible, the rest is folded."""
     count = len(comparison.regressions)
-    verdict = f"**{count} worse**" if count else "**nothing worse**"
-    verdict += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
-    out = ["### Estimators against the baseline", "", f"{verdict} ({comparison.words})", ""]
-    told = sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
+    words = f"**{count} worse**" if count else "**nothing worse**"
+    words += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
+    out = ["### Estimators against the baseline", "", f"{words} ({comparison.words})", ""]
+    changes = changed(comparison)
     same = [line for line in comparison.lines if line.verdict == SAME]
     if failed:
         rows = [(_escaped(x.walk), _escaped(x.estimator), _escaped(x.why)) for x in failed]
         out += [_markdown_row(row) for row in (("walk", "estimator", "failed"), ("---",) * 3, *rows)] + [""]
-    if told:
-        out += [*_markdown_table(told), ""]
+    if changes:
+        out += [*_markdown_table(changes), ""]
     if same:
         out += ["<details><summary>", f"{len(same)} scores unchanged", "</summary>", "", *_markdown_table(same), ""]
         out += ["</details>", ""]
@@ -130,7 +113,7 @@ def junit(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
             case.set("time", "0")
             words = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], cells(line)[2:-1]) if cell != "-")
             if line.regressed:
-                worse = ElementTree.SubElement(case, "failure", type=line.verdict, message=_xml(said(line)))
+                worse = ElementTree.SubElement(case, "failure", type=line.verdict, message=_xml(sentence(line)))
                 worse.text = _xml(f"{words}\n{comparison.words}")
             elif line.verdict == NEW:
                 ElementTree.SubElement(case, "skipped", message="not in the baseline")
@@ -148,15 +131,15 @@ def _count(element: Any, lines: Sequence[Line], failed: int) -> None:
     element.set("time", "0")
 
 
-def said(line: Line) -> str:
+def sentence(line: Line) -> str:
     """A verdict in one sentence."""
     name = f"{line.estimator} {line.metric}"
     if line.verdict == MISSING:
         if line.metric == WALKS:
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
-    _, _, baseline, now, change, interval, _, verdict = cells(line)
-    words = {BETTER: "better", SAME: "unchanged"}.get(verdict, verdict)
+    _, _, baseline, now, change, interval, *_ = cells(line)
+    words = {BETTER: "better", SAME: "unchanged"}.get(line.verdict, line.verdict)
     return f"{name}: {words}, {baseline} to {now} ({change}, {interval})"
 
 

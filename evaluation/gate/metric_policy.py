@@ -24,7 +24,7 @@ _SHARES = (
 )  # fmt: skip
 _BAD_SHARES = ("unknown_pct", "missed_pct", "false_pct", "edge_false_pct")
 _LEADS = ("lead_median_s", "lead_p5_s", "transition_lead_median_s")
-_NOT_JUDGED = ("distance_m", "duration_s", "steps", "transitions", "straddling_pct", "edge_mean_mm")
+_DESCRIPTIVE = ("distance_m", "duration_s", "steps", "transitions", "straddling_pct", "edge_mean_mm")
 _SIGNED = ("end_height_error_m",)
 _CLAIMS = ("nis_", "nees_position_mean")
 
@@ -65,7 +65,7 @@ class Scale:
         floored = math.log(max(abs(value), self.slack, 1e-12))
         return -floored if self.kind == LEAD else floored
 
-    def told(self, loss: float) -> float:
+    def value(self, loss: float) -> float:
         """A mean loss in the score's unit."""
         if self.in_points:
             return -loss if self.kind == SHARE else loss
@@ -84,7 +84,7 @@ class Scale:
 
 def scale_of(metric: str) -> Scale | None:
     """The scale of a score; None if it only describes the walk."""
-    if metric in _NOT_JUDGED:
+    if metric in _DESCRIPTIVE:
         return None
     if metric.startswith(_CLAIMS):
         return Scale(kind=CLAIM)

@@ -17,11 +17,12 @@ import subprocess
 import sys
 import tempfile
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from stridetwin.evaluation.evaluate import Estimate
 from stridetwin.pipeline.run import pose_of
@@ -36,30 +37,28 @@ _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason."""
 
 
-class OwnEstimator(Protocol):
-    """An estimator that gives a path for a recording."""
+@dataclass(frozen=True, kw_only=True)
+class OwnEstimator(ABC):
+    """An estimator that gives a path for a recording.
 
-    @property
-    def name(self) -> str:
-        """In the scores."""
+    Attributes:
+        name: Name in the scores.
+        frame: Frame whose path it estimates.
+    """
 
+    name: str
+    frame: str
+
+    @abstractmethod
     def path(self, recording: Recording) -> Estimate:
         """Its path on a recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TumFile:
-    """An existing path.
+class TumFile(OwnEstimator):
+    """An existing path, in the TUM trajectory `file`."""
 
-    Attributes:
-        name: In the scores.
-        file: TUM trajectory.
-        frame: Whose path it is.
-    """
-
-    name: str
     file: Path
-    frame: str
 
     def path(self, recording: Recording) -> Estimate:
         """The path in the file."""
@@ -67,18 +66,14 @@ class TumFile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PythonClass:
-    """A class with `update(sample)`.
+class PythonClass(OwnEstimator):
+    """A class with `update(sample)`; it may declare its frame itself.
 
     Attributes:
-        name: In the scores.
         place: `module:Class`, installed or relative to the working folder.
-        frame: Frame whose pose it estimates, unless the class declares it.
     """
 
-    name: str
     place: str
-    frame: str
 
     def load(self) -> type[Any]:
         """The class.
@@ -99,7 +94,7 @@ class PythonClass:
             fits, frame = isinstance(found, type), getattr(found, "frame", None)
             fits = fits and callable(getattr(found, "update", None))
         if not fits:
-            raise StrideTwinError(f"--estimator {self.name}: {self.place} is no class with update(sample)")
+            raise StrideTwinError(f"--estimator {self.name}: {self.place} is not a class with an update(sample) method")
         if not (frame is None or isinstance(frame, str)):
             raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
         return found
@@ -108,28 +103,24 @@ class PythonClass:
         """The path that the class estimates from a recording.
 
         Raises:
-            StrideTwinError: As `load` and `lead`, and for any exception of the class or a call of `sys.exit`.
+            StrideTwinError: As `load` and `estimated_path`, and for any exception of the class or a call of `sys.exit`.
         """
         kind = self.load()
         with _code_of_others(self.place):
             frame = getattr(kind, "frame", None) or self.frame
-            return Estimate(name=self.name, frame=frame, path=lead(kind(recording.rig), recording))
+            return Estimate(name=self.name, frame=frame, path=estimated_path(kind(recording.rig), recording))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Program:
+class Program(OwnEstimator):
     """A program that reads a recording and writes a TUM trajectory.
 
     Attributes:
-        name: In the scores.
         command: With `{recording}` and `{output}`; split as a shell does, but run without one.
-        frame: Whose path it writes.
         timeout_s: Time after which it is stopped.
     """
 
-    name: str
     command: str
-    frame: str
     timeout_s: float
 
     def words(self) -> list[str]:
@@ -147,7 +138,7 @@ class Program:
                 f"--program {self.name}: invalid {self.command!r}: expected COMMAND {{recording}} {{output}}"
             )
         if shutil.which(words[0]) is None:
-            raise StrideTwinError(f"--program {self.name}: {words[0]}: there is no such program")
+            raise StrideTwinError(f"--program {self.name}: invalid {words[0]!r}: expected an installed program")
         return words
 
     def path(self, recording: Recording) -> Estimate:
@@ -157,21 +148,21 @@ class Program:
             StrideTwinError: It fails, takes too long or writes no trajectory; the message has the end of its output.
         """
         with tempfile.TemporaryDirectory(prefix="stridetwin-") as folder:
-            output, said = Path(folder) / "estimate.txt", Path(folder) / "said.txt"
+            output, log = Path(folder) / "estimate.txt", Path(folder) / "stderr.txt"
             places = {"{recording}": str(recording.path.absolute()), "{output}": str(output)}
             words = self.words()
             for place, file_name in places.items():
                 words = [word.replace(place, file_name) for word in words]
-            with said.open("wb") as file:
+            with log.open("wb") as file:
                 code = _finished(words, self.timeout_s, file.fileno(), Path(folder))
-            last = " ".join(said.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
-            told = f"; it said: {last}" if last else "; it said nothing on stderr"
+            last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
+            printed = f"; stderr: {last}" if last else "; nothing on stderr"
             if code is None:
-                raise StrideTwinError(f"{words[0]}: not done after {self.timeout_s:g} s{told}")
+                raise StrideTwinError(f"{words[0]}: stopped after {self.timeout_s:g} s{printed}")
             if code != 0:
-                raise StrideTwinError(f"{words[0]}: exit code {code}{told}")
+                raise StrideTwinError(f"{words[0]}: exit code {code}{printed}")
             if not output.is_file():
-                raise StrideTwinError(f"{words[0]}: has not written {{output}}{told}")
+                raise StrideTwinError(f"{words[0]}: has not written {{output}}{printed}")
             try:
                 path = read_tum(output)
             except StrideTwinError as error:
@@ -179,8 +170,8 @@ class Program:
         return Estimate(name=self.name, frame=self.frame, path=path)
 
 
-def lead(estimator: Any, recording: Recording) -> Trajectory:
-    """The path that an estimator gives for the samples of a recording.
+def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
+    """The path that an estimator computes from the samples of a recording.
 
     Args:
         estimator: An object with `update(sample)`, see this module.
@@ -194,9 +185,7 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
         wanted = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
     truths = [topic for topic in wanted if topic.startswith(TRUTH)]
     if truths:
-        raise StrideTwinError(
-            f"{type(estimator).__name__}.topics: {truths[0]} is the truth: expected topics of sensors"
-        )
+        raise StrideTwinError(f"{type(estimator).__name__}.topics: invalid {truths[0]}: expected topics of sensors")
     name, poses = type(estimator).__name__, []
     for sample in recording.samples(wanted):
         if (pose := pose_of(estimator.update(sample), name)) is not None:
@@ -219,13 +208,13 @@ def _code_of_others(where: str) -> Iterator[None]:
         raise StrideTwinError(f"{where}: {words.encode('utf-8', 'backslashreplace').decode()}") from error
 
 
-def _finished(words: list[str], timeout_s: float, said: int, folder: Path) -> int | None:
+def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:
     """Exit code of a program; None if it was stopped, with all its child processes.
 
     If this process is killed, the program ends as well and its folder is removed.
     """
     process = subprocess.Popen(
-        words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True
+        words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
     )
     try:
         with _watched(process, folder):

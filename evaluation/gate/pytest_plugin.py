@@ -44,13 +44,13 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
         from stridetwin.scenarios.record import make_twin, record, without_cameras
         from stridetwin.streams.recording.reader import Recording
 
-        told = _scenario(scenario)
-        told = told if cameras else without_cameras(told)
-        key = (repr(told.config), seed, cameras)
+        walked = _scenario(scenario)
+        walked = walked if cameras else without_cameras(walked)
+        key = (repr(walked.config), seed, cameras)
         if key not in made:
             path = folder / f"walk_{len(made)}.mcap"
-            record(make_twin(told, seed), path, lambda *_: None)
-            made[key] = Recording(path, lenient=bool(told.config.faults))
+            record(make_twin(walked, seed), path, lambda *_: None)
+            made[key] = Recording(path, lenient=bool(walked.config.faults))
         return made[key]
 
     return walk
@@ -74,22 +74,22 @@ def stridetwin_score() -> Callable[..., Scores]:
 
 
 def _path(recording: Recording, estimator: Any) -> Trajectory:
-    from stridetwin.evaluation.gate.own_estimators import lead
+    from stridetwin.evaluation.gate.own_estimators import estimated_path
     from stridetwin.streams.formats.tum import read_tum
     from stridetwin.streams.trajectory import Trajectory
 
     if isinstance(estimator, Trajectory):
         return estimator
-    return read_tum(estimator) if isinstance(estimator, (str, Path)) else lead(estimator, recording)
+    return read_tum(estimator) if isinstance(estimator, (str, Path)) else estimated_path(estimator, recording)
 
 
-def _scenario(told: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+def _scenario(given: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
     from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
     from stridetwin.sim.config import TwinConfig
 
-    if isinstance(told, TwinConfig):
-        return Scenario(description="", config=told)
-    if not isinstance(told, Mapping):
-        return load_scenario(str(told))
-    plain = json.loads(json.dumps({"description": "of a test", **told}))  # JSON turns tuples into lists
+    if isinstance(given, TwinConfig):
+        return Scenario(description="", config=given)
+    if not isinstance(given, Mapping):
+        return load_scenario(str(given))
+    plain = json.loads(json.dumps({"description": "of a test", **given}))  # JSON turns tuples into lists
     return scenario_of(plain, Path.cwd() / "scenario.yaml")

@@ -11,8 +11,7 @@ from typing import Any
 from stridetwin.evaluation.evaluate import LARGEST_SCORE
 from stridetwin.evaluation.gate.metric_policy import scale_of
 from stridetwin.evaluation.path_scores import Scores
-from stridetwin.scenarios.fields import Where
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 
 EVERY = "every estimator"
 """Name in the failures if the built-in estimators failed together."""
@@ -37,11 +36,7 @@ class ScoreTable:
 
 
 def table_of(document: object, source: str) -> ScoreTable:
-    """The table in a file of scores.
-
-    Args:
-        document: Its JSON.
-        source: Its name for messages.
+    """The table in the JSON of a file of scores; `source` is its name in messages.
 
     Raises:
         ConfigError: It does not have the form of `score --json`.
@@ -65,7 +60,7 @@ def table_of(document: object, source: str) -> ScoreTable:
             raise where.key("sha256").error(digest, "text in UTF-8")
         key = digest or f"recording {i}"
         walks[key] = checked_scores(entry["estimators"], where.key("estimators"))
-        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with why")
+        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
         for name, why in failed[key].items():
             if not isinstance(why, str):
                 raise where.key("failed").key(name).error(why, "text")
@@ -85,10 +80,10 @@ def read_table(path: Path) -> ScoreTable:
     except (ValueError, RecursionError) as error:
         raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_WRITTEN}") from error
     walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
-    for field, told in (("estimators", [table.means]), ("recordings", walks)):
-        names = [metric for estimators in told for scores in estimators.values() for metric in scores]
-        if told and all(scale_of(name) is None for name in names):
-            raise Where(source=str(path), path=field).error(document[field], "at least one score that is judged")
+    for field, tables in (("estimators", [table.means]), ("recordings", walks)):
+        names = [metric for estimators in tables for scores in estimators.values() for metric in scores]
+        if tables and all(scale_of(name) is None for name in names):
+            raise Where(source=str(path), path=field).error(document[field], "at least one comparable score")
     return table
 
 

@@ -51,7 +51,7 @@ class Job:
     strict: bool = False
 
 
-def jobs_of(sources: Sequence[Path], **asked: Any) -> list[Job]:
+def jobs_of(sources: Sequence[Path], **settings: Any) -> list[Job]:
     """The jobs of some sources: recordings, and every accepted walk of campaigns.
 
     Raises:
@@ -60,33 +60,33 @@ def jobs_of(sources: Sequence[Path], **asked: Any) -> list[Job]:
     jobs: list[Job] = []
     for source in sources:
         if (source / manifest.NAME).is_file():
-            jobs += _of_campaign(source, asked)
+            jobs += _of_campaign(source, settings)
         else:
-            jobs.append(Job(name=source.stem, path=source, **asked))
+            jobs.append(Job(name=source.stem, path=source, **settings))
     return [replace(jobs[0], strict=True)] if len(jobs) == 1 else jobs
 
 
-def _of_campaign(folder: Path, asked: dict[str, Any]) -> list[Job]:
+def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
     path = folder / manifest.NAME
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        if told["format"] != manifest.FORMAT:
-            raise ValueError(f"format {told['format']!r}")
-        rows = [w for w in told["walks"] if w["status"] == ACCEPTED]
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document["format"] != manifest.FORMAT:
+            raise ValueError(f"format {document['format']!r}")
+        rows = [w for w in document["walks"] if w["status"] == ACCEPTED]
         jobs = []
         for row in rows:
             faulty = bool(row["findings"] or row["expected_findings"])
-            own = {**asked, "lenient": asked["lenient"] or faulty}
+            own = {**settings, "lenient": settings["lenient"] or faulty}
             jobs.append(Job(name=row["walk"], path=folder / row["recording"], sha256=row["sha256"], **own))
             size = jobs[-1].path.stat().st_size if jobs[-1].path.is_file() else 0
             if size != row["bytes"]:
-                raise StrideTwinError(f"{jobs[-1].path}: {size} bytes; {path} says {row['bytes']}: generate it anew")
+                raise StrideTwinError(f"{jobs[-1].path}: {size} bytes, but {row['bytes']} in {path}; generate it again")
     except (KeyError, TypeError, ValueError) as error:
         raise StrideTwinError(
-            f"{path}: is no manifest of a campaign ({error}): expected one that generate made"
+            f"{path}: invalid manifest of a campaign ({error}): expected one written by generate"
         ) from None
     if not jobs:
-        raise StrideTwinError(f"{folder}: no accepted walk in it")
+        raise StrideTwinError(f"{folder}: contains no accepted walk")
     return jobs
 
 
@@ -110,12 +110,12 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
             try:
                 scores |= {own.name: evaluate(recording, [own.path(recording)], job.alignment)[0].scores}
             except StrideTwinError as error:
-                _fell(job, failed, own.name, error)
+                _record_failure(job, failed, own.name, error)
     else:
         try:
             _built_in(recording, job, scores, progress)
         except Exception as error:
-            _fell(job, failed, EVERY, error)
+            _record_failure(job, failed, EVERY, error)
     return {**row, "failed": failed} if failed else row
 
 
@@ -126,13 +126,13 @@ def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progres
     scores |= {name: result.scores for name, result in evaluate_every_step(recording).items()}
     if not scores:
         needs = [found.declaration.needs for found in registry.estimators().values() if found.declaration.needs]
-        raise StrideTwinError(f"{job.path}: feeds no estimator: expected a recording with {', or '.join(needs)}")
+        raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {', or '.join(needs)}")
     odometry = odometry_of(recording, made)
     if odometry is not None:
         scores |= look_ahead(recording, odometry, progress).scores
 
 
-def _fell(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:
+def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:
     if job.strict:
         raise error
     words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"

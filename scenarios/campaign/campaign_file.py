@@ -1,7 +1,6 @@
-"""Campaign files (YAML): which scenarios, how their values vary, how many walks; checked key by key.
+"""Campaign files (YAML): the scenarios, the distributions of their values, and the number of walks.
 
-Files that a campaign names, scenarios and parts of the user's own, lie in the campaign's folder or below it; nothing in
-a campaign says where anything is written.
+Files that a campaign names must be in its folder or below it. The output folder is not part of a campaign.
 """
 
 from __future__ import annotations
@@ -17,9 +16,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.campaign.people import Group, GroupInFile
-from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.scenario_file import catalogue
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import number, refused, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
@@ -33,10 +31,10 @@ _WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 def _whole(shares: dict[str, float]) -> dict[str, float]:
-    """Shares that together are 1, of parts with plain names."""
+    """Checks that the shares add up to 1, and that the names of the parts are plain words."""
     for name in shares:
         if not _WORD.fullmatch(name):
-            raise refused(name, "names of small letters, digits and _")
+            raise refused(name, "names of lower-case letters, digits and _")
     if abs(sum(shares.values()) - 1.0) > 1e-6:
         raise refused(shares, "shares whose sum is 1")
     return shares
@@ -47,9 +45,9 @@ class Quality:
     """Which walks are rejected.
 
     Attributes:
-        falls: Those that end by a fall: `reject` or `keep`.
-        sensors: Those of which `check` says that something would spoil an estimate: `reject` or `keep`.
-        help_pct: Those in which the help at the root is more than this in the mean, % of the body weight.
+        falls: Walks that end with a fall: `reject` or `keep`.
+        sensors: Walks with a stream that `check` finds invalid: `reject` or `keep`.
+        help_pct: Largest mean external force at the root, % of the body weight; walks above it are rejected.
     """
 
     falls: Annotated[str, words(_WHETHER)] = "reject"
@@ -59,11 +57,11 @@ class Quality:
 
 @dataclass(frozen=True, kw_only=True)
 class Splits:
-    """How walks are divided.
+    """Division of the walks into parts, such as for training and test.
 
     Attributes:
-        shares: Of each part, by its name.
-        terrain_by: What makes two terrains different: their `geometry`, or the `scenario` that they come from.
+        shares: Share of each part, by name.
+        terrain_by: Property in which two terrains differ: their `geometry`, or the `scenario` that they come from.
     """
 
     shares: Annotated[dict[str, Annotated[float, number(0.001, 1)]], Field(min_length=1), AfterValidator(_whole)] = (
@@ -74,20 +72,14 @@ class Splits:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """What a campaign file says.
+    """A campaign, as read from its file; the other attributes are those of `CampaignFile`.
 
     Attributes:
         path: The file.
-        description: One line.
-        walks: How many.
-        seed: Of everything random.
-        sampling: Of `SAMPLINGS`.
+        description: Purpose of the campaign, in one line.
         bases: Scenarios.
-        people: Groups of people; none where the scenarios say who walks.
-        variables: Set in the walks of all scenarios.
-        quality: Which walks are rejected.
-        splits: How walks are divided.
-        own: Files of the user's own by the names that they get in the output folder.
+        variables: Values that are set in the walks of all scenarios.
+        own: The user's files, by their names in the output folder.
     """
 
     path: Path
@@ -104,19 +96,19 @@ class Campaign:
 
 
 class CampaignFile(BaseModel):
-    """A campaign: which scenarios, how their values vary, how many walks.
+    """A campaign: the scenarios, the distributions of their values, and the number of walks.
 
     Attributes:
-        campaign: One line that says what it is for.
-        walks: How many.
-        seed: Of everything random.
-        sampling: How the draws are spread.
-        scenarios: Scenarios, by name of the catalogue or path in the campaign's folder.
-        people: Groups of people; none where the scenarios say who walks.
+        campaign: Purpose of the campaign, in one line.
+        walks: Number of walks.
+        seed: Seed of all random numbers.
+        sampling: Method that spreads the draws over their ranges.
+        scenarios: Scenarios, by name in the catalogue or path in the campaign's folder.
+        people: Groups of people; left out if the scenarios define the walkers.
         set: Paths into the scenarios (`gait.speed_mps`, `terrain[1].stairs.riser_mm`), each with a value or a
             distribution.
-        quality: Which walks are rejected.
-        splits: How walks are divided.
+        quality: Criteria by which walks are rejected.
+        splits: Division of the walks.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -132,19 +124,19 @@ class CampaignFile(BaseModel):
 
 
 def campaigns() -> dict[str, Path]:
-    """The campaigns that come with the project, name to file, sorted by name."""
+    """The built-in campaigns, name to file, sorted by name."""
     folder = Path(str(resources.files("stridetwin.scenarios.campaign"))) / "catalogue"
     return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 
 
 def find_campaign(name: str) -> Path | None:
-    """The file of a campaign, None where the name is that of a scenario (or of nothing).
+    """The file of a campaign; None if the name is not that of a campaign.
 
     Args:
-        name: Of the catalogue, or path of a file, which is a campaign where it has keys that only campaigns have.
+        name: Name in the catalogue, or path of a file; a file is a campaign if it has keys that only campaigns have.
 
     Raises:
-        StrideTwinError: A file that cannot be read, or is no YAML.
+        StrideTwinError: The file cannot be read, or is not YAML.
     """
     if name in catalogue():
         return None
@@ -161,7 +153,7 @@ def read_campaign(path: Path) -> Campaign:
     """Reads one campaign file.
 
     Raises:
-        ConfigError: The message names the file, the field, the value and what is valid.
+        ConfigError: An invalid value.
         StrideTwinError: A file cannot be read.
     """
     where = Where(source=str(path))
@@ -182,7 +174,7 @@ def read_campaign(path: Path) -> Campaign:
     if campaign.people:
         for variable in (*campaign.variables, *(v for base in campaign.bases for v in base.variables)):
             if any(p.keys[0] == "person" for p in variable.paths):
-                raise variable.at.error(variable.name, "no person here, as there is people")
+                raise variable.at.error(variable.name, "no person, as the campaign has people")
     return campaign
 
 
@@ -190,9 +182,9 @@ def load_campaign(name: str) -> Campaign:
     """Reads a campaign by its name in the catalogue, or from a YAML file.
 
     Raises:
-        StrideTwinError: As `read_campaign`, or there is none of this name; the message lists those there are.
+        StrideTwinError: As `read_campaign`, or the name is unknown; the message lists the known ones.
     """
     path = find_campaign(name)
     if path is None:
-        raise StrideTwinError(f"there is no campaign {name!r}: expected {suggest(name, campaigns())}, or a .yaml file")
+        raise StrideTwinError(f"invalid campaign {name!r}: expected {suggest(name, campaigns())}, or a .yaml file")
     return read_campaign(path)

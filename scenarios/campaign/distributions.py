@@ -9,10 +9,19 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 from scipy.special import ndtr, ndtri
@@ -21,175 +30,6 @@ from stridetwin.streams.fields import TAG, number, refused, whole
 
 _MOST = 1e9
 _TAIL_SD = 6.0
-
-
-class Distribution(Protocol):
-    """A distribution of a value."""
-
-    def at(self, u: float) -> Any:
-        """The value at a quantile, 0 <= u < 1."""
-
-    @property
-    def ends(self) -> tuple[Any, ...]:
-        """Lowest and highest value, or all values where they have no order."""
-
-    @property
-    def words(self) -> str:
-        """Description for the manifest."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fixed:
-    """One value for every walk; any value of a scenario file."""
-
-    value: Any
-
-    def at(self, u: float) -> Any:
-        """The value."""
-        return self.value
-
-    @property
-    def ends(self) -> tuple[Any, ...]:
-        """The value."""
-        return (self.value,)
-
-    @property
-    def words(self) -> str:
-        """Such as `2.4`."""
-        return str(self.value)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Uniform:
-    """Uniform between two numbers, or over the lower number plus multiples of a step."""
-
-    low: float
-    high: float
-    step: float | None = None
-
-    def at(self, u: float) -> float:
-        """The number at a quantile."""
-        if self.step is None:
-            return _clamped(self.low + u * (self.high - self.low), self)
-        steps = math.floor((self.high - self.low) / self.step + 1e-9)
-        return _clamped(self.low + math.floor(u * (steps + 1)) * self.step, self)
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """Lowest and highest."""
-        return (self.low, self.high)
-
-    @property
-    def words(self) -> str:
-        """Such as `uniform 1 to 2`."""
-        return f"uniform {self.low:g} to {self.high:g}" + (f" in steps of {self.step:g}" if self.step else "")
-
-
-@dataclass(frozen=True, kw_only=True)
-class LogUniform:
-    """Log-uniform between two numbers above 0."""
-
-    low: float
-    high: float
-
-    def at(self, u: float) -> float:
-        """The number at a quantile."""
-        return _clamped(self.low * (self.high / self.low) ** u, self)
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """Lowest and highest."""
-        return (self.low, self.high)
-
-    @property
-    def words(self) -> str:
-        """Such as `log-uniform 1 to 2`."""
-        return f"log-uniform {self.low:g} to {self.high:g}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Normal:
-    """Truncated normal distribution; mean and standard deviation are those before truncation."""
-
-    mean: float
-    sd: float
-    low: float
-    high: float
-
-    def at(self, u: float) -> float:
-        """The number at a quantile."""
-        first, last = ndtr((self.low - self.mean) / self.sd), ndtr((self.high - self.mean) / self.sd)
-        return _clamped(self.mean + self.sd * float(ndtri(first + u * (last - first))), self)
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """Lowest and highest."""
-        return (self.low, self.high)
-
-    @property
-    def words(self) -> str:
-        """Such as `normal 1 ± 0.1 within 0.8 to 1.2`."""
-        return f"normal {self.mean:g} ± {self.sd:g} within {self.low:g} to {self.high:g}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Integer:
-    """A whole number, uniform between two, both included."""
-
-    low: int
-    high: int
-
-    def at(self, u: float) -> int:
-        """The number at a quantile."""
-        return self.low + min(int(u * (self.high - self.low + 1)), self.high - self.low)
-
-    @property
-    def ends(self) -> tuple[int, ...]:
-        """Lowest and highest."""
-        return (self.low, self.high)
-
-    @property
-    def words(self) -> str:
-        """Such as `whole number 1 to 4`."""
-        return f"whole number {self.low} to {self.high}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choice:
-    """One of several values of any type, with weights."""
-
-    values: tuple[Any, ...]
-    weights: tuple[float, ...]
-
-    def at(self, u: float) -> Any:
-        """The value at a quantile."""
-        return self.values[self.index(u)]
-
-    def index(self, u: float) -> int:
-        """Number of the value at a quantile."""
-        sums = list(itertools.accumulate(self.weights))
-        return min(bisect.bisect_right(sums, u * sums[-1]), len(sums) - 1)
-
-    @property
-    def ends(self) -> tuple[Any, ...]:
-        """All values."""
-        return self.values
-
-    @property
-    def words(self) -> str:
-        """Such as `one of male (1), female (2)`."""
-        return "one of " + ", ".join(f"{value} ({weight:g})" for value, weight in zip(self.values, self.weights))
-
-
-def _clamped(value: float, within: Uniform | LogUniform | Normal) -> float:
-    """The number rounded to six digits and limited to the range."""
-    return float(min(max(float(f"{value:.6g}"), within.low), within.high))
-
-
-class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
 _Number = Annotated[float, number(-_MOST, _MOST)]
 _Above0 = Annotated[float, number(1e-9, _MOST)]
 _Whole = Annotated[int, whole(-int(_MOST), int(_MOST))]
@@ -201,91 +41,27 @@ def _ordered(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
-class _Uniform(_Keys):
-    """Between two numbers, every one as likely.
+class Distribution(BaseModel, ABC):
+    """A distribution of a value; its fields are the keys of a file."""
 
-    Attributes:
-        uniform: Lowest and highest.
-        step: Only the lowest and its multiples above it.
-    """
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    uniform: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
-    step: _Above0 | None = None
+    @abstractmethod
+    def at(self, u: float) -> Any:
+        """The value at a quantile, 0 <= u < 1."""
 
-    def build(self) -> Uniform:
-        """The distribution."""
-        return Uniform(low=self.uniform[0], high=self.uniform[1], step=self.step)
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[Any, ...]:
+        """Lowest and highest value, or all values where they have no order."""
 
-
-class _LogUniform(_Keys):
-    """Between two numbers above 0, every ratio as likely.
-
-    Attributes:
-        log_uniform: Lowest and highest.
-    """
-
-    log_uniform: Annotated[tuple[_Above0, _Above0], AfterValidator(_ordered)]
-
-    def build(self) -> LogUniform:
-        """The distribution."""
-        return LogUniform(low=self.log_uniform[0], high=self.log_uniform[1])
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """Description for the manifest."""
 
 
-class _Normal(_Keys):
-    """A normal distribution between limits.
-
-    Attributes:
-        normal: Mean and standard deviation.
-        within: Lowest and highest value.
-    """
-
-    normal: tuple[_Number, _Number]
-    within: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
-
-    def build(self) -> Normal:
-        """The distribution."""
-        (mean, sd), (low, high) = self.normal, self.within
-        if sd <= 0:
-            raise refused([mean, sd], "mean and standard deviation, above 0", "normal")
-        if high < mean - _TAIL_SD * sd or low > mean + _TAIL_SD * sd:
-            raise refused([low, high], f"limits no farther than {_TAIL_SD:g} SD from the mean", "within")
-        return Normal(mean=mean, sd=sd, low=low, high=high)
-
-
-class _Integer(_Keys):
-    """A whole number between two, every one as likely.
-
-    Attributes:
-        integer: Lowest and highest.
-    """
-
-    integer: Annotated[tuple[_Whole, _Whole], AfterValidator(_ordered)]
-
-    def build(self) -> Integer:
-        """The distribution."""
-        return Integer(low=self.integer[0], high=self.integer[1])
-
-
-class _Choice(_Keys):
-    """One of some values.
-
-    Attributes:
-        choice: The values; anything that a scenario file may say.
-        weights: How likely each is, against the others.
-    """
-
-    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
-    weights: Annotated[tuple[_Above0, ...], Field(min_length=1)] | None = None
-
-    def build(self) -> Choice:
-        """The distribution."""
-        weights = self.weights or (1.0,) * len(self.choice)
-        if len(weights) != len(self.choice):
-            raise refused(list(weights), f"{len(self.choice)} numbers, one for each value", "weights")
-        return Choice(values=self.choice, weights=weights)
-
-
-class _Fixed(_Keys):
+class Fixed(Distribution):
     """One value for every walk.
 
     Attributes:
@@ -294,14 +70,192 @@ class _Fixed(_Keys):
 
     fixed: Any
 
-    def build(self) -> Fixed:
-        """The distribution."""
-        return Fixed(value=self.fixed)
+    def at(self, u: float) -> Any:
+        """The value."""
+        return self.fixed
+
+    @property
+    def ends(self) -> tuple[Any, ...]:
+        """The value."""
+        return (self.fixed,)
+
+    @property
+    def words(self) -> str:
+        """Such as `2.4`."""
+        return str(self.fixed)
 
 
-_KINDS: dict[str, Any] = {
-    "uniform": _Uniform, "log_uniform": _LogUniform, "normal": _Normal, "integer": _Integer, "choice": _Choice,
-    "fixed": _Fixed,
+class Uniform(Distribution):
+    """A number between two others, each equally likely.
+
+    Attributes:
+        uniform: Lowest and highest.
+        step: Only the lowest plus multiples of this step.
+    """
+
+    uniform: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+    step: _Above0 | None = None
+
+    def at(self, u: float) -> float:
+        """The number at a quantile."""
+        low, high = self.uniform
+        if self.step is None:
+            return _clamped(low + u * (high - low), self.uniform)
+        steps = math.floor((high - low) / self.step + 1e-9)
+        return _clamped(low + math.floor(u * (steps + 1)) * self.step, self.uniform)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest."""
+        return self.uniform
+
+    @property
+    def words(self) -> str:
+        """Such as `uniform 1 to 2`."""
+        return f"uniform {_span(self.uniform)}" + (f" in steps of {self.step:g}" if self.step else "")
+
+
+class LogUniform(Distribution):
+    """A number between two others above 0, whose logarithm is uniformly distributed.
+
+    Attributes:
+        log_uniform: Lowest and highest.
+    """
+
+    log_uniform: Annotated[tuple[_Above0, _Above0], AfterValidator(_ordered)]
+
+    def at(self, u: float) -> float:
+        """The number at a quantile."""
+        low, high = self.log_uniform
+        return _clamped(low * (high / low) ** u, self.log_uniform)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest."""
+        return self.log_uniform
+
+    @property
+    def words(self) -> str:
+        """Such as `log-uniform 1 to 2`."""
+        return f"log-uniform {_span(self.log_uniform)}"
+
+
+class Normal(Distribution):
+    """A truncated normal distribution.
+
+    Attributes:
+        normal: Mean and standard deviation, before truncation.
+        within: Lowest and highest value.
+    """
+
+    normal: tuple[_Number, _Number]
+    within: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+
+    @model_validator(mode="after")
+    def _check(self) -> Normal:
+        (mean, sd), (low, high) = self.normal, self.within
+        if sd <= 0:
+            raise refused([mean, sd], "mean and standard deviation, above 0", "normal")
+        if high < mean - _TAIL_SD * sd or low > mean + _TAIL_SD * sd:
+            raise refused([low, high], f"limits no farther than {_TAIL_SD:g} SD from the mean", "within")
+        return self
+
+    def at(self, u: float) -> float:
+        """The number at a quantile."""
+        (mean, sd), (low, high) = self.normal, self.within
+        first, last = ndtr((low - mean) / sd), ndtr((high - mean) / sd)
+        return _clamped(mean + sd * float(ndtri(first + u * (last - first))), self.within)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest."""
+        return self.within
+
+    @property
+    def words(self) -> str:
+        """Such as `normal 1 ± 0.1 within 0.8 to 1.2`."""
+        return f"normal {self.normal[0]:g} ± {self.normal[1]:g} within {_span(self.within)}"
+
+
+class Integer(Distribution):
+    """A whole number between two others, both included, each equally likely.
+
+    Attributes:
+        integer: Lowest and highest.
+    """
+
+    integer: Annotated[tuple[_Whole, _Whole], AfterValidator(_ordered)]
+
+    def at(self, u: float) -> int:
+        """The number at a quantile."""
+        low, high = self.integer
+        return low + min(int(u * (high - low + 1)), high - low)
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Lowest and highest."""
+        return self.integer
+
+    @property
+    def words(self) -> str:
+        """Such as `whole number 1 to 4`."""
+        return f"whole number {self.integer[0]} to {self.integer[1]}"
+
+
+class Choice(Distribution):
+    """One of several values.
+
+    Attributes:
+        choice: The values, of any type that a scenario file may hold.
+        weights: Relative probability of each; equal by default.
+    """
+
+    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
+    weights: Annotated[tuple[_Above0, ...], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Choice:
+        if self.weights is not None and len(self.weights) != len(self.choice):
+            raise refused(list(self.weights), f"{len(self.choice)} numbers, one for each value", "weights")
+        return self
+
+    def at(self, u: float) -> Any:
+        """The value at a quantile."""
+        return self.choice[weighted_index(self._weights, u)]
+
+    @property
+    def _weights(self) -> tuple[float, ...]:
+        return self.weights or (1.0,) * len(self.choice)
+
+    @property
+    def ends(self) -> tuple[Any, ...]:
+        """All values."""
+        return self.choice
+
+    @property
+    def words(self) -> str:
+        """Such as `one of male (1), female (2)`."""
+        return "one of " + ", ".join(f"{value} ({weight:g})" for value, weight in zip(self.choice, self._weights))
+
+
+def weighted_index(weights: Sequence[float], u: float) -> int:
+    """Index of the item at a quantile, where each item has a relative probability."""
+    sums = list(itertools.accumulate(weights))
+    return min(bisect.bisect_right(sums, u * sums[-1]), len(sums) - 1)
+
+
+def _clamped(value: float, within: tuple[float, float]) -> float:
+    """The number rounded to six digits and limited to the range."""
+    return float(min(max(float(f"{value:.6g}"), within[0]), within[1]))
+
+
+def _span(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:g} to {ends[1]:g}"
+
+
+_KINDS: dict[str, type[Distribution]] = {
+    "uniform": Uniform, "log_uniform": LogUniform, "normal": Normal, "integer": Integer, "choice": Choice,
+    "fixed": Fixed,
 }  # fmt: skip
 
 
@@ -310,7 +264,7 @@ class _OneValue:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Anything; in the JSON Schema anything but a mapping."""
-        return core_schema.no_info_after_validator_function(lambda v: Fixed(value=v), core_schema.any_schema())
+        return core_schema.no_info_after_validator_function(lambda value: Fixed(fixed=value), core_schema.any_schema())
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Text, a number, true or false, or a list."""
@@ -322,10 +276,7 @@ class _Distributed:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """A union that is tagged by the key of the distribution."""
-        kinds = {
-            TAG + key: handler.generate_schema(Annotated[kind, AfterValidator(kind.build)])
-            for key, kind in _KINDS.items()
-        }
+        kinds = {TAG + key: handler.generate_schema(kind) for key, kind in _KINDS.items()}
         value = handler.generate_schema(Annotated[Any, _OneValue()])
         return core_schema.tagged_union_schema({**kinds, _VALUE: value}, discriminator=_tag)
 

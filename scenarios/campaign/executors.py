@@ -19,12 +19,7 @@ _WAIT_S = 60
 
 
 def rows(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
-    """Rows, in the order in which walks finish.
-
-    Args:
-        jobs: Walks to generate.
-        workers: Processes on this machine.
-        scheduler: Address of a Dask scheduler, whose workers generate the walks instead.
+    """Rows, in the order in which walks finish, from processes on this machine or the workers of a Dask scheduler.
 
     Raises:
         StrideTwinError: An error that affects all walks, such as a full disk.
@@ -90,7 +85,7 @@ def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
         client = Client(address, timeout=_WAIT_S, set_as_default=False)
         client.wait_for_workers(1, timeout=_WAIT_S)
     except (OSError, ValueError) as error:
-        raise StrideTwinError(f"--scheduler: {address!r}: no scheduler with workers answers there ({error})") from error
+        raise StrideTwinError(f"--scheduler: {address!r}: no scheduler with workers there ({error})") from error
     with client:
         by_key = {f"{job.walk.name}-{job.key}": job for job in jobs}
         futures = [client.submit(make, job, key=key, pure=False) for key, job in by_key.items()]

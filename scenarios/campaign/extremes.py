@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
-from stridetwin.scenarios.campaign.named_files import FILES, Base, Variable
-from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files, tried
+from stridetwin.scenarios.campaign.named_files import FILES, SCENARIOS, Base, Variable, copy_files, parse_scenario
 from stridetwin.scenarios.campaign.people import Group
 from stridetwin.scenarios.campaign.plan import Extra, in_force, people, scenario_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -29,8 +28,8 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / FOLDER).mkdir()
-        lay_files(folder, campaign.own)
+        (folder / SCENARIOS).mkdir()
+        copy_files(folder, campaign.own)
         for group in campaign.people:
             _try_people(folder, group)
         somebody = next(iter(people(campaign)), None)
@@ -42,7 +41,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
                 for end in variable.distribution.ends:
                     drawn = middle | {variable.name: end}
                     try:
-                        tried(folder, scenario_of(campaign, base, somebody, drawn, extra))
+                        parse_scenario(folder, scenario_of(campaign, base, somebody, drawn, extra))
                     except StrideTwinError as error:
                         raise _campaign_error(variable, base, end, error) from error
 
@@ -50,17 +49,17 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
 def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
     """The unchanged scenario, then with the values that are set in all of its walks."""
     try:
-        tried(folder, base.scenario)
+        parse_scenario(folder, base.scenario)
     except StrideTwinError as error:
-        raise base.at.error(base.name, f"a scenario without error ({_inner(error)})") from error
+        raise base.at.error(base.name, f"a valid scenario ({_inner(error)})") from error
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
-        tried(folder, scenario)
+        parse_scenario(folder, scenario)
     except StrideTwinError as error:
         for variable in in_force(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 raise _campaign_error(variable, base, error.value, error) from error
-        raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
+        raise base.at.error(base.name, f"a scenario that allows the values that are set ({_inner(error)})") from error
 
 
 def _try_people(folder: Path, group: Group) -> None:
@@ -68,7 +67,7 @@ def _try_people(folder: Path, group: Group) -> None:
     for key, found in group.body.items():
         for end in found.ends if key != "bmi" else ():
             try:
-                tried(folder, {**_STEPS, "person": {key: end}})
+                parse_scenario(folder, {**_STEPS, "person": {key: end}})
             except ConfigError as error:
                 raise group.at.key(key).error(error.value, error.valid) from error
 
@@ -77,7 +76,7 @@ def _campaign_error(variable: Variable, base: Base, value: Any, error: StrideTwi
     """A scenario's error as an error of the campaign's file."""
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)
-    return variable.at.error(value, f"what {base.name} can be walked with ({_inner(error)})")
+    return variable.at.error(value, f"a value that {base.name} allows ({_inner(error)})")
 
 
 def _is_about(error: ConfigError, variable: Variable) -> bool:

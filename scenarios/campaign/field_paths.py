@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND
+from stridetwin.streams.errors import Where
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
@@ -16,12 +16,7 @@ _FORM = "keys with dots between and numbers of items in brackets, such as terrai
 
 @dataclass(frozen=True, kw_only=True)
 class FieldPath:
-    """A place in a scenario.
-
-    Attributes:
-        text: As the file writes it.
-        keys: Keys of mappings and numbers of items, from the root.
-    """
+    """A field of a scenario: its text in the file, and the keys of mappings and indices of lists from the root."""
 
     text: str
     keys: tuple[str | int, ...]
@@ -65,13 +60,10 @@ def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> 
 def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
     """Whether a node has a place for the key at this depth."""
     key, there = path.keys[depth], _text(path.keys[:depth])
-    if isinstance(key, int):
-        if not isinstance(node, list):
-            raise where.error(path.text, f"a place of the scenario, where {there} is {_short(node)}")
-        if key >= len(node):
-            raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}], the items that there are")
-    elif not isinstance(node, dict):
-        raise where.error(path.text, f"a place of the scenario, where {there} is {_short(node)}")
+    if not isinstance(node, list if isinstance(key, int) else dict):
+        raise where.error(path.text, f"a field of the scenario, where {there} is {_short(node)}")
+    if isinstance(key, int) and key >= len(node):
+        raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}]")
 
 
 def _opened(node: Any, *, of_group: bool) -> Any:

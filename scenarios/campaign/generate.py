@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.campaign import card, executors
+from stridetwin.scenarios.campaign import executors
 from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
-from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
-from stridetwin.scenarios.campaign.own_scenario import lay_files
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.campaign.walk import (
     HIDDEN,
@@ -26,12 +24,12 @@ from stridetwin.scenarios.campaign.walk import (
     REJECTED,
     ROWS,
     Job,
-    judged,
     keep_row,
     key_of,
     versions,
+    with_verdict,
 )
-from stridetwin.scenarios.files import json_text, sha256
+from stridetwin.scenarios.files import json_text, locked, sha256
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 
@@ -61,12 +59,7 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """Result of a campaign.
-
-    Attributes:
-        manifest: As written.
-        made: Number of walks generated now; the others were reused.
-    """
+    """Result of a campaign: its manifest, and the number of walks generated now; the others were reused."""
 
     manifest: dict[str, Any]
     made: int
@@ -84,11 +77,6 @@ class Done:
 
 def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
     """Generates the walks that the folder lacks for this configuration and version of the code.
-
-    Args:
-        campaign: The campaign.
-        options: How it is run.
-        progress: Receives the stage and its progress (0-1).
 
     Raises:
         StrideTwinError: Any usage error; finished walks are kept.
@@ -115,16 +103,16 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
         missing = [job for job in jobs if job.walk.name not in rows]
         outdated = sum(bool(found[job.walk.name]) for job in missing)
         if outdated:  # they describe recordings that will be replaced
-            for name in (manifests.NAME, card.NAME):
+            for name in (manifests.NAME, manifests.CARD_NAME):
                 (options.folder / name).unlink(missing_ok=True)
-        lay_files(options.folder, campaign.own)
-        stage = f"walks, {outdated} of another version anew" if outdated else "walks"
+        copy_files(options.folder, campaign.own)
+        stage = f"walks, {outdated} of another version again" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
         for row in executors.rows(missing, options.workers, options.scheduler):
             rows[row["walk"]] = row
             progress(stage, len(rows) / len(jobs))
         content = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
-        for name, text in ((card.NAME, card.card(content)), (manifests.NAME, json_text(content))):
+        for name, text in ((manifests.CARD_NAME, manifests.card(content)), (manifests.NAME, json_text(content))):
             with whole_file(options.folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return Done(manifest=content, made=len(missing))
@@ -150,7 +138,7 @@ def _kept(job: Job) -> dict[str, Any]:
 
 def _with_current_verdict(job: Job, row: dict[str, Any], recording: Path) -> dict[str, Any]:
     """The row by the current quality limits, with the recording moved to the folder of its verdict."""
-    now = judged(row, job.quality)
+    now = with_verdict(row, job.quality)
     if recording != (place := job.folder / now["recording"]):
         os.replace(recording, place)
     if now != row:
@@ -163,15 +151,12 @@ def _held(folder: Path) -> Iterator[None]:
     """Locks and creates the folders of a campaign; removes the unfinished files of killed runs."""
     for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
-    try:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stack.enter_context(locked(folder))
         except BlockingIOError:
-            raise StrideTwinError(f"{folder}: another generate works there: expected a folder of its own") from None
+            raise StrideTwinError(f"{folder}: another process generates walks there: expected another folder") from None
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
         (folder / HIDDEN).mkdir(exist_ok=True)
         yield
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
-    finally:
-        os.close(handle)

@@ -5,22 +5,26 @@ They are in the folder of the naming file or below it, and get the same relative
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
-from stridetwin.scenarios.fields import Where
-from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
+from stridetwin.streams.errors import Where
 from stridetwin.streams.fields import number, text
+from stridetwin.streams.files import whole_file
 from stridetwin.streams.validation import suggest
-from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
+from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
-FILES = "files"
+FILES, SCENARIOS = "files", "scenarios"
+"""Folders of the output: copies of the user's files, and the scenario file of each walk."""
 _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
 _OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
@@ -73,7 +77,7 @@ class NamedBase(BaseModel):
     """A scenario with values of its own.
 
     Attributes:
-        scenario: Name of the catalogue, or path of a file.
+        scenario: Name in the catalogue, or path of a file.
         set: Paths into the scenario, each with a value or a distribution.
     """
 
@@ -86,7 +90,7 @@ class _Weighed(NamedBase):
     """A scenario with values and a weight of its own.
 
     Attributes:
-        weight: How often it is walked, against the others.
+        weight: Frequency relative to the other scenarios.
     """
 
     weight: Annotated[float, number(1e-6, 1e6)] = 1.0
@@ -164,9 +168,9 @@ class NamedFiles:
     def _own_values(self, values: Distribution, at: Where) -> Distribution:
         """The same distribution with the names that files get in the output folder."""
         if isinstance(values, Fixed):
-            return Fixed(value=self.own_files(values.value, at))
+            return Fixed(fixed=self.own_files(values.fixed, at))
         if isinstance(values, Choice):
-            return replace(values, values=tuple(self.own_files(list(values.values), at)))
+            return Choice(choice=tuple(self.own_files(list(values.choice), at)), weights=values.weights)
         return values
 
     def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
@@ -227,3 +231,28 @@ def _parts_in(node: Any) -> Iterator[str]:
             yield value
         else:
             yield from _parts_in(value)
+
+
+def scenario_text(scenario: dict[str, Any]) -> str:
+    """A scenario's plain data as YAML."""
+    return yaml.dump(scenario, Dumper=Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+
+
+def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
+    """Copies the user's files to the paths that the walks' scenarios name."""
+    for name, source in own.items():
+        place = folder / FILES / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(place) as file:
+            shutil.copyfile(source, file)
+
+
+def parse_scenario(folder: Path, scenario: dict[str, Any]) -> Scenario:
+    """Parses and validates a scenario's plain data, through a file in the folder that has `SCENARIOS` and user files.
+
+    Raises:
+        StrideTwinError: It is invalid.
+    """
+    path = folder / SCENARIOS / "parsed.yaml"
+    path.write_text(scenario_text(scenario), encoding="utf-8")
+    return read_scenario(path)

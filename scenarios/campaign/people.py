@@ -8,9 +8,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
-from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import Person
 from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.streams.errors import Where
 from stridetwin.streams.fields import ReadAs, refused, unique, whole, words
 
 MOST = 10_000
@@ -46,11 +46,7 @@ class Group:
         return tuple(key for key, found in self.body.items() if not isinstance(found, Fixed))
 
     def person(self, quantiles: dict[str, float]) -> dict[str, Any]:
-        """A member, in the form of a scenario file's person.
-
-        Args:
-            quantiles: Of each key that varies.
-        """
+        """A member, in the form of a scenario file's person, from the quantile of each key that varies."""
         body = {key: found.at(quantiles.get(key, 0.0)) for key, found in self.body.items()}
         if "bmi" in body:
             height = body.get("height_m", Person.height_m)
@@ -60,7 +56,7 @@ class Group:
 
 
 class _Named(BaseModel):
-    """People of the project.
+    """Predefined people.
 
     Attributes:
         named: Their names.
@@ -75,15 +71,15 @@ class _Named(BaseModel):
 
 
 class _Drawn(BaseModel):
-    """People whose bodies are drawn.
+    """People whose bodies are drawn from distributions.
 
     Attributes:
-        count: How many.
+        count: Number of people.
         bmi: Body mass index, kg/m², 15-45, which gives the mass; instead of mass_kg.
         sex: `male` or `female`.
         height_m: Standing height without shoes.
         mass_kg: Body mass.
-        shoe_mm: Shoe size as the length of the foot that it fits.
+        shoe_mm: Shoe size, as the length of a fitting foot.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -114,7 +110,7 @@ GroupInFile = Annotated[Group, ReadAs(_GroupInFile)]
 """Type of an item of the list `people`; it becomes a `Group`."""
 
 
-def told(person: Person) -> dict[str, Any]:
+def plain_person(person: Person) -> dict[str, Any]:
     """A person in the form of scenario file and manifest, with all defaults filled in."""
     body = asdict(person)
     shoe = body.pop("shoe_m")

@@ -5,9 +5,9 @@ Low-discrepancy points of the unit cube: one point per walk, one dimension per v
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
-from stridetwin.scenarios.campaign.distributions import Choice
+from stridetwin.scenarios.campaign.distributions import weighted_index
 from stridetwin.scenarios.campaign.field_paths import field_path, put
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
@@ -30,8 +30,8 @@ def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, 
     Args:
         sampling: `sobol` or `latin_hypercube`.
         count: Number of points.
-        dimensions: Of the cube.
-        seed: Of the campaign.
+        dimensions: Number of dimensions.
+        seed: Seed of the campaign.
         key: Identifies this cube among those of the campaign.
 
     Returns:
@@ -57,8 +57,8 @@ class Walk:
     """One walk.
 
     Attributes:
-        name: Of its files.
-        seed: Of everything random in it.
+        name: Name of its files.
+        seed: Seed of all its random numbers.
         base: Name of the scenario that it comes from.
         values: Drawn values by their names in the campaign's file, without those that a later line replaces.
         scenario: Plain data of its own scenario file.
@@ -73,12 +73,7 @@ class Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Command-line overrides for every walk.
-
-    Attributes:
-        physics: How the body moves; None uses the scenario's.
-        cameras: False turns every camera off.
-    """
+    """Command-line overrides for every walk: other physics than the scenario's, and no cameras."""
 
     physics: str | None = None
     cameras: bool = True
@@ -113,8 +108,10 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     jointly, independent of the other scenarios.
     """
     crowd, sampling = people(campaign), campaign.sampling
-    order = Choice(values=campaign.bases, weights=tuple(base.weight for base in campaign.bases))
-    which = [order.index(row[0]) for row in cube(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()]
+    weights = [base.weight for base in campaign.bases]
+    which = [
+        weighted_index(weights, row[0]) for row in cube(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
+    ]
     varied = [[v for v in in_force(campaign, base, Extra()) if v.varies] for base in campaign.bases]
     points = [
         iter(cube(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())
@@ -150,25 +147,20 @@ def in_force(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
 
 
 def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, Any], extra: Extra) -> dict[str, Any]:
-    """Plain data of one walk's scenario.
+    """Plain data of one walk's scenario, with the drawn values, the person (None: the scenario's) and the overrides.
 
-    Args:
-        campaign: Its variables are set first, then the scenario's own.
-        base: The scenario.
-        person: The walker; None for the scenario's.
-        drawn: Value of each variable in force that varies.
-        extra: Overrides of the command line.
+    The campaign's variables are set first, then the scenario's own.
 
     Raises:
         ConfigError: This scenario lacks the field of a variable.
     """
-    scenario: dict[str, Any] = _copied(base.scenario)
+    scenario: dict[str, Any] = deepcopy(base.scenario)
     for variable in in_force(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         for path in variable.paths:
-            put(scenario, path, _copied(value), variable.at)
+            put(scenario, path, deepcopy(value), variable.at)
     if person is not None:
-        scenario["person"] = _copied(person)
+        scenario["person"] = deepcopy(person)
     if extra.physics is not None:
         scenario["physics"] = extra.physics
     if not extra.cameras:
@@ -180,8 +172,3 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
 def _drawn(variables: Sequence[Variable], quantiles: Sequence[float]) -> Iterator[tuple[str, Any]]:
     for variable, u in zip(variables, quantiles):
         yield variable.name, variable.distribution.at(u)
-
-
-def _copied(value: Any) -> Any:
-    """A deep copy of plain data."""
-    return json.loads(json.dumps(value))

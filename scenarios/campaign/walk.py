@@ -6,24 +6,28 @@ import hashlib
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stridetwin.scenarios.campaign.campaign_file import Quality
-from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
-from stridetwin.scenarios.campaign.own_scenario import scenario_text
-from stridetwin.scenarios.campaign.people import told
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, scenario_text
+from stridetwin.scenarios.campaign.people import plain_person
 from stridetwin.scenarios.campaign.plan import Walk
-from stridetwin.scenarios.campaign.quality import measured, reasons
+from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.scenarios.files import sha256
-from stridetwin.scenarios.record import record
+from stridetwin.scenarios.metadata import injected_faults
+from stridetwin.scenarios.record import record, twin_class
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
 from stridetwin.scenarios.versions import digest
-from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.config import Person, TwinConfig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.mcap_contents import McapContents
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.topic_reader import concatenated
@@ -57,19 +61,17 @@ def read_once(path: Path) -> Recording:
 
 RECORDINGS, REJECTED, ROWS, HIDDEN = "recordings", "rejected", "rows", ".unfinished"
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
+_RESIDUAL = "/truth/root_residual"
 _LIBRARIES = ("mujoco", "numpy", "scipy")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """A walk to generate.
+    """A walk to generate, in the campaign's folder and with its quality limits.
 
     Attributes:
-        walk: Its plan.
-        folder: The campaign's.
-        quality: Its quality limits.
-        key: Of its row: a digest of everything that determines the recording.
-        versions: Of the code that must generate it.
+        key: Digest of everything that determines the recording.
+        versions: Versions of the code that must generate it.
     """
 
     walk: Walk
@@ -94,13 +96,7 @@ def versions() -> dict[str, str]:
 
 
 def key_of(walk: Walk, own: dict[str, str], made_by: dict[str, str]) -> str:
-    """Digest of everything that determines a walk's recording.
-
-    Args:
-        walk: The walk.
-        own: Digest of each of the user's files.
-        made_by: Versions of the code.
-    """
+    """Digest of everything that determines a recording: the walk, digests of the user's files, versions of the code."""
     what = json.dumps([asdict(walk), own, made_by], sort_keys=True)
     return hashlib.sha256(what.encode()).hexdigest()[:16]
 
@@ -162,32 +158,22 @@ def _put(text: str, hidden: Path, path: Path) -> None:
 
 
 def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
-    try:
-        from stridetwin.sim.twin import Twin
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
-        ) from None
+    make_twin = twin_class()
     scenario: Scenario | None = None
     recorded = hidden / f"{job.walk.name}.mcap"
     try:
         scenario = read_scenario(path)
-        twin = Twin(scenario.config, job.walk.seed)
+        twin = make_twin(scenario.config, job.walk.seed)
         _ = twin.duration_s  # simulated here
     except StrideTwinError as error:
-        return _refused(job, error, path, scenario)
+        return _infeasible(job, error, path, scenario)
     try:
         record(twin, recorded, lambda *_: None)
     except ConfigError as error:  # a fault after the walk's end
-        return _refused(job, error, path, scenario)
+        return _infeasible(job, error, path, scenario)
     figures = measured(read_once(recorded), scenario.config.person, twin.fell_at)
-    row = judged(
-        {
-            **_row(job, ACCEPTED, [], scenario),
-            "bytes": recorded.stat().st_size,
-            "sha256": sha256(recorded),
-            **figures,
-        },
+    row = with_verdict(
+        {**_row(job, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
         job.quality,
     )
     for place in (RECORDINGS, REJECTED):
@@ -197,14 +183,14 @@ def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
     return row
 
 
-def judged(row: dict[str, Any], quality: Quality) -> dict[str, Any]:
+def with_verdict(row: dict[str, Any], quality: Quality) -> dict[str, Any]:
     """The row of a recorded walk with its verdict and the resulting path of its recording."""
     found = reasons(row, quality)
     status, place = (REJECTS, REJECTED) if found else (ACCEPTED, RECORDINGS)
     return {**row, "status": status, "reasons": found, "recording": f"{place}/{row['walk']}.mcap"}
 
 
-def _refused(job: Job, error: StrideTwinError, path: Path, scenario: Scenario | None) -> dict[str, Any]:
+def _infeasible(job: Job, error: StrideTwinError, path: Path, scenario: Scenario | None) -> dict[str, Any]:
     """The row of an infeasible walk."""
     for place in (RECORDINGS, REJECTED):
         job.place(place, ".mcap").unlink(missing_ok=True)  # of another version
@@ -237,7 +223,7 @@ def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None
 
 def _who_and_where(config: TwinConfig) -> dict[str, Any]:
     """Person and terrain; equal bodies and equal routes have equal names."""
-    body = told(config.person)
+    body = plain_person(config.person)
     return {
         "person": f"person_{_short(json.dumps(body, sort_keys=True))}",
         "body": body,
@@ -248,3 +234,48 @@ def _who_and_where(config: TwinConfig) -> dict[str, Any]:
 
 def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def measured(recording: Recording, person: Person, fell_at_s: float | None) -> dict[str, Any]:
+    """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
+
+    Returns:
+        `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and
+        `expected_findings` about streams with an injected fault.
+    """
+    broken = {i.topic for i in injected_faults(recording.metadata)}
+    errors = [f for f in check_recording(recording).findings if f.is_error]
+    return {
+        "duration_s": _rounded(recording.duration),
+        "fell_at_s": None if fell_at_s is None else _rounded(fell_at_s),
+        "help_mean_pct": _root_help_pct(recording, person),
+        "findings": [_words(f) for f in errors if f.topic not in broken],
+        "expected_findings": [_words(f) for f in errors if f.topic in broken],
+    }
+
+
+def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
+    """Reasons to reject a walk by the figures of `measured`; empty if it is accepted."""
+    found = []
+    if figures["fell_at_s"] is not None and quality.falls == "reject":
+        found.append(f"fell: at {figures['fell_at_s']:.2f} s")
+    if (help_pct := figures["help_mean_pct"]) > quality.help_pct:
+        found.append(f"help: {help_pct:g} % of the body weight at the root, more than {quality.help_pct:g} %")
+    if quality.sensors == "reject":
+        found += [f"sensors: {words}" for words in figures["findings"]]
+    return found
+
+
+def _root_help_pct(recording: Recording, person: Person) -> float:
+    """Mean external force at the root besides the ground's, % of the body weight; 0 for a kinematic walk."""
+    force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
+    return _rounded(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
+
+
+def _words(finding: Finding) -> str:
+    return finding.what if finding.what.startswith(finding.topic) else f"{finding.topic}: {finding.what}"
+
+
+def _rounded(value: float) -> float:
+    """Three decimals; -0 becomes 0."""
+    return round(value, 3) + 0.0

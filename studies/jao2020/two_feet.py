@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
-from stridetwin.evaluation.alignment import vertical_turn
+from stridetwin.evaluation.alignment import vertical_rotation
 from stridetwin.evaluation.path_scores import CHI2_3_95
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.rig import Mount, Rig
@@ -170,5 +170,5 @@ def feet_disagree(laid: Mapping[str, tuple[Trajectory, Trajectory]]) -> Array:
     _, *rows = np.intersect1d(laid["l"][0].t_ns, laid["r"][0].t_ns, return_indices=True)
     apart = [laid["r"][i].p_frame_in_world[rows[1]] - laid["l"][i].p_frame_in_world[rows[0]] for i in range(2)]
     q = [Rotation.from_quat(laid["l"][i].q_world_frame[rows[0]], scalar_first=True) for i in range(2)]
-    turn = vertical_turn((q[1] * q[0].inv()).as_matrix())
+    turn = vertical_rotation((q[1] * q[0].inv()).as_matrix())
     return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", turn, apart[0]) - apart[1], axis=1))

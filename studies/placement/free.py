@@ -15,9 +15,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.field_paths import FieldPath
-from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import Person
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import number, refused, words
 from stridetwin.streams.samples import Array
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.evaluation.gate.walk_scores import Job, score_walk
-from stridetwin.scenarios.campaign.own_scenario import FOLDER
+from stridetwin.scenarios.campaign.named_files import SCENARIOS
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
@@ -136,7 +136,7 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
     """
     try:
         with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:
-            scenario = scenario_of(walk.scenario, walk.folder / FOLDER / f"{walk.name}.yaml")
+            scenario = scenario_of(walk.scenario, walk.folder / SCENARIOS / f"{walk.name}.yaml")
             path = Path(name) / "walk.mcap"
             record(make_twin(scenario, walk.seed), path, lambda *_: None)
             row = score_walk(Job(name=walk.name, path=path, lenient=bool(scenario.config.faults)))
@@ -250,7 +250,7 @@ class Measure:
             plain = plain_of(self._problem, base, place)
             scenario: Scenario | str
             try:
-                scenario = scenario_of(plain, self._folder / FOLDER / f"{base.name}.yaml")
+                scenario = scenario_of(plain, self._folder / SCENARIOS / f"{base.name}.yaml")
             except StrideTwinError as error:
                 scenario = " ".join(str(error).replace(f"{self._folder}/", "").split())
             for seed in seeds:

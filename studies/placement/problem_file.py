@@ -19,6 +19,7 @@ from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.field_paths import field_path, put
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
+    SCENARIOS,
     Base,
     NamedBase,
     NamedFiles,
@@ -26,11 +27,9 @@ from stridetwin.scenarios.campaign.named_files import (
     names_files,
     short_base,
 )
-from stridetwin.scenarios.campaign.own_scenario import FOLDER
-from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
 from stridetwin.streams.fields import OneKey, refused, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
@@ -48,8 +47,8 @@ class Optimise:
     """A search by CMA-ES.
 
     Attributes:
-        budget: How many places are tried in all.
-        starts: How often it starts, each time with its share of them.
+        budget: Total number of places to try.
+        starts: Number of restarts, among which the budget is divided.
     """
 
     budget: Annotated[int, whole(1, MOST_PLACES)]
@@ -58,10 +57,10 @@ class Optimise:
 
 @dataclass(frozen=True, kw_only=True)
 class Confirm:
-    """The best places once more, on walks that the search has not seen.
+    """Evaluation of the best places on further walks, which the search did not use.
 
     Attributes:
-        places: How many.
+        places: Number of places.
         walks: Walks of each scenario.
     """
 
@@ -127,15 +126,15 @@ _Base = Annotated[NamedBase, BeforeValidator(short_base, json_schema_input_type=
 
 
 class PlacementFile(BaseModel):
-    """A placement: what is free, on which walks, by which scores, and how it is searched.
+    """A placement: its free variables, walks, scores and search method.
 
     Attributes:
-        placement: One line that says what it is for.
-        scenarios: Scenarios, by name of the catalogue or path in the placement's folder.
-        set: Paths into the scenarios, each with a value at every place.
-        free: Paths into the scenarios, each with what there is to choose.
-        scores: By which places are compared; the search minimises their weighted sum.
-        seeds: Of the walks of each scenario: how many, from 0 on, or a list of them.
+        placement: Purpose of the placement, in one line.
+        scenarios: Scenarios, by name in the catalogue or path in the placement's folder.
+        set: Paths into the scenarios, each with a value that all places share.
+        free: Paths into the scenarios, each with the range or the values to choose from.
+        scores: Scores by which places are compared; the search minimises their weighted sum.
+        seeds: Seeds of the walks of each scenario: their number, from 0 on, or a list.
         seeing: When a board counts as seen.
         method: `sweep` over all places, or a search.
         confirm: The best places once more, on other walks.
@@ -284,7 +283,7 @@ def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
 
 def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Scenario:
     """A place's scenario; the folder contains the user's parts."""
-    return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
+    return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
 def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files, scenario_text
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files, scenario_text
 from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
@@ -66,8 +66,8 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
     """
     problem, folder = options.of(problem), options.folder
     with held(folder):
-        (folder / FOLDER).mkdir(exist_ok=True)
-        lay_files(folder, problem.own)
+        (folder / SCENARIOS).mkdir(exist_ok=True)
+        copy_files(folder, problem.own)
         check_ends(problem, folder)
         rows = Rows(folder / ROWS, options.resume)
         measure = Measure(problem, folder, rows, options.workers, progress)
@@ -193,10 +193,15 @@ def _write(
     """Writes all files and adds their names to the result."""
     best = searched.places[shown[0]]
     for base in problem.bases:
-        with whole_file(folder / FOLDER / f"best_{base.name}.yaml") as file:
+        with whole_file(folder / SCENARIOS / f"best_{base.name}.yaml") as file:
             file.write_text(scenario_text(plain_of(problem, base, best)), encoding="utf-8")
     image = body_map(problem, folder, searched, losses, best)
-    files = ["placement.json", "placement.html", "places.csv", *(f"{FOLDER}/best_{b.name}.yaml" for b in problem.bases)]
+    files = [
+        "placement.json",
+        "placement.html",
+        "places.csv",
+        *(f"{SCENARIOS}/best_{b.name}.yaml" for b in problem.bases),
+    ]
     if image is not None:
         files.append("body.png")
         with whole_file(folder / "body.png") as file:

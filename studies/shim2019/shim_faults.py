@@ -174,8 +174,8 @@ def _figures(steps: list[ScoredStep]) -> dict[str, float]:
         **step_figures(steps, []),
         "slope_max_deg": max((abs(math.degrees(s.slope_error)) for s in seen), default=0.0),
         "elevation_max_mm": max((abs(1e3 * s.elevation_error) for s in seen), default=0.0),
-        "unknown_pct": percent(s.told_mode == UNKNOWN for s in steps),
-        "wrong_pct": percent(s.seen and s.told_mode not in (s.mode, UNKNOWN) for s in steps),
+        "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
+        "wrong_pct": percent(s.seen and s.estimated_mode not in (s.mode, UNKNOWN) for s in steps),
     }
 
 

@@ -80,7 +80,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
 def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     """Steps in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _seen(walk[method])]
-    points = np.array([(s.told_slope, s.told_elevation) for s in steps]).reshape(-1, 2)
+    points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
     plot = Plot(

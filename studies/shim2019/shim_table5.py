@@ -26,7 +26,7 @@ from stridetwin.evaluation.step_scores import (
     percent,
     score_steps,
     step_figures,
-    turned,
+    yaw_aligned,
 )
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -138,14 +138,14 @@ def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
     for who in {w for w, _ in trials}:
         steps = [s for w, walks in trials if w != who for own in walks.values() for s in own if s.seen]
         if len({s.mode for s in steps}) > 1:
-            slopes, elevations = [s.told_slope for s in steps], [s.told_elevation for s in steps]
+            slopes, elevations = [s.estimated_slope for s in steps], [s.estimated_elevation for s in steps]
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
     def classified(who: int, step: ScoredStep) -> ScoredStep:
         machine = machines.get(who)
         if machine is None or not step.seen:
             return step
-        return replace(step, told_mode=machine.classify(step.told_slope, step.told_elevation))
+        return replace(step, estimated_mode=machine.classify(step.estimated_slope, step.estimated_elevation))
 
     found = [(who, {walk: [classified(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
     return found, set(machines)
@@ -158,14 +158,14 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
         places = [e for _, walks in trials for e in displacement_errors(walks[walk], mode)]
         rows[case] = _figures(chosen, places, classed)
-        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(turned(walks[walk]), mode)]
+        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(yaw_aligned(walks[walk]), mode)]
         rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
     everything = [(who, own) for who, walks in trials for own in walks.values()]
     rows["all"] = _figures(everything, [], classed)
     known = [s for who, own in everything if who in classed for s in own]
     if known:
         for mode in MODES:
-            rows["all"][f"accuracy_{mode}_pct"] = percent(s.told_mode == s.mode for s in known if s.mode == mode)
+            rows["all"][f"accuracy_{mode}_pct"] = percent(s.estimated_mode == s.mode for s in known if s.mode == mode)
     return rows
 
 
@@ -176,7 +176,7 @@ def _figures(
     figures = step_figures([s for _, own in walks for s in own], places)
     known = [s for who, own in walks if who in classed for s in own]
     del figures[_CLASSES]
-    return figures | ({_CLASSES: percent(s.told_mode == s.mode for s in known)} if known else {})
+    return figures | ({_CLASSES: percent(s.estimated_mode == s.mode for s in known)} if known else {})
 
 
 def paper(who: str) -> dict[str, dict[str, float]]:

@@ -165,7 +165,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
-    predicted = Counter(s.told for s in steps)
+    predicted = Counter(s.predicted for s in steps)
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from scipy.stats import t as student_t
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, told_and_right
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, reliability
 from stridetwin.evaluation.norms import reference, reference_rows
 from stridetwin.report.html import boxes, page, preformatted, section
 from stridetwin.report.html import table as html_table
@@ -209,7 +209,7 @@ def ahead(result: dict[str, Any]) -> list[str]:
         f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
         *(
             f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(own['seen_pct'])}{_cell(own['rmse'], 16)}"
-            f"{_cell(own['told_rmse'], 23)}"
+            f"{_cell(own['all_rmse'], 23)}"
             for size, ways in ours["sizes"].items()
             for way, own in ways.items()
         ),
@@ -405,7 +405,7 @@ def _lead(steps: dict[str, list[ScoredMode]]) -> str:
 
 
 def _calibration(steps: Sequence[ScoredMode]) -> str:
-    bins = told_and_right(steps)
+    bins = reliability(steps)
     plot = Plot(
         title="Calibration", x=(0.0, 1.05), y=(0.0, 1.12), x_label="predicted probability",
         y_label="share of correct predictions", height=320,

@@ -22,13 +22,13 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.evaluation.alignment import Laid
+from stridetwin.evaluation.alignment import MovingAlignment
 from stridetwin.evaluation.mode_scores import ModeScores, score_modes
 from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
 from stridetwin.pipeline.run import pose_of
 from stridetwin.pipeline.terrain_files import given_poses, pose_sample
-from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
@@ -243,9 +243,9 @@ def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dic
     truth = TruePath.of(recording.block(given_poses(recording, depth_calibration(recording.rig))[0]))
     there = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
     path = predictions.path[there]
-    laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
+    alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
     footprints = true_footprints(recording)
-    return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in predictions.estimates.items()}
+    return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in predictions.estimates.items()}
 
 
 def posed(

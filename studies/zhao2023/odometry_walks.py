@@ -16,7 +16,7 @@ import numpy as np
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
-from stridetwin.evaluation.path_drift import Odometry, drift_figures
+from stridetwin.evaluation.path_scores import Odometry, drift_figures
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.recording.reader import Recording

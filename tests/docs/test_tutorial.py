@@ -42,7 +42,7 @@ def test_the_tutorial_s_estimator_is_short_and_not_bad(done):
 
 def test_the_tutorial_shows_what_score_says(done):
     (shown,) = [block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.language == "text"]
-    told = done.stdout[done.stdout.index("\nestimator   ") :].splitlines()[1:3]
+    told = done.stdout[done.stdout.index("\nestimator  ") :].splitlines()[1:3]
     assert shown.splitlines()[0].split() == told[0].split()
     for ours, theirs in zip(shown.splitlines()[1].split()[1:], told[1].split()[1:], strict=True):
         if ours != "-":

@@ -43,11 +43,11 @@ def ours(walk):
 def test_proposed_estimates_a_level_walk_as_level(walk, ours):
     _, _, footprints = walk
     steps = score_steps(footprints, ours)
-    assert all(s.told_mode == "LG" for s in steps)
+    assert all(s.estimated_mode == "LG" for s in steps)
     assert rms([s.elevation_error for s in steps]) < 0.0065
     assert rms([s.slope_error for s in steps]) < np.radians(0.8)
     assert np.mean([abs(s.elevation_error) < 1.96 * s.elevation_sd for s in steps]) > 0.85
-    moved = np.diff([s.told_place for s in steps], axis=0) - np.diff([s.place for s in steps], axis=0)
+    moved = np.diff([s.estimated_place for s in steps], axis=0) - np.diff([s.place for s in steps], axis=0)
     assert rms(moved.mean(axis=0)) < 0.007
 
 
@@ -143,10 +143,10 @@ FAULTS = {
 def test_faults_leave_the_class_right_or_unknown(walk, fault):
     exo, samples, footprints = walk
     steps = score_steps(footprints, ContactTerrain(exo).run(FAULTS[fault](samples)))
-    classified = [s for s in steps if s.told_mode not in ("", "unknown")]
-    assert len(classified) >= 0.5 * len(steps)
-    assert all(s.told_mode == "LG" for s in classified)
-    assert rms([s.elevation_error for s in classified]) < 0.015
+    told = [s for s in steps if s.estimated_mode not in ("", "unknown")]
+    assert len(told) >= 0.5 * len(steps)
+    assert all(s.estimated_mode == "LG" for s in told)
+    assert rms([s.elevation_error for s in told]) < 0.015
 
 
 def sticking(samples, cell):
@@ -177,7 +177,7 @@ def creeping(samples):
 def test_cells_that_stick_creep_or_are_low_hide_no_step(walk, fault):
     exo, samples, footprints = walk
     steps = score_steps(footprints, ContactTerrain(exo).run(fault(samples)))
-    assert [s.told_mode for s in steps] == ["LG"] * len(steps)
+    assert [s.estimated_mode for s in steps] == ["LG"] * len(steps)
     assert rms([s.elevation_error for s in steps]) < 0.01
 
 

@@ -7,7 +7,7 @@ import yaml
 from plots import figures
 
 from stridetwin.cli.main import main
-from stridetwin.scenarios.injected import from_metadata
+from stridetwin.scenarios.metadata import injected_faults
 from stridetwin.scenarios.scenario_file import load_scenario, read_scenario
 from stridetwin.scenarios.scenario_model import FAULTS
 from stridetwin.sim.faults.faults import LooseStrap
@@ -87,7 +87,7 @@ def test_a_run_with_every_fault_tells_them_and_scores_what_is_left(simulator, tm
     scores = json.loads(capsys.readouterr().out)["estimators"]
     assert all(foot["coverage_pct"] > 90 for foot in scores.values())
     recording = Recording(folder / "recording.mcap", lenient=True)
-    told = from_metadata(recording.metadata)
+    told = injected_faults(recording.metadata)
     # the stand-in for the twin carries no IMU at the head, and so no strap that holds one
     assert {f.kind for f in told} == {f["kind"] for f in EVERY} - {"loose_strap"}
     assert next(f for f in told if f.kind == "nan").topic == "/foot_r/imu"

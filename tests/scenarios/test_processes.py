@@ -25,7 +25,7 @@ def test_results_come_as_they_are_done():
 
 @pytest.mark.parametrize("together", [mapped, as_done])
 def test_a_worker_that_dies_is_an_error_in_one_line(together):
-    with pytest.raises(StrideTwinError, match="a worker died before it was done; does memory suffice for 2 at a time"):
+    with pytest.raises(StrideTwinError, match="a worker process died; memory may be too small for 2 at a time"):
         list(together(os._exit, [7, 7], 2))
 
 

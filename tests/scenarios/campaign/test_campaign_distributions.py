@@ -54,9 +54,9 @@ def test_no_value_leaves_its_limits(u, low, width):
 
 
 def test_anything_that_is_no_distribution_is_a_value():
-    assert read([1, 2]) == Fixed(value=[1, 2])
+    assert read([1, 2]) == Fixed(fixed=[1, 2])
     assert read({"fixed": {"kind": "ahead"}}).at(0.5) == {"kind": "ahead"}
-    assert read({"choice": [[1], {"a": 2}]}) == Choice(values=([1], {"a": 2}), weights=(1.0, 1.0))
+    assert read({"choice": [[1], {"a": 2}]}) == Choice(choice=([1], {"a": 2}))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from small_campaign import SHORT, SMALL, write
 
 from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
-from stridetwin.scenarios.campaign.own_scenario import lay_files
+from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim import parts
@@ -50,7 +50,7 @@ def refused(path) -> str:
             "terrain[0]",
             "terrain[3]",
             "scenarios[0].set.terrain[3].level.length_m: invalid 'terrain[3].level.length_m': expected "
-            "terrain[0] to terrain[0], the items that there are",
+            "terrain[0] to terrain[0]",
         ),
         ("part: MPU-9250", "part: MPU-9999", "set.sensors.foot_imu.part: invalid 'MPU-9999': expected "),
         ("[1.55, 1.8]", "[1.3, 1.8]", "people[0].height_m: invalid 1.3: expected 1.5-1.95"),
@@ -69,7 +69,7 @@ def refused(path) -> str:
         ),
         ("  gait.speed_mps", "  person.height_m", "set.person.height_m: invalid 'person.height_m': expected no per"),
         ("seed: 3", "splits: {shares: {train: 0.7}}", "splits.shares: invalid {'train': 0.7}: expected shares"),
-        ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: invalid '../x': expected names of small letters"),
+        ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: invalid '../x': expected names of lower-case"),
         ("seed: 3", "quality: {falls: drop}", "quality.falls: invalid 'drop': expected reject, keep"),
         ("seed: 3", "seed: 3\nseed: 4", "line 5: duplicate key 'seed'"),
         ("seed: 3", "seed: !!python/object/apply:os.getcwd []", "line 4: not YAML: could not determine a constructor"),
@@ -81,9 +81,9 @@ def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, old, new, m
     assert message in refused(write(tmp_path, SMALL.replace(old, new)))
 
 
-def test_an_error_in_the_scenario_itself_is_told_as_one(tmp_path):
+def test_an_error_in_the_scenario_itself_is_reported_as_one(tmp_path):
     message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2")))
-    assert "scenarios[0].scenario: invalid 'short': expected a scenario without error (terrain[0].level.len" in message
+    assert "scenarios[0].scenario: invalid 'short': expected a valid scenario (terrain[0].level.len" in message
 
 
 @pytest.mark.parametrize("name", ["../outside.yaml", "{tmp}/outside.yaml", "link.yaml"])
@@ -160,7 +160,7 @@ def test_an_exoskeleton_and_a_mesh_come_with_all_that_they_name(tmp_path, model)
     for walk in plan(campaign, Extra()):
         assert walk.scenario["exo"] == {"model": f"../files/mine/{model}", "rig": "../files/mine/rig.yaml"}
         assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.STL"}
-    lay_files(tmp_path / "out", campaign.own)
+    copy_files(tmp_path / "out", campaign.own)
     for name in names:
         assert (tmp_path / "out" / "files" / name).read_bytes() == (tmp_path / name).read_bytes()
     (mine / model).write_text((mine / model).read_text().replace("a.stl", "../../../a.stl"))
@@ -175,7 +175,7 @@ def test_the_exoskeleton_of_the_examples_walks_in_campaigns(tmp_path):
     assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.own.keys()
 
 
-def test_campaigns_are_told_from_scenarios_by_what_they_say(tmp_path):
+def test_campaigns_are_distinguished_from_scenarios_by_their_keys(tmp_path):
     assert find_campaign("demo") is None
     assert find_campaign("stairs_and_ramps") == campaigns()["stairs_and_ramps"]
     path = write(tmp_path)

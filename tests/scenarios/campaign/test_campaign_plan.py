@@ -7,8 +7,7 @@ import pytest
 from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
-from stridetwin.scenarios.campaign.card import card
-from stridetwin.scenarios.campaign.manifest import manifest, ranges, split
+from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
 from stridetwin.scenarios.campaign.plan import Extra, cube, people, plan
 
 
@@ -140,7 +139,7 @@ def test_a_scenario_that_is_listed_twice_counts_as_two(tmp_path):
     assert set(split(rows, campaign.splits, 0)["terrain"]) == {"short", "short_2", "short_3"}
 
 
-def test_the_values_that_are_told_are_those_that_the_walk_has(tmp_path):
+def test_listed_values_are_those_of_the_walk(tmp_path):
     path = write(tmp_path, TWICE)
     write(tmp_path / "more")
     campaign = read_campaign(path)
@@ -159,7 +158,7 @@ def test_the_values_that_are_told_are_those_that_the_walk_has(tmp_path):
     assert common == "| gait.speed_mps | uniform 0.7 to 0.8 |  |  |"
 
 
-def test_a_line_below_a_later_one_is_not_told_and_one_with_a_place_left_is(tmp_path):
+def test_a_replaced_variable_is_not_listed_and_a_partly_replaced_one_is(tmp_path):
     text = TWO.replace("  - level_20m", "  - {scenario: level_20m, set: {gait: {fixed: {speed_mps: 1}}}}")
     text += "  'texture, gait.gaze': {choice: [plain, rich]}\n  physics: {choice: [kinematic, dynamic]}\n"
     text += "  sensors.head_camera.part: {choice: [D455, L515]}\n"

@@ -1,0 +1,152 @@
+"""`experiment` reproduces the table of a paper; `place` finds where sensors are most useful."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from stridetwin.cli.console import table
+from stridetwin.cli.options import Options, Outcome, Progress, count, one_of, option, output_option, switch, whole
+from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.studies.catalogue import STUDIES
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stridetwin.studies.placement.problem_file import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(Options):
+    """Run a paper's experiment and print its results beside ours."""
+
+    experiment: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))]
+    workers: Annotated[int, option("Cases at a time.", "N", count)] = 1
+    seed: Annotated[int | None, option("Seed of the first case (default 1000).", "FIRST", whole)] = None
+    subset: Annotated[int | None, option("Number of cases (default all).", "K", count)] = None
+    physics: Annotated[Literal["kinematic", "dynamic"], option("How the body moves, in experiments with walks.")] = (
+        "dynamic"
+    )
+    resume: Annotated[bool, switch("--resume", "Continue an earlier run that stopped.")] = False
+    estimators: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimators", metavar="NAME", help="Also run an installed estimator of the same kind; may be repeated."
+        ),
+    ] = None
+    keep: Annotated[bool, switch("--keep", "Keep the recordings of the walks in the folder.")] = False
+    output: Annotated[Path | None, output_option("Folder for the cases (default runs/NAME).", "DIR")] = None
+
+
+def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
+    """`experiment`."""
+    try:
+        from stridetwin.studies.catalogue import experiment
+        from stridetwin.studies.registry import Options as StudyOptions
+        from stridetwin.studies.registry import run_experiment
+
+        study = experiment(arguments.experiment)
+    except ModuleNotFoundError as error:
+        extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
+        raise StrideTwinError(
+            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
+        ) from error
+    options = StudyOptions(
+        folder=arguments.output or Path("runs") / arguments.experiment,
+        workers=arguments.workers,
+        estimators=tuple(arguments.estimators or ()),
+        first=arguments.seed,
+        subset=arguments.subset,
+        physics=arguments.physics,
+        resume=arguments.resume,
+        keep=arguments.keep,
+    )
+    result = run_experiment(arguments.experiment, options, progress)
+    return Outcome(data=result, lines=study.table(result))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions(Options):
+    """Sweep or optimise the mounts or the parts of sensors."""
+
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="SENSOR|PROBLEM",
+            help="Placement of the catalogue (see `list`), such as foot_camera, or a .yaml file.",
+        ),
+    ]
+    scenario: Annotated[str | None, option("Walk this scenario instead of the file's.", "SCENARIO")] = None
+    walks: Annotated[int | None, option("Walks of each scenario (default: as in the file).", "K", count)] = None
+    seed: Annotated[int | None, option("Seed of the first walk (default: as in the file).", "FIRST", whole)] = None
+    budget: Annotated[int | None, option("Optimise: places to try (default: as in the file).", "N", count)] = None
+    workers: Annotated[int, option("Walks at a time.", "N", count)] = 1
+    resume: Annotated[bool, switch("--resume", "Continue an earlier run that stopped.")] = False
+    output: Annotated[Path | None, output_option("Folder for the files (default runs/NAME).", "DIR")] = None
+
+
+def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
+    """`place`."""
+    from stridetwin.studies.placement.problem_file import find_problem, read_problem
+
+    try:
+        from stridetwin.studies.placement.run import Options as PlacementOptions
+        from stridetwin.studies.placement.run import run_placement
+    except ModuleNotFoundError as error:
+        raise StrideTwinError(
+            f"{error.name} is not installed; placements need the simulator: pip install 'stridetwin[twin]'"
+        ) from error
+    path = find_problem(arguments.problem)
+    problem = _problem(read_problem(path), arguments)
+    options = PlacementOptions(
+        folder=arguments.output or Path("runs") / path.stem,
+        workers=arguments.workers,
+        estimators=tuple(arguments.estimators or ()),
+        seed=arguments.seed,
+        walks=arguments.walks,
+        resume=arguments.resume,
+    )
+    result = run_placement(problem, options, progress)
+    page = (options.folder / "placement.html").absolute().as_uri()
+    return Outcome(data=result, lines=[*_lines(result), f"page  {page}"])
+
+
+def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
+    """The problem, with the settings of the command line in place of the file's."""
+    from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
+    from stridetwin.studies.placement.problem_file import check_budget
+
+    here = Where(source="command line")
+    if arguments.scenario is not None:
+        at = here.key("--scenario")
+        files = NamedFiles(Path.cwd() / "command line", "the working folder")
+        base = files.base(NamedBase(scenario=arguments.scenario), at, short=True)
+        for name, file in files.own.items():
+            if problem.own.get(name, file) != file:
+                raise at.error(arguments.scenario, f"a scenario without another file {name} than the placement's")
+        problem = replace(problem, bases=(base,), own=problem.own | files.own)
+    if arguments.budget is not None:
+        if problem.search is None:
+            raise here.key("--budget").error(arguments.budget, f"no --budget, as {problem.path.stem} only sweeps")
+        problem = replace(problem, search=replace(problem.search, budget=arguments.budget))
+        check_budget(problem, here.key("--budget"))
+    return problem
+
+
+def _lines(result: dict[str, Any]) -> list[str | Table]:
+    """The table, and which differences in it are significant."""
+    from stridetwin.studies.placement.page import said, said_value
+
+    scores = [score["name"] for score in result["scores"]]
+    rows = [
+        [str(row["rank"]), *(said_value(row["values"], name) for name in result["free"]),
+         *(said(row["scores"].get(name)) for name in scores)]
+        for row in result["table"]
+    ]  # fmt: skip
+    lines: list[str | Table] = [table(rows, ["place", *result["free"], *scores], text_columns=0)]
+    lines += [f"{row['rank']} failed: {row['failed']}" for row in result["table"] if "failed" in row]
+    lines += ["", *result["words"], "", f"{result['tried']} places on {len(result['walks'])} walks"]
+    return [*lines, *([f"{result['failed']} of them failed somewhere"] if result["failed"] else [])]

@@ -1,0 +1,64 @@
+"""The JSON Schemas that come with the project are those of the code, and its files name and satisfy them."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from stridetwin.cli.main import main
+from stridetwin.cli.schema import SCHEMAS
+from stridetwin.scenarios.campaign.campaign_file import campaigns
+from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.sim.parts.library import library
+from stridetwin.studies.placement.problem_file import problems
+
+ROOT = Path(__file__).parents[2]
+OWN_EXO = {"own_exo": ROOT / "examples" / "own_exo" / "my_exo.yaml"}
+FILES = {
+    "scenario": catalogue(),
+    "campaign": campaigns(),
+    "placement": problems(),
+    "part": library(),
+    "own_exo": OWN_EXO,
+}
+LINE = re.compile(r"# yaml-language-server: \$schema=(\S+)")
+
+
+def shipped(kind):
+    return ROOT / "scenarios" / "schema" / f"{kind}.json"
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_the_shipped_schema_is_that_of_the_code(kind, capsys):
+    """Written by `stridetwin schema KIND > scenarios/schema/KIND.json`."""
+    assert main(["schema", kind]) == 0
+    assert shipped(kind).read_text(encoding="utf-8") == capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("kind", "path"), [(kind, p) for kind, files in FILES.items() for p in files.values()])
+def test_every_file_of_the_project_names_its_schema_in_the_first_line(kind, path):
+    found = LINE.fullmatch(path.read_text(encoding="utf-8").splitlines()[0])
+    assert found
+    assert (path.parent / Path(found[1])).resolve() == shipped(kind).resolve()
+
+
+def test_the_command_prints_a_schema(capsys):
+    assert main(["schema", "scenario"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert set(schema["required"]) == {"description", "terrain"}
+    assert schema["properties"]["width_m"] == {
+        "default": 2.4, "description": "Width of the route, or of each lane.", "maximum": 10, "minimum": 1.2,
+        "type": "number",
+    }  # fmt: skip
+    segments = schema["properties"]["terrain"]["oneOf"][0]["items"]["oneOf"]
+    stairs = next(s["properties"]["stairs"]["oneOf"][0] for s in segments if s["required"] == ["stairs"])
+    assert stairs["required"] == ["risers", "direction"]
+    assert stairs["properties"]["direction"]["enum"] == ["up", "down"]
+
+
+def test_every_property_of_a_scenario_is_described():
+    schema = json.loads(shipped("scenario").read_text(encoding="utf-8"))
+    for name, made in {**schema["$defs"], "": schema}.items():
+        for key, entry in made.get("properties", {}).items():
+            assert key == "kind" or "description" in entry or name == "Sensors", (name, key)

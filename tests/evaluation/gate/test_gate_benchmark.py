@@ -1,0 +1,44 @@
+"""What the benchmark injects: into sensors alone, the same each time, and something each time."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.gate import FOOT, REGRESSIONS, Spoilt, injected
+from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.streams.samples import Block, Imu
+
+COLUMNS = ("angular_rate", "specific_force")
+RNG = np.random.default_rng(2)
+BLOCK = Block(
+    topic="/foot_l/imu", kind=Imu, t_ns=np.arange(400) * 8_000_000,
+    columns={"angular_rate": RNG.normal(0.0, 3.0, (400, 3)), "specific_force": RNG.normal(0.0, 40.0, (400, 3))},
+)  # fmt: skip
+RECORDING = SimpleNamespace(block=lambda topic: BLOCK)
+
+
+@pytest.mark.parametrize("how", [r for r in REGRESSIONS if r.imu], ids=lambda r: r.name)
+def test_faults_of_the_imu_are_reproducible_and_leave_the_truth_alone(how):
+    spoilt = Spoilt(RECORDING, how)
+    before = {name: BLOCK.columns[name].copy() for name in COLUMNS}
+    once, twice = (spoilt.block("/foot_l/imu").columns for _ in range(2))
+    assert all(np.array_equal(once[name], twice[name]) for name in COLUMNS)
+    assert any(not np.array_equal(once[name], before[name]) for name in COLUMNS)
+    assert all(np.array_equal(BLOCK.columns[name], before[name]) for name in COLUMNS)
+    assert spoilt.block("/truth/foot_l/imu/odometry") is BLOCK
+
+
+@pytest.mark.parametrize("how", [r for r in REGRESSIONS if r.parameters], ids=lambda r: r.name)
+def test_the_filter_has_other_parameters_where_that_is_asked_for(how):
+    plain = FootIns()._parameters
+    spoilt = injected(how)()._parameters
+    for name, factor in how.parameters.items():
+        assert getattr(spoilt, name) == factor * getattr(plain, name)
+    assert FootIns()._parameters == plain
+
+
+def test_there_are_enough_of_them():
+    assert len(REGRESSIONS) >= 20
+    assert {r.name for r in REGRESSIONS if r.source and r.estimator == FOOT}
+    assert len({r.name for r in REGRESSIONS}) == len(REGRESSIONS)

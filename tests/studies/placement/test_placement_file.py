@@ -1,0 +1,143 @@
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+from stridetwin.cli.main import main
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
+from stridetwin.sim.sensors.standard_rig import sensor_rig
+from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.studies.placement.free import Knob
+from stridetwin.studies.placement.problem_file import Place, check_ends, problems, read_problem, scenario_at
+
+GOOD = {
+    "placement": "An IMU on the shoe",
+    "scenarios": ["level_20m"],
+    "free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}},
+    "scores": ["weight_g"],
+}
+
+
+NUMBER = {"gait.speed_mps": {"between": [0.8, 1.2]}}
+CHOICES = {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}, "sensors.sonar": {"choice": [True, False]}}
+
+
+def written(tmp_path, **changes):
+    path = tmp_path / "problem.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in (GOOD | changes).items() if v is not None}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", problems())
+def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_path):
+    problem = read_problem(problems()[name])
+    check_ends(problem, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"placement": None}, "placement: missing: expected text"),
+        ({"scores": ["visibility"]}, r"scores\[0\]: 'visibility'.*did you mean 'visibility_pct'"),
+        ({"scores": ["weight_g", "weight_g"]}, r"scores\[1\]: 'weight_g'.*every score once"),
+        ({"scores": [{"score": "weight_g", "weight": 0}]}, "at least one score with a weight above 0"),
+        ({"free": {"sensors.foot_imu.position_mm[0]": {"between": [5, 1]}}}, "two numbers, the lower one first"),
+        ({"free": {"gait.speed_mps": {"between": [1.0, 1.2]}}}, "a step, as the method is sweep"),
+        ({"free": {"sensors.foot_imu.position_mm": {"over": "knee"}}}, r"\.over: 'knee'.*shoe, head, chest"),
+        ({"free": {"a b": {"choice": [1, 2]}}}, "keys with dots between"),
+        ({"free": {"sensors.foot_imu.part": {"choice": ["../x.yaml", "D455"]}}}, "a file in the placement's folder"),
+        ({"scenarios": ["../level.yaml"]}, "a file in the placement's folder"),
+        ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*free variables belong in free"),
+        ({"method": {"optimise": {"budget": 10}}}, "sweep, as all free variables are choices"),
+        (
+            {"method": {"optimise": {"budget": 1, "starts": 2}}, "free": NUMBER},
+            r"method\.optimise\.budget: invalid 1: expected 2 or more",
+        ),
+        (
+            {"method": {"optimise": {"budget": 3}}, "free": NUMBER | CHOICES},
+            r"budget: invalid 3: expected 4 or more \(4 combinations of choices, 3 starts\)",
+        ),
+        ({"free": {"light,texture": {"choice": [1, 2]}, "light, texture": {"choice": [1, 2]}}}, "every field once"),
+        ({"seeds": [1, 1]}, "every seed once"),
+        ({"output": "/tmp"}, "'output'.*keys placement"),
+    ],
+)  # fmt: skip
+def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, changes, message):
+    path = written(tmp_path, **changes)
+    with pytest.raises(StrideTwinError, match=message) as error:
+        read_problem(path)
+    assert str(path) in str(error.value)
+
+
+def test_what_a_scenario_cannot_have_is_told_before_anything_is_walked(tmp_path):
+    free = {"sensors.foot_imu.position_mm[0]": {"between": [-400, 0], "step": 100}}
+    place = {"sensors.foot_imu.position_mm": [0, 40, 60]}
+    problem = read_problem(written(tmp_path, free=free, set=place))
+    with pytest.raises(
+        StrideTwinError, match=r"free\.sensors\.foot_imu\.position_mm\[0\]: -400.*level_20m.*-300 to 300"
+    ):
+        check_ends(problem, tmp_path)
+    surface = {
+        "sensors.foot_imu.position_mm": {"over": "shoe", "around_deg": {"between": [0, 90], "step": 90}, "up_mm": 190}
+    }
+    with pytest.raises(StrideTwinError, match="no surface at a height of 190 mm"):
+        check_ends(read_problem(written(tmp_path, free=surface)), tmp_path)
+
+
+def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):
+    on = {"over": "shoe", "around_deg": {"between": [90, 180], "step": 90}, "up_mm": 50, "off_mm": 10}
+    problem = read_problem(written(tmp_path, free={"sensors.foot_imu.position_mm": on}))
+    knob = problem.knobs[0].name
+    found = {}
+    for angle in (90.0, 180.0):
+        config = scenario_at(problem, problem.bases[0], Place(values={knob: angle}), tmp_path).config
+        found[angle] = 1e3 * sensor_rig(config).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, 3]
+    assert found[180.0] == pytest.approx([-52.0, 0.0, 50.0], abs=0.5)  # heel of 42 mm
+    assert found[90.0] == pytest.approx([0.0, 44.0, 50.0], abs=3.0)  # outer side, 34 mm
+
+
+def test_a_chosen_number_has_six_digits_and_lies_within_its_bounds_however_small_they_are():
+    at = Where(source="test")
+    small = Knob(name="x", low=0.0002, high=0.0006, step=0.0002, at=at)
+    assert small.grid == [0.0002, 0.0004, 0.0006]
+    assert small.middle == 0.0004
+    free = Knob(name="x", low=0.00021234567, high=0.00061234567, at=at)
+    assert [free.at_share(u) for u in (0.0, 0.5, 1.0)] == [0.000212346, 0.000412346, 0.00061234567]
+    assert str(Knob(name="x", low=-1.0, high=1.0, at=at).at_share(0.5)) == "0.0"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "message"),
+    [
+        ({}, ["--budget", "3"], "--budget: invalid 3: expected optimise to go with it; problem sweeps"),
+        (
+            {"method": {"optimise": {"budget": 9}}, "free": NUMBER | CHOICES},
+            ["--budget", "3"],
+            "command line: --budget: invalid 3: expected 4 or more",
+        ),
+        ({}, ["--scenario", "../mine.yaml"], "--scenario: invalid '../mine.yaml': expected a file in the working f"),
+    ],
+)
+def test_what_the_command_line_says_in_its_place_is_checked_too(tmp_path, monkeypatch, capsys, changes, words, message):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "mine.yaml").write_text("description: mine")
+    monkeypatch.chdir(tmp_path / "here")
+    assert main(["place", str(written(tmp_path, **changes)), *words, "-o", "out"]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "here" / "out").exists()
+
+
+def test_the_file_on_the_page_can_be_walked_as_it_stands(tmp_path):
+    root = Path(__file__).parents[3]
+    page = (root / "docs/placement.md").read_text(encoding="utf-8")
+    (tmp_path / "p.yaml").write_text(re.search(r"```yaml\n(placement:.*?)```", page, re.DOTALL)[1], encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text("description: mine\nterrain: [{level: {length_m: 3}}]\n", encoding="utf-8")
+    shutil.copy(root / "sim/parts/MPU-9250.yaml", tmp_path / "my_imu.yaml")
+    problem, out = read_problem(tmp_path / "p.yaml"), tmp_path / "out"
+    (out / SCENARIOS).mkdir(parents=True)
+    copy_files(out, problem.own)
+    check_ends(problem, out)
+    assert [path.name for path in problem.own.values()] == ["my_imu.yaml"]
+    assert [base.name for base in problem.bases] == ["level_20m", "mine"]

@@ -1,0 +1,229 @@
+"""Walks whose steps are told: their conditions, what they spread over, tables and page; the map that forgets."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plots import figures
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.locomotion_mode import METHODS
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.evaluation.change_scores import ScoredChange
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, reliability
+from stridetwin.evaluation.norms import reference
+from stridetwin.report.plot import library
+from stridetwin.sim.config import Turn
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.sensors.standard_rig import standard_rig
+from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.world.obstacles import surroundings
+from stridetwin.sim.world.route import lay_out
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Odometry
+from stridetwin.studies.catalogue import experiment
+from stridetwin.studies.zhao2023 import mode_not_fooled, mode_results
+from stridetwin.studies.zhao2023.mode_walks import (
+    EDGES,
+    FORGETFUL,
+    GROUPS,
+    ForgetfulMap,
+    SharedMap,
+    pitch_down,
+    spread,
+    together,
+)
+from stridetwin.studies.zhao2023.zhao_walks import TRIAL_SEEDS, TRIALS, condition, subject_and_turn, trial_config
+
+
+def step(mode: str, told: str, p: float) -> ScoredMode:
+    others = (1.0 - p) / 4
+    probabilities = tuple(p if m == told else others for m in ("LG", "SA", "SD", "RA", "RD"))
+    return ScoredMode(t_s=1.0, mode=mode, before="LG", predicted=told, allowed=(mode,), lead_s=1.2 * (mode == told),
+                      probabilities=probabilities)  # fmt: skip
+
+
+def row(seed: int, told: str = "SA", methods: tuple[str, ...] = ("proposed", "published")) -> dict:
+    scores = ModeScores(steps=[step("LG", "LG", 0.99), step("SA", told, 0.75)]).rows()
+    angles = np.linspace(0.2, 0.6, 50)
+    return {
+        "seed": seed, "physics": "dynamic", "fell_at_s": None, "mount": "head",
+        "spread": {q: spread(angles, EDGES[q]) for q in EDGES},
+        "methods": {m: scores | {"time_ms": {"mean": 20.0, "p95": 30.0}} for m in methods},
+    }  # fmt: skip
+
+
+def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways() -> None:
+    turns = [subject_and_turn(seed) for seed in TRIAL_SEEDS]
+    assert len(set(turns)) == len(TRIAL_SEEDS) == 30
+    assert {who for who, _ in turns} == {name for name in PEOPLE if name.startswith("zhao_")}
+    for first in (0, 10, 20):
+        some = [(who.split("_")[1].upper(), turn) for who, turn in turns[first : first + 10]]
+        assert Counter(some) == {(group, turn): 1 for group in GROUPS for turn in (0, 1)}
+    assert subject_and_turn(0) in turns
+
+
+def test_the_second_walk_is_on_the_chest_or_to_the_other_side() -> None:
+    first, second = (next(s for s in TRIAL_SEEDS if subject_and_turn(s)[1] == turn) for turn in (0, 1))
+    for name in ("zhao_directions", "zhao_disturbance"):
+        configs = [trial_config(name, seed) for seed in (first, second)]
+        assert [c.rig_mount for c in configs] == ["head", "chest"]
+        assert all(c.gait.gaze.kind == "wandering" for c in configs)
+    assert trial_config("zhao_disturbance", first).route.bystanders == 2
+    assert trial_config("zhao_directions", first).fittings["head_camera"].part is not None
+    views = [trial_config("zhao_view", seed) for seed in (first, second)]
+    turns = [[s.angle_rad for s in c.route.segments if isinstance(s, Turn)] for c in views]
+    assert turns == [[pytest.approx(math.pi / 2)], [pytest.approx(-math.pi / 2)]]
+    assert all(c.gait.gaze.sway_yaw_rad > 0.6 and c.rig_mount == "head" for c in views)
+
+
+def test_walls_of_a_corridor_stand_at_its_borders_and_nowhere_on_the_way() -> None:
+    config = trial_config("zhao_view", TRIAL_SEEDS[0])
+    layout = lay_out(config.route)
+    walls = [mark.box for mark in surroundings("corridor", layout, -1.0)]
+    for s in np.arange(0.5, layout.profile[-1].s1 - 1.0, 0.25):
+        beside = layout.way.point(s)
+        distances = [_distance(wall, beside) for wall in walls]
+        assert min(distances) > 0.7
+        if all(abs(s - p.s0) > 2.5 and abs(s - p.s1) > 2.5 for p in layout.way.segments if p.curvature):
+            left, right = (layout.way.point(s, side * 0.86) for side in (-1.0, 1.0))
+            assert all(min(_distance(wall, p) for wall in walls) < 0.01 for p in (left, right))
+
+
+def _distance(box, p) -> float:
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    dx, dy = p[0] - box.x, p[1] - box.y
+    along, across = abs(cos * dx + sin * dy) - box.length / 2, abs(cos * dy - sin * dx) - box.width / 2
+    return math.hypot(max(along, 0.0), max(across, 0.0))
+
+
+@pytest.mark.parametrize("mount", ["head", "chest"])
+def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
+    config = replace(trial_config("zhao_view", TRIAL_SEEDS[0]), rig_mount=mount, sensors=("head_imu", "head_camera"))
+    pitch = {}
+    for degrees in (None, 8.0):
+        asked = None if degrees is None else math.radians(degrees)
+        rig = standard_rig(replace(config, fittings={"head_camera": SensorConfig(pitch_down_rad=asked)}))
+        (camera,), (imu,) = rig.cameras.values(), rig.imus.values()
+        assert np.allclose(camera.mount.T_body_sensor[:3, :3], imu.mount.T_body_sensor[:3, :3])
+        axis = camera.mount.T_body_sensor[:3, 2]
+        pitch[degrees] = math.degrees(math.asin(-axis[2]))
+    protocol = reference("zhao2023")["protocol"]["mount_pitch_down_deg"]
+    assert pitch == {None: pytest.approx(protocol["nominal"]), 8.0: pytest.approx(protocol["shallow"])}
+
+
+def test_pitch_is_that_of_the_optical_axis_below_the_horizon() -> None:
+    forward = np.column_stack([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    turns = Rotation.from_euler("ZY", [[0.3, 0.4], [-2.0, -0.2]]) * Rotation.from_matrix(forward)
+    assert pitch_down(turns.as_quat(scalar_first=True)) == pytest.approx([0.4, -0.2])
+
+
+def test_spreads_add_up_as_if_all_values_were_one_walks() -> None:
+    rng = np.random.default_rng(1)
+    parts = [rng.normal(0.3, 0.4, 80), rng.normal(0.6, 0.1, 200)]
+    edges = EDGES["camera_pitch_rad"]
+    whole, added = spread(np.concatenate(parts), edges), together([spread(part, edges) for part in parts])
+    assert added.pop("bins") == whole.pop("bins")
+    assert added == pytest.approx(whole)
+    assert sum(spread(np.array([-9.0, 9.0]), edges)["bins"]) == 2
+
+
+def test_told_probabilities_stand_beside_the_share_that_was_right() -> None:
+    steps = [step("SA", "SA", 0.95), step("SA", "LG", 0.95), step("LG", "LG", 0.55)]
+    assert reliability(steps) == [(pytest.approx(0.55), 1.0, 1), (pytest.approx(0.95), 0.5, 2)]
+    assert reliability([]) == []
+
+
+@pytest.mark.parametrize("name", [*TRIALS, "zhao_generality", "zhao_baselines"])
+def test_table_and_page_have_the_papers_figures(name) -> None:
+    methods = ("proposed", "published", *([FORGETFUL] if name == "zhao_baselines" else []))
+    more = {} if name in TRIALS else vars(condition(1000))
+    results = [row(1000, methods=methods) | more, row(1001, "LG", methods) | more]
+    study = experiment(name)
+    result = json.loads(json.dumps({"experiment": name, **study.collect(results), "cases": results}))
+    assert result["summary"]["proposed"]["walks_accuracy_pct"]["mean"] == 75.0
+    assert result["summary"]["proposed"]["walks_accuracy_pct"]["sd"] == 25.0
+    lines = study.table(result)
+    accuracy = next(line for line in lines if line.startswith("accuracy %"))
+    theirs = mode_results.paper(name)["published"]["accuracy_pct"]["mean"]
+    assert accuracy.split()[2 : 3 + len(methods)] == [*["75.00"] * len(methods), f"{theirs:.2f}"]
+    assert ("Table II" in lines) == (name not in TRIALS)
+    assert ("one image" in "\n".join(lines)) == (FORGETFUL in methods)
+    assert sum("0.26" in line for line in lines if line.startswith("  paper")) == (name not in TRIALS)
+    assert study.report is not None
+    html = study.report(result)
+    assert all(f"<h2>{title}</h2>" in html for title in ("Accuracy", "Figure 4", "Lead time", "Calibration"))
+    assert ("<h2>Table II</h2>" in html) == (name not in TRIALS)
+    assert {"Lead time", "Calibration"} <= set(figures(html))
+    text = html.replace(library(), "")
+    assert not re.search(r'<script [^>]*src|@import|url\(|(src|href)="(?!data:)|https?:', text)
+    assert "nan" not in re.sub(r"<script.*?</script>", "", text, flags=re.S).lower().replace("dominant", "")
+    assert mode_results.report is study.report
+
+
+def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
+    """Pose of a camera 1.5 m above a level floor that looks 45 degrees down along x, and its picture."""
+    (camera,) = rig.cameras.values()
+    fx, fy, cx, cy = camera.intrinsics
+    v, u = np.mgrid[: camera.height, : camera.width]
+    rays = np.stack([(u - cx) / fx, (v - cy) / fy, np.ones(u.shape)], -1)
+    forward, right = np.array([1.0, 0.0, -1.0]) / math.sqrt(2.0), np.array([0.0, -1.0, 0.0])
+    R = np.column_stack([right, np.cross(forward, right), forward])
+    down = -(rays @ R.T)[..., 2]
+    depth = np.where(down > 0.3, 1.5 / np.maximum(down, 0.3), 0.0).astype(np.float32)
+    still = np.zeros(3)
+    q = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    pose = Odometry(topic="/poses", t_ns=t_ns, p_frame_in_world=np.array([x, 0.0, 1.5]), q_world_frame=q,
+                    v_frame_in_world=still, angular_rate=still)  # fmt: skip
+    return pose, Depth(topic=camera.depth_topic, t_ns=t_ns, depth=depth)
+
+
+def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
+    persons = [condition(1000), condition(1001)]
+    results = [row(1000 + i, told) | vars(persons[i // 2]) for i, told in enumerate(["SA", "SA", "LG", "LG"])]
+    results[1]["fell_at_s"] = 3.5
+    result = {"experiment": "zhao_generality", **experiment("zhao_generality").collect(results), "cases": results}
+    mean = result["summary"]["proposed"]["walks_accuracy_pct"]
+    assert mean["over"] == len({(p.height_group, p.member) for p in persons}) == 2
+    assert mean["of"] == "persons"
+    assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
+    assert "walks that ended by a fall: 1001" in mode_results.overall(result)
+
+
+def test_sizes_that_were_not_seen_are_counted() -> None:
+    told = [(0.002, 0.005), (0.1, 0.09), (math.nan, math.nan), (-0.002, 0.005)]
+    approaches = [ScoredChange(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in told]
+    down = mode_figures([ModeScores(approaches=approaches)])["sizes"]["riser_mm"]["down"]
+    assert down == {
+        "seen_pct": 50.0, "rmse": pytest.approx(2.0), "all_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3))
+    }  # fmt: skip
+
+
+def test_steps_of_which_nothing_was_told_count() -> None:
+    steps = [step("LG", "LG", 0.9), replace(step("LG", "", 0.9), probabilities=())]
+    rows = {"steps": ModeScores(steps=steps).rows()["steps"], "alarms_pct": 0.0}
+    case = {"seed": 1000, "fell": [], "traps": {t: dict.fromkeys(METHODS, rows) for t in mode_not_fooled.TRAPS}}
+    result = {"cases": [case], **mode_not_fooled.collect([case])}
+    for of in result["summary"]["proposed"].values():
+        assert (of["steps"], of["accuracy_pct"], of["told"]["LG"], of["told"][""]) == (2, 50.0, 1, 1)
+    assert len(mode_not_fooled.table(result)) == 3 + len(mode_not_fooled.TRAPS)
+
+
+def test_a_map_that_forgets_knows_the_last_picture_alone() -> None:
+    rig = standard_rig(replace(trial_config("zhao_view", TRIAL_SEEDS[0]), sensors=("head_imu", "head_camera")))
+    places = np.array([[1.5, 0.0], [3.0, 0.0]])
+    known = {}
+    for kind in (TerrainMap, SharedMap, ForgetfulMap):
+        ground = kind(rig)
+        for t_ns, x in ((0, 0.0), (1_000_000_000, 1.5)):
+            for sample in floor_seen_from(rig, x, t_ns):
+                ground.update(sample)
+        known[kind] = np.isfinite(ground.heights(places)).tolist()
+        assert ground.heights(places)[1] == pytest.approx(0.0, abs=0.01)
+    assert known == {TerrainMap: [True, True], SharedMap: [True, True], ForgetfulMap: [False, True]}
