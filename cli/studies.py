@@ -104,7 +104,6 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     options = PlacementOptions(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers,
-        estimators=tuple(arguments.estimators or ()),
         seed=arguments.seed,
         walks=arguments.walks,
         resume=arguments.resume,

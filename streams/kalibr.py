@@ -275,13 +275,13 @@ def _camera(
 ) -> CameraCalibration:
     if own is None:
         mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
-        more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
+        more: dict[str, Any] = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
     else:
         if own.imu_topic and own.imu_topic not in imus:
             wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
             raise ConfigError(source, f"{_OURS}.{name}.imu_topic", own.imu_topic, wanted)
         mount = _camera_mount(name, camera, own, T_cam_imu, imus.get(own.imu_topic), source)
-        more: dict[str, Any] = {key: value for key, value in dict(own).items() if key != "mount"}
+        more = {key: value for key, value in dict(own).items() if key != "mount"}
     return CameraCalibration(
         topic=camera.rostopic,
         mount=mount,
