@@ -179,7 +179,7 @@ REFUSED = {
         ('range="-0.15 1.95"', 'range="0.15 1.95"'),
         "knee_l of shank_bar_l, range: .* expected a range with 0",
     ),
-    "no joint": ((LEFT, ""), r"chains of hinges on the base, joints of each: \[3, 4\]"),
+    "no joint": ((LEFT, ""), r"chains of hinges on the base, joints of each: invalid \[3, 4\]"),
     "free base": (
         ('<body name="backpack" pos="0 0 0.95">', '<body name="backpack" pos="0 0 0.95"><freejoint/>'),
         "invalid 'free': expected hinge",
