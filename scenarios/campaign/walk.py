@@ -41,10 +41,10 @@ class _ReadOnce(McapContents):
         """All samples of a topic without images."""
         if not self._blocks:
             parts: dict[str, list[Block[Any]]] = {}
-            for chunk in self._index.chunks:
-                small = [t for t in chunk.parts if not self._index.readers[t].is_image]
+            for chunk in self.chunks:
+                small = [t for t in chunk.parts if not self.readers[t].is_image]
                 for name, messages in self._messages(chunk, small).items() if small else ():
-                    block = self._kept_block(self._index.readers[name], messages, chunk.parts[name])
+                    block = self._kept_block(self.readers[name], messages, chunk.parts[name])
                     parts.setdefault(name, []).append(block)
             self._blocks = {name: concatenated(blocks) for name, blocks in parts.items()}
         return self._blocks[topic]
