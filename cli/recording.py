@@ -61,18 +61,9 @@ def export(
     stereo_baseline_m: float | None = None,
     model: str = "rajagopal",
 ) -> dict[str, int]:
-    """Writes a recording in another format: a file, or a folder that appears complete or not at all.
+    """Writes a recording in another format: a file, or a new or empty folder that appears complete or not at all.
 
-    Args:
-        recording: Any recording.
-        form: euroc, tum, rosbag2, opensim or table.
-        output: File (a trajectory, a table) or folder to write; a folder must be new or empty.
-        frame: For `tum`, the frame whose true path to write; for `table`, the IMU. With `tum`, a frame or a file
-            name that ends in .txt or .tum selects a trajectory, anything else an RGB-D folder.
-        camera: For `euroc` and `tum`, the topic of the camera; the first with depth by default.
-        storage: For `rosbag2`, `mcap` or `sqlite3`.
-        stereo_baseline_m: For `euroc`, synthesises a right camera at this distance from depth.
-        model: For `opensim`, `rajagopal` or `gait2392`.
+    `tum` with a frame, or a file name that ends in .txt or .tum, is a trajectory; otherwise an RGB-D folder.
 
     Returns:
         Rows written, by kind.

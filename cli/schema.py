@@ -26,7 +26,7 @@ SCHEMAS = {
 class SchemaOptions(Options):
     """Print the JSON Schema of a kind of file, for editors."""
 
-    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"{', '.join(SCHEMAS)}.", **one_of(SCHEMAS))]
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"{', '.join(SCHEMAS)}.", **one_of(tuple(SCHEMAS)))]
 
 
 def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:

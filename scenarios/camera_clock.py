@@ -48,11 +48,7 @@ class _Fit:
 
 
 def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, Any] | None:
-    """The time offset of one camera, and the rotation error of its mount.
-
-    Args:
-        recording: Holds the camera's images and its IMU.
-        camera: Its calibration; both mounts rotate the gyro's rate into the camera's frame.
+    """The time offset of one camera, and the rotation error of its mount relative to its IMU's.
 
     Returns:
         `shift_s` (t_imu = t_cam + shift), its standard deviation `sd_s`, the calibrated value `calibrated_s`, the

@@ -94,12 +94,7 @@ class Check:
 
 
 def check_recording(recording: Recording, progress: Callable[[float], None] = lambda _: None) -> Check:
-    """Checks a recording that was opened leniently.
-
-    Args:
-        recording: The recording; its `problems` count as errors.
-        progress: Receives the progress (0-1).
-    """
+    """Checks a recording that was opened leniently."""
     _read_images(recording)
     findings = [Finding(topic=p.topic, what=str(p)) for p in recording.problems]
     findings += [Finding(topic="", what=w, is_error=False) for w in recording.warnings]

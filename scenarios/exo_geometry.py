@@ -36,10 +36,6 @@ _SENSORS = {"ahrs", "encoder", "insole"}
 def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
     """Geometry of the exoskeleton on a wearer.
 
-    Args:
-        size: Dimensions.
-        rig: Places of AHRS and insole cells.
-
     Raises:
         StrideTwinError: There is no exoskeleton.
     """
@@ -110,12 +106,7 @@ def of_recording(recording: Recording) -> Exoskeleton:
 
 
 def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
-    """The exoskeleton as a laboratory would measure it: small errors in segment lengths and AHRS mounts.
-
-    Args:
-        exo: True geometry.
-        rng: Source of the errors.
-    """
+    """The exoskeleton as a laboratory would measure it: small errors in segment lengths and AHRS mounts."""
 
     def rotated(attitude: Attitude) -> Attitude:
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()

@@ -109,14 +109,15 @@ def folder_of(info: ValidationInfo) -> Path:
 
 
 class ReadAs:
-    """Annotation: the type of the value in a file, if it differs from the attribute's type."""
+    """Annotation: the type of the value in a file, if it differs from the attribute's; `then` converts it."""
 
-    def __init__(self, kind: Any) -> None:
-        self._kind = kind
+    def __init__(self, kind: Any, then: Callable[[Any], Any] | None = None) -> None:
+        self._kind, self._then = kind, then
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of the type in the file."""
-        return handler.generate_schema(self._kind)
+        schema = handler.generate_schema(self._kind)
+        return schema if self._then is None else core_schema.no_info_after_validator_function(self._then, schema)
 
 
 class Required:
@@ -246,13 +247,10 @@ NotNegative = Annotated[float, number(0)]
 Positive = Annotated[float, number(above=0)]
 Count = Annotated[int, whole(1, 2**31 - 1)]
 _Row = tuple[Number, Number, Number, Number]
-RotationMatrix = Annotated[
-    Array,
-    ReadAs(tuple[tuple[Number, Number, Number], tuple[Number, Number, Number], tuple[Number, Number, Number]]),
-    AfterValidator(_rotation),
-]
+_Three = tuple[Number, Number, Number]
+RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _rotation)]
 """(3, 3) rotation, as rows."""
-RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row]), AfterValidator(_rigid)]
+RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row], _rigid)]
 """(4, 4) rigid transform, as rows."""
 
 

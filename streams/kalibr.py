@@ -261,7 +261,7 @@ def _fields(model: BaseModel) -> dict[str, Any]:
 def _imu(name: str, imu: _Imu, own: _OwnImu | None) -> ImuCalibration:
     noise = dict(imu)
     topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
-    more = _fields(own) if own else {"part": "", "mount": Mount(body=PLAIN_BODY)}
+    more: dict[str, Any] = _fields(own) if own else {"part": "", "mount": Mount(body=PLAIN_BODY)}
     return ImuCalibration(topic=f"/{name}" if topic is None else topic, rate_hz=rate, **noise, **more)
 
 
@@ -273,6 +273,7 @@ def _camera(
     imus: Mapping[str, ImuCalibration],
     source: str,
 ) -> CameraCalibration:
+    more: dict[str, Any]
     if own is None:
         mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
         more: dict[str, Any] = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}

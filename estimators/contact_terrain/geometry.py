@@ -78,9 +78,10 @@ class DhRow:
     d: Annotated[float, number(key="d_m")]
     theta: Annotated[float, number(key="theta_deg", scale=DEG)]
     turns: Annotated[bool, flag()] = False
-    stops: Annotated[
-        tuple[float, float], ReadAs(tuple[_Angle, _Angle]), AfterValidator(_increasing), Field(alias="range_deg")
-    ] = (-math.inf, math.inf)
+    stops: Annotated[tuple[float, float], ReadAs(tuple[_Angle, _Angle], _increasing), Field(alias="range_deg")] = (
+        -math.inf,
+        math.inf,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,9 +130,7 @@ class Sole:
 
     topic: str
     T_foot_sole: RigidTransform
-    cells: Annotated[
-        Array, ReadAs(tuple[_Place, _Place, _Place, _Place]), AfterValidator(np.array), Field(alias="cells_m")
-    ]
+    cells: Annotated[Array, ReadAs(tuple[_Place, _Place, _Place, _Place], np.array), Field(alias="cells_m")]
     heel_x: Annotated[float, number(key="heel_x_m")]
     hinge_x: Annotated[float, number(key="hinge_x_m")]
     hinge_z: Annotated[float, number(0, key="hinge_z_m")]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import GenericAlias
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -37,10 +38,10 @@ _DEFAULTS = {
 _FARTHEST_MM = 2000.0
 
 
-def _vector(most: float, low: float | None = None, scale: float = 1.0) -> Any:
-    """Three numbers up to `most`, scaled, as an array."""
+def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs:
+    """Annotation of an array (3,): three numbers of the file from `low` (-most) to `most`, scaled."""
     entry = Annotated[float, number(-most if low is None else low, most)]
-    return Annotated[Array, ReadAs(tuple[entry, entry, entry]), AfterValidator(lambda v: scale * np.array(v))]
+    return ReadAs(GenericAlias(tuple, (entry,) * 3), lambda values: scale * np.array(values))
 
 
 def _part_of(kind: str) -> Any:
@@ -111,8 +112,8 @@ class _Seat(FileModel):
     """
 
     link: str
-    position_mm: _vector(_FARTHEST_MM, scale=MM) = Field(default_factory=lambda: np.zeros(3))  # type: ignore[valid-type]
-    rpy_deg: _vector(360.0) = Field(default_factory=lambda: np.zeros(3))  # type: ignore[valid-type]
+    position_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)] = Field(default_factory=lambda: np.zeros(3))
+    rpy_deg: Annotated[Array, _vector(360.0)] = Field(default_factory=lambda: np.zeros(3))
 
     @property
     def pose(self) -> Array:
@@ -148,13 +149,13 @@ class _CuffFile(FileModel):
     """
 
     link: str
-    at_mm: _vector(_FARTHEST_MM, scale=MM)  # type: ignore[valid-type]
+    at_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)]
     kind: Literal["strap", "holder"] | None = None
     force_cells: Annotated[bool, flag()] = False
-    stiffness_n_m: _vector(1e5, 0.0) | None = None  # type: ignore[valid-type]
-    damping_ns_m: _vector(1e4, 0.0) | None = None  # type: ignore[valid-type]
-    turn_stiffness_nm: _vector(1e4, 0.0) | None = None  # type: ignore[valid-type]
-    turn_damping_nms: _vector(1e3, 0.0) | None = None  # type: ignore[valid-type]
+    stiffness_n_m: Annotated[Array, _vector(1e5, 0.0)] | None = None
+    damping_ns_m: Annotated[Array, _vector(1e4, 0.0)] | None = None
+    turn_stiffness_nm: Annotated[Array, _vector(1e4, 0.0)] | None = None
+    turn_damping_nms: Annotated[Array, _vector(1e3, 0.0)] | None = None
 
     def law(self, body: str) -> Array:
         """(4, 3, 3) stiffness, damping, rotational stiffness and damping of a cuff on a body of the wearer."""

@@ -36,15 +36,7 @@ def completed(
     notes: Notes,
     registered: Collection[str] = (),
 ) -> Rig:
-    """A rig with a calibration for every existing IMU and camera, and for nothing else.
-
-    Args:
-        rig: Known calibrations.
-        blocks: Small streams by topic.
-        images: Image streams by topic.
-        notes: Collects warnings about assumptions.
-        registered: Depth streams that are registered to a colour image according to the source.
-    """
+    """A rig with a calibration for every existing IMU and camera, and for nothing else."""
     imus = {
         t: rig.imus[t] if t in rig.imus else _assumed_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
     }

@@ -152,11 +152,6 @@ class _Stream:
 def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     """Reads the streams of a bag.
 
-    Args:
-        bag: The bag; it stays open for the images.
-        kind: Kind of the source.
-        notes: Collects problems.
-
     Raises:
         StrideTwinError: The bag cannot be read, unless lenient.
     """

@@ -42,10 +42,6 @@ _LOOSE = struct.Struct("<HIqq")
 class McapBag:
     """The messages of MCAP files, with CRC checks.
 
-    Args:
-        paths: The files, in time order.
-        notes: Collects damage; when lenient, everything readable is read.
-
     Attributes:
         channels: Streams of CDR messages.
     """
@@ -233,11 +229,6 @@ _WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
 class RosBag:
     """The messages of a bag that rosbags reads; it stays open until it is garbage collected.
-
-    Args:
-        path: A `.bag`, a `.db3`, or the folder of a ROS 2 bag.
-        is_ros1: Whether it is a ROS 1 bag.
-        notes: Collects damage.
 
     Attributes:
         channels: Its streams.

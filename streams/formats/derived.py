@@ -89,12 +89,7 @@ _JOINED = "imu"
 
 
 def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]:
-    """The streams with such pairs joined: the force is interpolated to the stamps of the rate.
-
-    Args:
-        blocks: Streams by topic.
-        notes: Collects a warning per pair.
-    """
+    """The streams with such pairs joined: the force is interpolated to the stamps of the rate."""
     result = dict(blocks)
     for topic, gyro in blocks.items():
         other = _GYRO.sub(lambda m: m[0].replace("gyro", "accel").replace("Gyro", "Accel"), topic)

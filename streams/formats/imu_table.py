@@ -167,11 +167,7 @@ _HEADER = "t,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"
 
 
 def write_imu_table(path: Path, block: Block[Imu]) -> None:
-    """Writes a table that `streams.formats.imu_table.read_imu_table` reads back, whole or not at all.
-
-    Args:
-        path: `.npz` or `.csv`.
-        block: N samples; N rows are written.
+    """Writes a `.npz` or `.csv` that `read_imu_table` reads back, whole or not at all.
 
     Raises:
         ConfigError: Another suffix.

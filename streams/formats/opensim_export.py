@@ -88,11 +88,6 @@ def write_opensim(recording: Recording, folder: Path, model: str = "rajagopal") 
     at the centre of pressure with their free torque; without load they are 0. The pelvis of OpenSim's models is in
     front of and above the hips, that of the twin between them; the offset is that of the unscaled model.
 
-    Args:
-        recording: Recording with the twin's ground truth.
-        folder: Output folder.
-        model: One of `MODELS`.
-
     Returns:
         Rows written, by file.
 

@@ -39,11 +39,7 @@ class Row:
 
 
 def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
-    """The words of the last comment above the data (column names, if any), and the rows.
-
-    Args:
-        path: File; `#` begins a comment.
-        separator: Between words; None is any white space.
+    """The words of the last comment (`#`) above the data, and the rows; without a separator words end at blanks.
 
     Raises:
         StrideTwinError: The file cannot be read.

@@ -18,12 +18,7 @@ _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def write_tum(trajectory: Trajectory, path: str | Path) -> None:
-    """Writes a trajectory, atomically. Its covariance is not part of the format.
-
-    Args:
-        trajectory: N poses; N rows are written, s and m.
-        path: Output file.
-    """
+    """Writes a trajectory, atomically. Its covariance is not part of the format."""
     poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
         for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):

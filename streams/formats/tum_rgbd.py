@@ -134,12 +134,8 @@ def _rig(path: Path, images: dict[str, ImageStream]) -> Rig:
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
     """Writes `rgb/`, `depth/` (5000 units per metre, up to 13.1 m) and the lists, ground truth and calibration.
 
-    The layout has no gyroscope: rates and forces are written together to an additional `imu.txt`.
-
-    Args:
-        recording: Needs a colour camera with a registered depth stream.
-        folder: An empty folder.
-        camera_topic: Topic of the camera; by default the first one with depth.
+    The layout has no gyroscope: rates and forces are written together to an additional `imu.txt`. By default the camera
+    is the first one with depth.
 
     Returns:
         Rows written, by file.

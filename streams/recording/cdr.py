@@ -132,11 +132,6 @@ class _Walk:
 def layout_of(payload: bytes, typename: str, store: Typestore) -> Layout:
     """Layout of one serialised message.
 
-    Args:
-        payload: The message with its encapsulation header.
-        typename: Such as `sensor_msgs/msg/Imu`.
-        store: Contains the type.
-
     Raises:
         ValueError: The bytes are not a message of this type.
     """

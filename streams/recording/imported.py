@@ -61,14 +61,6 @@ class Source:
 class ImportedContents:
     """The streams of a source, checked like those of a recording; the `Contents` of a `Recording`.
 
-    Args:
-        blocks: Small streams by topic.
-        images: Image streams by topic.
-        rig: Calibration.
-        metadata: Additional texts.
-        unread: Type of every stream that is not read.
-        notes: Collects problems.
-
     Raises:
         RecordingError: Stamps that do not increase or numbers that are not finite, unless lenient.
     """

@@ -325,12 +325,7 @@ def unreadable(path: Path, error: Exception) -> StrideTwinError:
 
 
 def is_ours(path: Path, if_damaged: bool) -> bool:
-    """Whether an MCAP file begins like our recordings, with calibration and metadata.
-
-    Args:
-        path: The file.
-        if_damaged: Result for a file that cannot be read that far.
-    """
+    """Whether an MCAP file begins like our recordings; `if_damaged` for one that cannot be read that far."""
     try:
         for opcode, _, body in top_records(path):
             if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:

@@ -140,3 +140,14 @@ def test_a_file_that_makes_no_sense_is_refused_by_key(keys, value, words):
     with pytest.raises(ConfigError, match=r"exo\.yaml: ") as error:
         parse_exoskeleton(yaml.safe_dump(document), "exo.yaml")
     assert words in str(error.value)
+
+
+def test_all_errors_of_a_file_are_reported_at_once():
+    document = yaml.safe_load(to_text(EXO))
+    document["legs"]["l"]["knee"]["frame"] = 2
+    document["legs"]["r"]["sole"]["cells_m"] = [[0, 0]]
+    del document["back"]["topic"]
+    with pytest.raises(ConfigError) as error:
+        parse_exoskeleton(yaml.safe_dump(document), "exo.yaml")
+    places = [line.split(": ")[1] for line in str(error.value).splitlines()]
+    assert set(places) == {"legs.l.knee.frame", "legs.r.sole.cells_m", "back.topic"}

@@ -179,7 +179,7 @@ REFUSED = {
         ('range="-0.15 1.95"', 'range="0.15 1.95"'),
         "knee_l of shank_bar_l, range: .* expected a range with 0",
     ),
-    "no joint": ((LEFT, ""), r"chains of hinges on the base, joints of each: \[3, 4\]"),
+    "no joint": ((LEFT, ""), r"chains of hinges on the base, joints of each: invalid \[3, 4\]"),
     "free base": (
         ('<body name="backpack" pos="0 0 0.95">', '<body name="backpack" pos="0 0 0.95"><freejoint/>'),
         "invalid 'free': expected hinge",
@@ -302,3 +302,12 @@ def test_drive_needs_both_hips(tmp_path):
     )  # fmt: skip
     with pytest.raises(ConfigError, match=r"motors\.hip_l"):
         Twin(config, 1)
+
+
+def test_all_errors_of_a_rig_file_are_reported_at_once(tmp_path):
+    text = RIG.read_text().replace("torque_max_nm: 40", "torque_max_nm: 0", 1).replace("part: MPU-9250", "part: MPU-1")
+    (tmp_path / "rig.yaml").write_text(text.replace("encoders: [hip_l", "encoders: [hip") + "colour: red\n")
+    with pytest.raises(ConfigError) as refused:
+        read_own_exo(MODEL, tmp_path / "rig.yaml")
+    lines = [line.removeprefix(f"{tmp_path / 'rig.yaml'}: ").split(": ")[0] for line in str(refused.value).splitlines()]
+    assert sorted(lines) == ["encoders[0]", "imus.shank_l.part", "invalid 'colour'", "motors.hip_l.torque_max_nm"]
