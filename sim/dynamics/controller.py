@@ -281,8 +281,8 @@ def _step(
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
             rotation += 0.5 * error
         rate = gains.pivot_rate if in_contact else gains.swing_rate
-        tilt = feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - rotation_bias
-        targets[m : m + 3] = tilt
+        alpha = feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - rotation_bias
+        targets[m : m + 3] = alpha
         weights[m : m + 3] = gains.swing
         if in_contact:
             rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
