@@ -144,16 +144,8 @@ class Controller:
         driven, free = np.concatenate([np.arange(6), layout.dof[motor]]), layout.dof[~motor]
         weights = np.full(model.nv, gains.joint)
         weights[:3], weights[3:6] = gains.root, gains.tilt
-        arm, leg = gains.arm, gains.leg
-        of = {
-            "lumbar": gains.lumbar,
-            "shoulder": arm,
-            "elbow": arm,
-            "hip": leg,
-            "knee": leg,
-            "ankle": leg,
-            "toe": gains.toe,
-        }
+        of = {"lumbar": gains.lumbar, "toe": gains.toe} | dict.fromkeys(("shoulder", "elbow"), gains.arm)
+        of |= dict.fromkeys(("hip", "knee", "ankle"), gains.leg)
         for name, dof in zip(names, layout.dof):
             weights[dof] = of.get(name.split("_")[0], gains.joint)
         self._rate = np.full(model.nv, gains.joint_rate)
@@ -183,10 +175,10 @@ class Controller:
         Args:
             data: State after `mj_step1`.
             state: Its views.
-            plan: What is wanted.
+            plan: The reference.
             i: Row of the plan.
             shift: How feet and pelvis are shifted against the plan.
-            touching: (2, points) which sole points may push.
+            touching: (2, points) which sole points may bear force.
             known: (nv,) generalised force of the couplings.
         """
         model, gains = self._model, self._gains
@@ -248,7 +240,7 @@ def _step(
     tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))
-    linear, angular, bias, bias_turn = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
+    linear, angular, bias, rotation_bias = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
     swept, error = np.empty(3), np.empty(3)
     m, k = 0, 0
     for side in range(2):
@@ -263,7 +255,7 @@ def _step(
             cross(w, p - centre, swept)
             v = cvel[b, 3:] + swept
             jacobian(axes, point_chain[side, i], centre, p, tasks[m : m + 3], angular)
-            bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, bias_turn)
+            bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, rotation_bias)
             targets[m : m + 3] = -gains.contact_damping * v - bias
             weights[m : m + 3] = gains.contact
             contacts[3 * k : 3 * k + 3] = tasks[m : m + 3]
@@ -283,15 +275,14 @@ def _step(
         cross(w, p - centre, swept)
         v = cvel[b, 3:] + swept
         jacobian(axes, foot_chain[side], centre, p, linear, tasks[m : m + 3])
-        bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, bias_turn)
+        bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, rotation_bias)
         rotation = np.zeros(3)
         for axis in range(3):
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
             rotation += 0.5 * error
         rate = gains.pivot_rate if in_contact else gains.swing_rate
-        targets[m : m + 3] = (
-            feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - bias_turn
-        )
+        alpha = feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - rotation_bias
+        targets[m : m + 3] = alpha
         weights[m : m + 3] = gains.swing
         if in_contact:
             rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
