@@ -22,8 +22,8 @@ from stridetwin.estimators.foot_to_foot import (
     FootToFootParameters,
     PublishedParameters,
     RelativePosition,
+    relative_updates,
     state,
-    vision,
 )
 from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
@@ -37,8 +37,11 @@ from tests.estimators.one_foot import take
 
 inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
-see = from_python(vision.board_update)
-tied, board_in_camera = from_python(vision._reduced_measurement), from_python(vision.board_in_camera)
+see = from_python(relative_updates.board_update)
+tied, board_in_camera = (
+    from_python(relative_updates._reduced_measurement),
+    from_python(relative_updates.board_in_camera),
+)
 
 GRAVITY = FootInsParameters().gravity_mps2
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -394,5 +397,8 @@ def test_observations_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_
     behind = (np.random.default_rng(0).normal(0.0, 0.02, (6, 3)) - [0.0, 0.0, 1.0] - p) @ R
     for _ in range(3):
         one_foot = for_sensor(FootInsParameters(), None)
-        assert see(pair, one_foot, parameters, 0, t_ns, behind, np.zeros((6, 2)), np.full(6, 1e-3)) == vision.UNUSED
+        assert (
+            see(pair, one_foot, parameters, 0, t_ns, behind, np.zeros((6, 2)), np.full(6, 1e-3))
+            == relative_updates.UNUSED
+        )
     assert pair.covariance[CLOCKS, CLOCKS] == 0.0
