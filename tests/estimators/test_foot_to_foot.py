@@ -38,10 +38,8 @@ from tests.estimators.one_foot import take
 inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
 see = from_python(relative_updates.board_update)
-tied, board_in_camera = (
-    from_python(relative_updates._reduced_measurement),
-    from_python(relative_updates.board_in_camera),
-)
+reduced = from_python(relative_updates._reduced_measurement)
+board_in_camera = from_python(relative_updates.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity_mps2
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -144,7 +142,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
 
 
 def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
-    """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and would imply a speed."""
+    """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and seems a speed."""
     points = np.array([[0.02 * i, 0.02 * j, 0.0] for i in range(6) for j in range(5)]) - [0.05, 0.04, 0.0]
     p, turn = np.array([0.02, -0.03, 0.45]), Rotation.from_euler("xyz", [0.3, 2.8, 0.2])
     seen = turn.apply(points) + p
