@@ -38,10 +38,8 @@ from tests.estimators.one_foot import take
 inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
 see = from_python(relative_updates.board_update)
-tied, board_in_camera = (
-    from_python(relative_updates._reduced_measurement),
-    from_python(relative_updates.board_in_camera),
-)
+reduced = from_python(relative_updates._reduced_measurement)
+board_in_camera = from_python(relative_updates.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity_mps2
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -144,13 +142,14 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
 
 
 def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
-    """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and would tell a speed."""
+    """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and seems a speed."""
     points = np.array([[0.02 * i, 0.02 * j, 0.0] for i in range(6) for j in range(5)]) - [0.05, 0.04, 0.0]
     p, turn = np.array([0.02, -0.03, 0.45]), Rotation.from_euler("xyz", [0.3, 2.8, 0.2])
     seen = turn.apply(points) + p
     predicted, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
-    ahead, T, z, _ = tied(predicted, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
+    parameters, rays = for_kernel(FootToFootParameters()), seen[:, :2] / seen[:, 2:]
+    ahead, T, z, _ = reduced(parameters, predicted, about.as_matrix(), covariance, points, rays, sd, 8.0)
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
     np.testing.assert_allclose(predicted + found[:3], p, atol=2e-3)
