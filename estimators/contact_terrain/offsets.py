@@ -48,14 +48,12 @@ class Posterior:
     Attributes:
         values: (5,) vector, m, and slopes, rad.
         covariance: (5, 5).
-        one_plane: Probability that both footprints lie in one plane.
         offsets: (OFFSETS,).
         P: (OFFSETS, OFFSETS) covariance of the offsets.
     """
 
     values: Array
     covariance: Array
-    one_plane: float
     offsets: Array
     P: Array
 
@@ -99,11 +97,9 @@ class Offsets:
             at = slice(row, row + 1)
             z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, p.level_share, p.level_spread_rad)
         A = _one_plane(measured)
-        z, P, likely = _update(
-            z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad
-        )
+        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad)
         return Posterior(
-            values=measured + H @ z, covariance=H @ P @ H.T, one_plane=likely, offsets=z[:n], P=P[:n, :n]
+            values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip
 
     def store(self, posterior: Posterior) -> None:
