@@ -161,10 +161,10 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
 
 
 @cached(_HERE)
-def at_stop(leg: Links, q: Array, margin: float) -> bool:
+def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
     """Whether a joint of the ankle is within a margin (rad) of one of its stops: q as of `leg_angles`, rad."""
-    ankle = q[len(q) - len(leg.ankle_stops) :]
-    return bool(np.any(ankle < leg.ankle_stops[:, 0] + margin) or np.any(ankle > leg.ankle_stops[:, 1] - margin))
+    ankle = q[len(q) - len(ankle_stops) :]
+    return bool(np.any(ankle < ankle_stops[:, 0] + margin) or np.any(ankle > ankle_stops[:, 1] - margin))
 
 
 @cached(_HERE)

@@ -48,14 +48,12 @@ class Posterior:
     Attributes:
         values: (5,) vector, m, and slopes, rad.
         covariance: (5, 5).
-        one_plane: Probability that both footprints lie in one plane.
         offsets: (OFFSETS,).
         P: (OFFSETS, OFFSETS) covariance of the offsets.
     """
 
     values: Array
     covariance: Array
-    one_plane: float
     offsets: Array
     P: Array
 
@@ -75,9 +73,13 @@ class Offsets:
         sd = np.empty(OFFSETS)
         sd[BACK:KNEE], sd[KNEE:LENGTH] = p.rotation_sd_rad, p.knee_sd_rad
         sd[LENGTH:SAG], sd[SAG] = p.length_sd_m, sag_sd_m
-        self._x, self._P = np.zeros(OFFSETS), np.diag(sd**2)
-        self._walk = np.zeros(OFFSETS)
-        self._walk[BACK:KNEE] = p.rotation_walk_rad**2
+        walk = np.zeros(OFFSETS)
+        walk[BACK:KNEE] = p.rotation_walk_rad**2
+        self._walk = np.diag(walk)
+        # The state with the step's vector and slopes, and the derivative of these, in the form that a step completes.
+        self._z, self._P = np.zeros(OFFSETS + 5), np.zeros((OFFSETS + 5, OFFSETS + 5))
+        self._H = np.eye(5, OFFSETS + 5, OFFSETS)
+        self._P[:OFFSETS, :OFFSETS] = np.diag(sd**2) + self._walk
 
     def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
         """Combines a step with the offsets; the stored offsets do not change.
@@ -86,30 +88,23 @@ class Offsets:
             step: As measured.
             start: Both feet at the start rather than a step.
         """
-        n = OFFSETS
-        H = np.zeros((5, n + 5))
-        H[:, :n] = np.vstack([step.J_vector, step.J_slopes])
-        H[:, n:] = np.eye(5)
-        z = np.concatenate([self._x, np.zeros(5)])
-        P = np.zeros((n + 5, n + 5))
-        P[:n, :n] = self._P + np.diag(self._walk)
-        P[n:, n:] = np.diag(step.sd**2)
+        n, z, P, H = OFFSETS, self._z, self._P.copy(), self._H.copy()
+        H[:3, :n], H[3:, :n] = step.J_vector, step.J_slopes
+        np.fill_diagonal(P[n:, n:], step.sd**2)
         measured = np.concatenate([step.vector, step.slopes])
         p = self._parameters
         for row in (3, 4) if start else (3,):
             at = slice(row, row + 1)
             z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, p.level_share, p.level_spread_rad)
         A = _one_plane(measured)
-        z, P, likely = _update(
-            z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad
-        )
+        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad)
         return Posterior(
-            values=measured + H @ z, covariance=H @ P @ H.T, one_plane=likely, offsets=z[:n], P=P[:n, :n]
+            values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip
 
     def store(self, posterior: Posterior) -> None:
         """Stores the offsets estimated with a completed step."""
-        self._x, self._P = posterior.offsets, posterior.P
+        self._z[:OFFSETS], self._P[:OFFSETS, :OFFSETS] = posterior.offsets, posterior.P + self._walk
 
 
 def _apart(m: Array) -> Array:

@@ -96,13 +96,15 @@ class Proposed:
         if tick.dt == 0.0:
             self._reset_contacts()
         self._attitudes.update(tick)
-        rates = np.linalg.norm(tick.rate[3:], axis=1)
+        rates = np.sqrt((tick.rate[3:] ** 2).sum(axis=1))
         cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
         loads = np.array([c.sum() for c in cells])
         R = self._attitudes.R
         R_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
         angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
-        free = [not at_stop(leg, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)]
+        free = [
+            not at_stop(leg.ankle_stops, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)
+        ]
         for side in range(2):
             self._detect_landing(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
         if all(self._down):

@@ -31,12 +31,6 @@ def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array |
     return None if total < pressing_n else force @ cells / total
 
 
-def on_sole(T_foot_sole: Array, cop: Array) -> Array:
-    """(3,) m, a point of the sole in the foot's frame."""
-    point: Array = T_foot_sole[:3, :2] @ cop + T_foot_sole[:3, 3]
-    return point
-
-
 class Phase(Enum):
     """Phase of one foot."""
 
@@ -227,7 +221,8 @@ class Published:
             for sole, cop, rate in zip(self._soles, cops, tick.rate[3:])
         ]
         contacts = [
-            None if cop is None else on_sole(sole.T_foot_sole, cop) for sole, cop in zip(self._soles, cops)
+            None if cop is None else sole.T_foot_sole[:3, :2] @ cop + sole.T_foot_sole[:3, 3]
+            for sole, cop in zip(self._soles, cops)
         ]  # fmt: skip
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
         self._pivot.move(foot, contacts, tick.R[0], T_base_foot)

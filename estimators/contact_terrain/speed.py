@@ -80,7 +80,7 @@ class LegSpeeds:
         self._attitudes.update(tick)
         if tick.dt == 0.0:
             self._last.clear()
-        R, rates = self._attitudes.R, np.linalg.norm(tick.rate[3:], axis=1)
+        R, rates = self._attitudes.R, np.sqrt((tick.rate[3:] ** 2).sum(axis=1))
         p, R_sole, centre, load = np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros(2)
         for i, (sole, leg) in enumerate(zip(self._soles, self._links)):
             q = leg_angles(leg, R, i, tick.knee[i])

@@ -26,31 +26,17 @@ _STRIDE = 3
 """Footprints per stride."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeasuredStep:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredStep(StepEstimate):
     """A step as the legs measured it.
 
     Attributes:
-        step: Number of the step in `contact_terrain`.
-        foot: `l` or `r`, the foot that stepped.
         length: Horizontal distance from the previous footprint along the path, m.
         length_sd: Standard deviation, m.
-        elevation: Height over the previous footprint, m.
-        elevation_sd: Standard deviation, m.
-        slope: Slope of the ground in the foot's direction, rad, uphill positive.
-        slope_sd: Standard deviation, rad.
-        mode: Mode estimated by `contact_terrain`.
     """
 
-    step: int
-    foot: str
     length: float
     length_sd: float
-    elevation: float
-    elevation_sd: float
-    slope: float
-    slope_sd: float
-    mode: str
 
 
 def measured_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
@@ -66,11 +52,9 @@ def measured_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
     first, before, now = estimates[-_STRIDE:]
     stride = (now.p_sole_in_world - first.p_sole_in_world)[:2]
     toward = stride / max(math.hypot(*stride.tolist()), 1e-9)
-    made = MeasuredStep(
-        step=now.step, foot=now.foot, length=float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward),
-        length_sd=math.sqrt(max(float(toward @ now.covariance[:2, :2] @ toward), 0.0)), elevation=now.elevation,
-        elevation_sd=now.elevation_sd, slope=now.slope, slope_sd=now.slope_sd, mode=now.mode,
-    )  # fmt: skip
+    length = float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward)
+    length_sd = math.sqrt(max(float(toward @ now.covariance[:2, :2] @ toward), 0.0))
+    made = MeasuredStep(**vars(now), length=length, length_sd=length_sd)
     known = (made.length, made.length_sd, made.elevation, made.elevation_sd, made.slope, made.slope_sd)
     return made if all(map(math.isfinite, known)) else None
 
@@ -192,11 +176,11 @@ class Foothold:
         """Resets: the walker is unknown, and the foot's position follows from the body alone."""
         p = self._p
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
-        self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares))
+        self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares), p.outlier_sd)
         self._tall = StepFilter(  # top of the body over a foot, m
-            p.usual_height_m, p.usual_height_m, p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m
+            p.usual_height_m, p.usual_height_m, p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m, p.outlier_sd
         )
-        self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
+        self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise, p.outlier_sd)
         self._stance: _Stance | None = None
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode

@@ -28,6 +28,7 @@ class LocomotionModeParameters:
         step_sd: Relative standard deviation of length and time between walkers.
         step_drift: Relative random walk of length and time per step.
         step_noise: Relative standard deviation of single steps.
+        outlier_sd: Standard deviations beyond which a step gets less weight in these.
         asymmetry_sd: Relative standard deviation of left steps' excess over the mean.
         width_m: Lateral distance between left and right footprints.
         width_sd_m: Lateral standard deviation of a footprint.
@@ -133,6 +134,7 @@ class LocomotionModeParameters:
     step_sd: float = 0.15
     step_drift: float = 0.05
     step_noise: float = 0.05
+    outlier_sd: float = 2.0
     asymmetry_sd: float = 0.03
     width_m: float = 0.12
     width_sd_m: float = 0.03

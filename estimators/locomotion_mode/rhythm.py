@@ -28,12 +28,15 @@ class StepFilter:
         asymmetry_sd: Standard deviation of half the difference.
         drift: Standard deviation of the mean's change from step to step.
         noise: Standard deviation of a step from the mean.
+        outlier_sd: Standard deviations beyond which a step gets less weight.
     """
 
-    def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
+    def __init__(
+        self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float, outlier_sd: float = 2.0
+    ) -> None:
         self._x = np.array([mean, 0.0])
         self._P = np.diag([sd**2, asymmetry_sd**2])
-        self._drift, self._noise = drift, noise
+        self._drift, self._noise, self._outlier_sd = drift, noise, outlier_sd
 
     def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
         """Takes a step.
@@ -54,7 +57,7 @@ class StepFilter:
         off = value - float(J @ self._x)
         spread = float(J @ self._P @ J) + noise
         # An outlier, such as a step into a pause or beside an obstacle, gets less weight.
-        spread *= max(1.0, off**2 / (4.0 * spread))
+        spread *= max(1.0, off**2 / (self._outlier_sd**2 * spread))
         gain: Array = self._P @ J / spread
         self._x = self._x + gain * off
         self._P = self._P - np.outer(gain, J @ self._P)
@@ -156,7 +159,7 @@ class Rhythm:
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
-        self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares))
+        self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares), p.outlier_sd)
         self.foot, self.down_ns, self.step = "", -1, 0
         self._undetected = ""  # foot whose insole did not detect its last step
         self._inferred, self._detected_ns = False, -1  # whether the last touch-down was inferred; last detection

@@ -97,15 +97,6 @@ class DepthCamera:
             K, bent = calibration.K, np.array(calibration.distortion)
             self._maps = undistort(K, bent, np.eye(3), K, self.shape[::-1], cv2.CV_32FC1)
 
-    @classmethod
-    def of(cls, rig: Rig, topic: str | None) -> DepthCamera:
-        """The camera with this depth stream, or the first camera that has one.
-
-        Raises:
-            StrideTwinError: No such camera; the message lists the available ones.
-        """
-        return cls(depth_calibration(rig, topic))
-
     def pixels(self, of_640: float) -> int:
         """Converts a number of pixels of a 640-pixel image to this image's width, at least one."""
         return max(1, round(of_640 * self.shape[1] / _WIDTH))

@@ -72,9 +72,9 @@ class TerrainMap:
     ) -> None:
         options = options or Options()
         self.parameters = p = parameters or TerrainMapParameters()
-        self._camera = DepthCamera.of(rig, topic)
+        camera = depth_calibration(rig, topic)
+        self._camera = DepthCamera(camera)
         if mount is None:
-            camera = depth_calibration(rig, topic)
             self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         else:
             deprecated("TerrainMap(mount=...)", "TerrainMap(rig, options=Options(poses_of=FRAME))")

@@ -10,7 +10,7 @@ from stridetwin.streams.errors import ConfigError, check_numbers
 
 _ORDERED = (
     ("range_min_m", "range_max_m"), ("riser_min_m", "riser_max_m"), ("tread_min_m", "tread_max_m"),
-    ("flat_rad", "ramp_rad"), ("voxel_size_m", "truncation_m"),
+    ("flat_rad", "bent_rad"), ("bent_rad", "ramp_rad"), ("voxel_size_m", "truncation_m"),
 )  # fmt: skip
 
 
@@ -127,6 +127,7 @@ class TerrainMapParameters:
         depth_noise_per_m: Standard deviation of the depth divided by its square, 1/m.
         ahead_m: Distance ahead of the camera at which the top view is centred.
         flat_rad: A plane with a smaller slope is flat.
+        bent_rad: Largest apparent slope of a flat plane that pose errors have bent.
         ramp_rad: Largest slope of a ramp.
         ramp_area_m2: Smallest area of a ramp.
         strip_area_m2: Smallest area of a plane.
@@ -182,6 +183,7 @@ class TerrainMapParameters:
     depth_noise_per_m: float = 0.004
     ahead_m: float = 1.6
     flat_rad: float = math.radians(5.0)
+    bent_rad: float = math.radians(10.0)
     ramp_rad: float = math.radians(25.0)
     ramp_area_m2: float = 0.15
     strip_area_m2: float = 0.012

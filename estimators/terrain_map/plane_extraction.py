@@ -254,7 +254,7 @@ def _label(
                 continue
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
-                    x, y, z = points[i, j]
+                    x, y, z = points[i, j, 0], points[i, j, 1], points[i, j, 2]
                     if math.isnan(z):
                         continue
                     nearest = limits.distance_gate_sd * noise[i, j]

@@ -29,9 +29,9 @@ def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
     does not make it a ramp.
     """
-    if plane.slope < p.flat_rad + min(p.significant_sd * plane.slope_sd, 2.0 * p.flat_rad):
+    if plane.slope < p.flat_rad + min(p.significant_sd * plane.slope_sd, p.bent_rad):
         return True
-    return plane.slope < 2.0 * p.flat_rad and plane.rise < p.kerb_m
+    return plane.slope < p.bent_rad and plane.rise < p.kerb_m
 
 
 class Terrains:

@@ -102,11 +102,12 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
         )  # fmt: skip
         if inside and (blocks.seen_ns[row] >= stale_ns or blocks.solid[row]):
             continue
-        if inside and _is_solid(blocks.distance[row], blocks.weight[row]):
+        if inside and _is_solid(blocks.distance[row], blocks.weight[row], 0, 1):
             blocks.solid[row] = True
             continue
         below = slot_of(blocks.slots, blocks.origin, i, j, k - 1)
-        if inside and below >= 0 and _ends_at_top(blocks.distance[below], blocks.weight[below]):
+        # A surface may lie just above the top voxels of the block below: this block then delimits the solid ground.
+        if inside and below >= 0 and _is_solid(blocks.distance[below], blocks.weight[below], EDGE - 1, EDGE):
             continue
         blocks.slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)] = _NONE
         blocks.used[row] = False
@@ -115,20 +116,11 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
 
 
 @njit(**INSIDE)
-def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> bool:
-    """Whether a block has a voxel behind a surface."""
-    at = 0
+def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32], first: int, stride: int) -> bool:
+    """Whether a block has a voxel behind a surface, among the first one and those `stride` apart from it on."""
+    at = first
     while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
-        at += 1
-    return at < VOXELS
-
-
-@njit(**INSIDE)
-def _ends_at_top(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> bool:
-    """Whether a surface may lie just above a block: the block above then delimits the solid ground."""
-    at = EDGE - 1
-    while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
-        at += EDGE
+        at += stride
     return at < VOXELS
 
 

@@ -108,14 +108,14 @@ def test_a_file_gives_back_what_was_written():
 def test_an_ankle_is_at_its_stop_within_the_margin():
     leg = links(EXO.legs["l"])
     q, margin = np.zeros(6), np.radians(2.0)
-    assert not at_stop(leg, q, margin)
+    assert not at_stop(leg.ankle_stops, q, margin)
     for joint, stops in ((4, (-45.0, 50.0)), (5, (-10.0, 10.0))):
         for sign, stop in zip((-1, 1), stops):
             bent = q.copy()
             bent[joint] = np.radians(stop - 2.5 * sign)
-            assert not at_stop(leg, bent, margin)
+            assert not at_stop(leg.ankle_stops, bent, margin)
             bent[joint] = np.radians(stop - 1.5 * sign)
-            assert at_stop(leg, bent, margin)
+            assert at_stop(leg.ankle_stops, bent, margin)
 
 
 @pytest.mark.parametrize(
