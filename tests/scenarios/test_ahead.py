@@ -171,9 +171,7 @@ def test_the_plan_has_every_footprint_those_predicted_and_the_wrong_ones(ahead):
     assert len(plan.shapes(PREDICTED)) == len(plan.shapes("95 % ellipse")) == known
     assert len(plan.points("wrong")) == len(WRONG_STEPS)
     assert len(plan.layout["images"]) == 1
-    assert {"mapped edge", "predicted one step before: level", "predicted one step before: stairs up"} <= set(
-        plan.labels
-    )
+    assert {"mapped: level", "mapped: stairs up", "mapped edge", PREDICTED} <= set(plan.labels)
 
 
 def test_predicted_footprints_lie_where_they_were_predicted(ahead):

@@ -117,7 +117,7 @@ def test_names_that_are_no_method_are_those_of_installed_estimators(walk) -> Non
     with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
         made = odometry_walks.odometer("dvio", recording.rig, "head"), estimator("dvio")
     assert isinstance(*made)
-    with pytest.raises(StrideTwinError, match="nobody.*contact_terrain, dvio"):
+    with pytest.raises(StrideTwinError, match=r"nobody.*contact_terrain, dvio"):
         odometry_walks.odometer("nobody", Rig(), "head")
 
 
