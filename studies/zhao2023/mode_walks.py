@@ -153,13 +153,13 @@ class SharedMap(TerrainMap):
     """A map that several predictors feed with the same samples; it processes each once."""
 
     _last: Sample | None = None
-    _estimate: TerrainEstimate | None = None
+    _shared: TerrainEstimate | None = None
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """As `TerrainMap.update`; a repeated sample returns the same result."""
         if sample is not self._last:
-            self._estimate, self._last = super().update(sample), sample
-        return self._estimate
+            self._shared, self._last = super().update(sample), sample
+        return self._shared
 
 
 class ForgetfulMap(TerrainMap):
