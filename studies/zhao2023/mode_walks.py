@@ -211,7 +211,7 @@ def predict(
     options = Options(poses_of=given_poses(recording, depth_camera(rig))[1])
     shared = SharedMap(rig, options=options)
 
-    def predictor(name: str) -> Estimator:
+    def build(name: str) -> Estimator:
         if name == FORGETFUL:
             return LocomotionMode(rig, options=options, ground=ForgetfulMap(rig, options=options))
         if name in METHODS:
@@ -219,7 +219,7 @@ def predict(
         found = registry.estimator(name)
         return found(rig, options=replace(options, method=found.declaration.methods[0]))
 
-    predictors = {name: predictor(name) for name in methods}
+    predictors = {name: build(name) for name in methods}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
     frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
     poses: list[Odometry] = []
