@@ -99,7 +99,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
         return ""
     plot = Plot(
         title="Vertical ground reaction", x=(0, 100), x_label="gait cycle, %",
-        y_label="vertical ground reaction, body weights",
+        y_label="force, body weights",
     )  # fmt: skip
     _draw_strides(plot, strides, loads)
     return plot.html()
@@ -115,7 +115,7 @@ def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
     """Path of the centre of pressure under each foot, in the frame of the footprint it belongs to."""
     plot = Plot(
-        title="Centre of pressure", x_label="ahead of the heel, m", y_label="centre of pressure left of the axis, m",
+        title="Centre of pressure", x_label="ahead of the heel, m", y_label="left of the axis, m",
         x=(-0.04, 0.30), y=(-0.11, 0.11),
     )  # fmt: skip
     for foot in FEET:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import cycle
 
 import numpy as np
 from markupsafe import Markup
@@ -16,7 +17,8 @@ from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint
 from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.samples import Array, Block, Footprint
 
-COLORS = {"l": "#0072b2", "r": "#d55e00", "camera": "#aa3377"}
+COLORS = {"l": PALETTE[0], "r": PALETTE[1], "camera": PALETTE[3]}
+_OTHERS = {"l": PALETTE[2::3], "r": PALETTE[5::-1], "camera": PALETTE[4:]}  # of further estimators
 GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
 _FOOT_M, _HALF_FOOT_M, _NORMAL_M = 0.26, 0.045, 0.16
 _PLANE, _NORMAL = PALETTE[2], PALETTE[1]
@@ -62,7 +64,11 @@ def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Bloc
     span_y = data_range(*(y for _, y in paths), *(p[:, 1] for p in prints), margin=0.05)
     plot = Plot(title="Plan view", x=span_x, y=span_y, x_label="x, m", y_label="y, m", height=320, to_scale=True)
     draw_slabs(plot, layout, span_x, span_y)
-    plot.areas(prints, "#f6f8fa", stroke="#a9b8c8", label="true footprints")
+    if plot.is_stretched:  # outlines would be distorted
+        middles = np.array([p.mean(axis=0) for p in prints]).reshape(-1, 2)
+        plot.dots(middles[:, 0], middles[:, 1], "#8fa3b8", symbol="square-open", label="true footprints")
+    else:
+        plot.areas(prints, "#f6f8fa", stroke="#a9b8c8", label="true footprints")
     _draw_paths(plot, results, paths)
     return plot.html()
 
@@ -77,7 +83,9 @@ def error_over_time(results: Sequence[Result]) -> Markup:
         title=f"Position error over time, {_part_name(results)}", x_label="time, s", y_label="position error, mm",
         y=(0.0, 1.1 * max(most, min(reported, 3 * most), 1.0)), height=260, hover="x",
     )  # fmt: skip
-    for result, error, bound, color in zip(results, errors, bounds, PALETTE):
+    colors = _colors(results)
+    for result, error, bound in zip(results, errors, bounds):
+        color = colors[result.estimate.name]
         t, label = result.comparison.truth.t_ns * 1e-9, label_of(result.estimate)
         if bound is not None:
             plot.band(t[::10], np.zeros_like(t[::10]), bound[::10], faint(color), label=f"{label}: own 95 % bound")
@@ -115,12 +123,21 @@ def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
 
 def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -> None:
     """Paths (2, 2, N): the true one, once for each part, and the estimate; horizontal and vertical coordinate."""
-    colors = dict(zip((r.estimate.name for r in results), PALETTE * len(results)))
+    colors = _colors(results)
     for own in by_part(results).values():
         truth = paths[results.index(own[0])][:, 0]
         plot.line(truth[0], truth[1], INK, width=3.0, label="truth")
     for result, path in zip(results, paths):
         plot.line(path[0, 1], path[1, 1], colors[result.estimate.name], label=label_of(result.estimate))
+
+
+def _colors(results: Sequence[Result]) -> dict[str, str]:
+    """The colour of each estimate, the same in every figure."""
+    return {
+        result.estimate.name: color
+        for part, own in by_part(results).items()
+        for result, color in zip(own, cycle((COLORS[part], *_OTHERS[part])))
+    }
 
 
 def _positions(result: Result) -> Array:

@@ -110,11 +110,10 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
     plot.areas([prints.true[i] for i in shown], "#ffffff", stroke=_TRUE_STEP, label="true footprint")
     predicted = [found for i in shown if (found := prints.predicted[i]) is not None]
     ellipses = [ellipse(p.mean(axis=0), covariance) for p, covariance, _ in predicted if np.isfinite(covariance).all()]
-    plot.areas(ellipses, faint(MUTED, 0.2), label="its 95 % ellipse")
-    for mode in MODES:
+    plot.areas(ellipses, faint(MUTED, 0.2), label="95 % ellipse")
+    for mode in dict.fromkeys(mode for _, _, mode in predicted):
         own = [np.vstack([place, place[:1]]) for place, _, m in predicted if m == mode]
-        if own:
-            plot.curves(own, _HEX[mode], width=2.0, label=f"predicted one step before: {WORDS[mode]}")
+        plot.curves(own, _HEX[mode], width=2.0, label="footprint predicted one step before, in its mode's colour")
     steps = ahead.modes.steps if ahead.modes else []
     wrong = [prints.true[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].right]
     _draw_crosses(plot, np.reshape(wrong, (-1, 2)))

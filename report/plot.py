@@ -187,6 +187,11 @@ class Plot:
         self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})
 
     @property
+    def is_stretched(self) -> bool:
+        """Whether a figure that was to be true to scale is too flat for it."""
+        return self.to_scale and not self._aspect
+
+    @property
     def _aspect(self) -> float:
         """Height over width of a figure true to scale; 0 for one of fixed height."""
         if not self.to_scale or self.x is None or self.y is None:
@@ -196,7 +201,7 @@ class Plot:
 
     def _axes(self) -> dict[str, Any]:
         scaled = self._aspect > 0.0
-        y_label = f"{self.y_label} (stretched)" if self.to_scale and not scaled else self.y_label
+        y_label = f"{self.y_label} (stretched)" if self.is_stretched else self.y_label
         x_axis: dict[str, Any] = {"title": {"text": self.x_label}}
         y_axis: dict[str, Any] = {"title": {"text": y_label}}
         if self.x is not None:

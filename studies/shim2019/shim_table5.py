@@ -91,13 +91,17 @@ def run_case(case: Case) -> dict[str, Any]:
 
 
 def estimated_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:
-    """All step estimates of one of `METHODS`, or of an installed estimator of steps."""
+    """The last estimate of each step by one of `METHODS`, or of an installed estimator of steps."""
     if name in METHODS:
         return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo).run(iter(samples))
     found = registry.estimator(name)
     options = Options(method=found.declaration.methods[0], metadata={METADATA_KEY: to_text(exo)})
     estimator = found(rig, options=options)
-    return [estimate for sample in samples if (estimate := estimator.update(sample)) is not None]
+    last: dict[int, StepEstimate] = {}
+    for sample in samples:
+        if (estimate := estimator.update(sample)) is not None and estimate.step > 0:
+            last[estimate.step] = estimate
+    return [last[step] for step in sorted(last)]
 
 
 def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:

@@ -114,7 +114,7 @@ def table(result: dict[str, Any]) -> list[str]:
     rows = []
     for name in [*(n for n in SEQUENCES if n in rates), "mean"]:
         sequence = SEQUENCES.get(name, Sequence(like="mean", words=""))
-        figures: dict[str, Any] = {"like": sequence.like, "rate": rates.get(name)}
+        figures: dict[str, Any] = {"like": sequence.like.removeprefix("mean"), "rate": rates.get(name)}
         for m in methods:
             figures[m] = _error(summary[m], name)
             figures[f"paper_{m}"] = theirs.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)

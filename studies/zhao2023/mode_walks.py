@@ -154,13 +154,13 @@ class SharedMap(TerrainMap):
     """A map that several predictors feed with the same samples; it processes each once."""
 
     _last: Sample | None = None
-    _estimate: TerrainEstimate | None = None
+    _shared: TerrainEstimate | None = None
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """As `TerrainMap.update`; a repeated sample returns the same result."""
         if sample is not self._last:
-            self._estimate, self._last = super().update(sample), sample
-        return self._estimate
+            self._shared, self._last = super().update(sample), sample
+        return self._shared
 
 
 class ForgetfulMap(TerrainMap):
@@ -212,7 +212,7 @@ def predict(
     options = Options(poses_of=given_poses(recording, depth_calibration(rig))[1])
     shared = SharedMap(rig, options=options)
 
-    def built(name: str) -> Estimator:
+    def build(name: str) -> Estimator:
         if name == FORGETFUL:
             return LocomotionMode(rig, options=options, ground=ForgetfulMap(rig, options=options))
         if name in METHODS:
@@ -220,7 +220,7 @@ def predict(
         found = registry.estimator(name)
         return found(rig, options=replace(options, method=found.declaration.methods[0]))
 
-    predictors = {name: built(name) for name in methods}
+    predictors = {name: build(name) for name in methods}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
     frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
     poses: list[Odometry] = []

@@ -164,23 +164,22 @@ def test_errors_of_steps_do_not_depend_on_the_estimators_world(ahead):
     assert (up.distance_m, up.riser_m, up.tread_m) == pytest.approx((0.0, 0.001, 0.002), abs=1e-9)
 
 
+PREDICTED = "footprint predicted one step before, in its mode's colour"
+
+
 def test_the_plan_has_every_footprint_those_predicted_and_the_wrong_ones(ahead):
     plan = figure(ground_from_above(ahead))
     assert len(plan.shapes("true footprint")) == len(ahead.footprints)
-    predicted = [label for label in plan.labels if label.startswith("predicted one step before")]
     known = len(ahead.footprints) - 3  # nothing is predicted of the first step between two landings
-    assert sum(len(plan.shapes(label)) for label in predicted) == len(plan.shapes("its 95 % ellipse")) == known
+    assert len(plan.shapes(PREDICTED)) == len(plan.shapes("95 % ellipse")) == known
     assert len(plan.points("wrong")) == len(WRONG_STEPS)
     assert len(plan.layout["images"]) == 1
-    assert {"mapped edge", "predicted one step before: level", "predicted one step before: stairs up"} <= set(
-        plan.labels
-    )
+    assert {"mapped: level", "mapped: stairs up", "mapped edge", PREDICTED} <= set(plan.labels)
 
 
 def test_predicted_footprints_lie_where_they_were_predicted(ahead):
     plan = figure(ground_from_above(ahead))
-    predicted = [s for label in plan.labels if label.startswith("predicted") for s in plan.shapes(label)]
-    predicted = np.array(sorted(np.mean([s[:4] for s in predicted], axis=1).tolist()))
+    predicted = np.array(sorted(np.mean([s[:4] for s in plan.shapes(PREDICTED)], axis=1).tolist()))
     true = np.array(sorted(np.mean([s[:4] for s in plan.shapes("true footprint")][3:], axis=1).tolist()))
     np.testing.assert_allclose(predicted - true, np.tile([0.02, 0.0], (len(true), 1)), atol=1e-5)
 

@@ -78,7 +78,7 @@ def test_norms_come_from_the_reference_folder():
     assert reference("jao2020")["jao_straight_53m"]["mean_end_error_m"]["zupt"] == [5.2113, 3.2046]
 
 
-def test_depth_colours_tell_near_from_far_and_none():
+def test_depth_colours_distinguish_near_far_and_invalid():
     colours = colour_of_depth(np.array([[0.0, 0.5, 5.5]], np.float32))
     assert colours.shape == (1, 3, 3)
     assert colours[0, 0].tolist() == [0, 0, 0]

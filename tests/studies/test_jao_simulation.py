@@ -43,7 +43,7 @@ def test_ideal_samples_turn_back_into_the_motion() -> None:
     np.testing.assert_allclose(v, truth.v_body_in_world[-1], atol=1e-3)
 
 
-def test_feet_stand_still_in_stance_and_stride_as_told() -> None:
+def test_feet_are_stationary_in_stance_and_strides_have_the_set_length() -> None:
     walk = SteadyWalk(strides=3)
     t_ns = np.arange(0, round(walk.duration_s * 1e9), 1_000_000)
     for foot in FEET:
@@ -56,7 +56,7 @@ def test_feet_stand_still_in_stance_and_stride_as_told() -> None:
         np.testing.assert_allclose(numeric, track.v_body_in_world, atol=0.01)
 
 
-def test_the_papers_picture(result: dict) -> None:
+def test_the_order_of_the_methods_is_the_papers(result: dict) -> None:
     error, west = result["summary"]["mean_end_error_m"], result["summary"]["mean_west_error_m"]["zupt"]
     assert 1.0 < west[0] < 4.0
     assert -4.0 < west[1] < -1.0

@@ -82,7 +82,7 @@ def test_time_is_counted_from_image_to_image_and_the_last_pose_of_an_instant_cou
     assert len(run.frame_ms) == 3
 
 
-def test_the_closed_loop_tells_every_method_beside_the_paper(walk) -> None:
+def test_the_closed_loop_has_every_method_and_the_paper(walk) -> None:
     result = zhao_closed_loop.run_case(walk.scenario, walk.case, make=maker(walk.truth))
     assert (result["subject"], result["mount"]) == ("zhao_i_1", "head")
     for method in METHODS:
@@ -151,7 +151,7 @@ def test_ten_sequences_each_as_difficult_as_another_one_of_the_paper() -> None:
         assert load_scenario(name).config.fittings["head_camera"].calibration_sd.depth_scale == pytest.approx(0.005)
 
 
-def test_faults_are_borne_or_not(walk, monkeypatch) -> None:
+def test_faults_are_tolerated_or_not(walk, monkeypatch) -> None:
     monkeypatch.setattr(dvio_faults, "load_scenario", lambda name: load_scenario(walk.scenario))
     made = iter(range(100))
 
@@ -206,7 +206,7 @@ def test_the_passer_by_covers_a_third_of_the_view_and_moves() -> None:
         assert (image.pixels[~near] == 90).all()
 
 
-def test_what_an_estimator_is_told_of_wrong_calibration(walk) -> None:
+def test_calibration_errors_of_the_faults(walk) -> None:
     with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
         rig = recording.rig
     turned = dvio_faults.FAULTS["turned_2deg"].calibration(rig).cameras["/head/color"].mount.T_body_sensor

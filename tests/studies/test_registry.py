@@ -63,7 +63,7 @@ def test_other_seeds_than_the_reported_ones_can_be_asked_for(tmp_path, ran) -> N
     assert ran == [2, 3]
 
 
-def test_rows_of_another_physics_or_version_are_run_anew_and_their_number_is_told(tmp_path, ran, monkeypatch) -> None:
+def test_rows_of_another_physics_or_version_are_run_again_and_counted(tmp_path, ran, monkeypatch) -> None:
     run(tmp_path, subset=2)
     stages: list[str] = []
 
@@ -119,7 +119,7 @@ def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
     assert len({k.row for k in keys} | {k.walks for k in keys}) == 2 * len(names)
 
 
-def test_a_recording_of_another_version_is_not_gone_on_with(tmp_path, monkeypatch) -> None:
+def test_a_recording_of_another_version_is_not_reused(tmp_path, monkeypatch) -> None:
     there: list[bool] = []
 
     def run_case(case: Case) -> dict:
@@ -147,7 +147,7 @@ def test_a_recording_of_another_version_is_not_gone_on_with(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("damaged", [b"", b'{"cut', b"[1]", b"\xff"])
-def test_a_damaged_row_is_made_anew(tmp_path, monkeypatch, damaged) -> None:
+def test_a_damaged_row_is_run_again(tmp_path, monkeypatch, damaged) -> None:
     small = Experiment(
         seeds=range(1, 3), run_case=lambda case: {"seed": case.seed}, collect=collected, table=lambda result: []
     )

@@ -39,13 +39,13 @@ def test_an_insole_creeps_up_to_its_most():
     np.testing.assert_allclose(told, np.outer([0.0, 30.0, 60.0], np.ones(4)))
 
 
-def test_a_low_zero_tells_less_than_none_in_the_air():
+def test_a_low_zero_gives_a_negative_force_in_the_air():
     cells = [Insole(topic=f"/foot_{side}/insole", t_ns=0, force=np.zeros(4)) for side in "lr"]
     told = [s.force.tolist() for s in FAULTS["insole_low"].samples(cells)]
     assert told == [[-3.0] * 4, [0.0] * 4]
 
 
-def test_geometry_is_told_wrong_where_the_words_say():
+def test_geometry_errors_are_where_the_fault_says():
     config = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)), sensors=SENSORS)
     twin = Twin(config, 0)
     exo = geometry(twin.size, twin.rig)

@@ -46,7 +46,7 @@ def test_the_page_asks_the_network_for_nothing(html):
     assert not re.search(r'<script [^>]*src|@import|url\(|(src|href)="(?!data:)|https?:', text)
 
 
-def test_errors_stand_beside_the_papers_and_huos(html):
+def test_errors_are_listed_with_the_papers_and_huos(html):
     line = next(line for line in html.splitlines() if line.startswith("elevation mm, SD"))
     assert "10.00 ± 0.00" in line
     assert "25.90 ± 10.90" in line

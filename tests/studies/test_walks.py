@@ -40,7 +40,7 @@ def short(tmp_path_factory) -> tuple[str, Case, dict]:
     return str(scenario), case, jao_walk.run_case(str(scenario), case)
 
 
-def test_every_method_is_told_of_in_every_case(short) -> None:
+def test_every_method_has_figures_in_every_case(short) -> None:
     _, _, result = short
     assert set(result["cases"]) == set(jao_walk.CASES)
     for case in result["cases"].values():
@@ -96,7 +96,7 @@ def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
     }
 
 
-def test_exchanged_parts_are_refused_and_named_on_rendered_pictures(short, monkeypatch) -> None:
+def test_exchanged_parts_are_refused_and_named_on_rendered_images(short, monkeypatch) -> None:
     scenario, case, _ = short
     named = ("none", "shoes_exchanged", "cameras_exchanged", "imus_exchanged")
     monkeypatch.setattr(jao_faults, "SCENARIO", scenario)

@@ -11,7 +11,7 @@ from stridetwin.studies.placement.visibility import look_ahead, project, see_boa
 @pytest.mark.parametrize(
     ("model", "distortion"), [("radtan", (-0.28, 0.07, 0.001, -0.002)), ("equidistant", (0.02, -0.004, 0.003, -0.001))]
 )
-def test_points_lie_in_the_picture_where_opencv_has_them(model, distortion):
+def test_points_project_as_in_opencv(model, distortion):
     points = np.random.default_rng(1).uniform([-0.9, -0.7, 0.6], [0.9, 0.7, 1.5], (50, 3))
     ours, inside = project(camera(model, distortion), points)
     K, D, none = camera().K, np.array(distortion), np.zeros(3)
@@ -27,7 +27,7 @@ def test_points_lie_in_the_picture_where_opencv_has_them(model, distortion):
     assert not project(camera(model, distortion), points * [1, 1, -1])[1].any()  # behind
 
 
-def test_a_board_is_seen_while_all_its_corners_are_in_opencvs_picture():
+def test_a_board_is_seen_while_opencv_projects_all_its_corners_into_the_image():
     y = np.linspace(-0.5, 0.5, 201)
     p = np.column_stack([np.full_like(y, 0.4), y, np.full_like(y, 0.5)])
     told = see_board(walk(p), camera(), BOARD, EXPOSURE_S, Seeing(least_px=1.0))
@@ -74,7 +74,7 @@ def test_blur_is_the_way_that_opencv_sees_the_board_go_during_the_exposure():
     assert not told.sharp[0]
 
 
-def test_a_camera_with_depth_sees_the_ground_that_is_in_its_picture_and_range():
+def test_a_depth_camera_sees_the_ground_within_its_image_and_range():
     down = camera(T=np.array([[0.0, -0.342, 0.9397, 0], [-1, 0, 0, 0], [0, -0.9397, -0.342, 0], [0, 0, 0, 1]]))
     there = walk(np.tile([0.4, 9.0, 0.5], (5, 1)))
     assert look_ahead(there, down, (0.3, 6.0)).ahead == pytest.approx(2 / 3)  # the third place is far aside

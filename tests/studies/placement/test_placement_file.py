@@ -71,7 +71,7 @@ def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, changes, me
     assert str(path) in str(error.value)
 
 
-def test_what_a_scenario_cannot_have_is_told_before_anything_is_walked(tmp_path):
+def test_invalid_values_are_refused_before_the_first_walk(tmp_path):
     free = {"sensors.foot_imu.position_mm[0]": {"between": [-400, 0], "step": 100}}
     place = {"sensors.foot_imu.position_mm": [0, 40, 60]}
     problem = read_problem(written(tmp_path, free=free, set=place))

@@ -52,7 +52,7 @@ def problem(tmp_path, node):
     return path
 
 
-def test_the_command_tells_a_table_and_leaves_its_files(tmp_path, capsys):
+def test_the_command_prints_a_table_and_writes_its_files(tmp_path, capsys):
     path, out = problem(tmp_path, PARTS), tmp_path / "out"
     assert main(["place", str(path), "-o", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -113,7 +113,7 @@ def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
         run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Options(folder=tmp_path / "out"), silent)
 
 
-def test_a_score_that_nobody_tells_ends_it_with_the_first_place(tmp_path):
+def test_a_score_that_no_estimator_reports_ends_the_run_with_the_first_place(tmp_path):
     node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.nope"]}
     node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
     with pytest.raises(StrideTwinError, match=r"scores: invalid 'foot_ins\.nope': expected of this .*end_error_m"):
@@ -177,7 +177,7 @@ def test_what_killed_walks_have_left_goes_when_the_folder_is_taken(tmp_path):
         assert not left.exists()
 
 
-def test_where_only_the_place_as_it_is_has_a_score_its_page_is_made_without_figures_of_the_others(tmp_path):
+def test_a_page_without_scores_of_other_places_has_no_figures_of_them(tmp_path):
     text = (Path(str(files(parts))) / "MPU-9250.yaml").read_text()
     assert "\nmass_g:" in text
     for name in ("a.yaml", "b.yaml"):  # of which nobody knows the weight

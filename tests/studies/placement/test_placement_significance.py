@@ -4,7 +4,7 @@ import pytest
 from stridetwin.studies.placement.significance import compared, front, in_words, intervals
 
 
-def test_common_walks_tell_small_differences_apart_and_leave_none_where_there_is_none():
+def test_common_walks_resolve_small_differences_and_find_none_between_equal_places():
     rng = np.random.default_rng(3)
     walks = rng.normal(10.0, 3.0, 8)  # they differ far more than the places do
     losses = np.array([walks, walks + 0.5 + rng.normal(0, 0.1, 8), walks + rng.normal(0.02, 0.3, 8)])

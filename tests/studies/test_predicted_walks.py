@@ -1,4 +1,4 @@
-"""Walks whose steps are told: their conditions, what they spread over, tables and page; the map that forgets."""
+"""Walks with predicted steps: conditions, spreads, tables and page; the map without memory."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_spreads_add_up_as_if_all_values_were_one_walks() -> None:
     assert sum(spread(np.array([-9.0, 9.0]), edges)["bins"]) == 2
 
 
-def test_told_probabilities_stand_beside_the_share_that_was_right() -> None:
+def test_predicted_probabilities_are_compared_with_the_share_of_correct_predictions() -> None:
     steps = [step("SA", "SA", 0.95), step("SA", "LG", 0.95), step("LG", "LG", 0.55)]
     assert reliability(steps) == [(pytest.approx(0.55), 1.0, 1), (pytest.approx(0.95), 0.5, 2)]
     assert reliability([]) == []
@@ -205,7 +205,7 @@ def test_sizes_that_were_not_seen_are_counted() -> None:
     }  # fmt: skip
 
 
-def test_steps_of_which_nothing_was_told_count() -> None:
+def test_steps_without_a_prediction_count() -> None:
     steps = [step("LG", "LG", 0.9), replace(step("LG", "", 0.9), probabilities=())]
     rows = {"steps": ModeScores(steps=steps).rows()["steps"], "alarms_pct": 0.0}
     case = {"seed": 1000, "fell": [], "traps": {t: dict.fromkeys(METHODS, rows) for t in mode_not_fooled.TRAPS}}
@@ -215,7 +215,7 @@ def test_steps_of_which_nothing_was_told_count() -> None:
     assert len(mode_not_fooled.table(result)) == 3 + len(mode_not_fooled.TRAPS)
 
 
-def test_a_map_that_forgets_knows_the_last_picture_alone() -> None:
+def test_a_map_without_memory_knows_only_the_last_image() -> None:
     rig = standard_rig(replace(trial_config("zhao_view", TRIAL_SEEDS[0]), sensors=("head_imu", "head_camera")))
     places = np.array([[1.5, 0.0], [3.0, 0.0]])
     known = {}
