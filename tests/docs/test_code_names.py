@@ -1,0 +1,84 @@
+"""The pages name code that exists: files by their path, and modules, functions and parameters of an estimator."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tools.site import parts
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")], key=lambda page: page.name)
+ESTIMATORS = sorted(
+    folder.name for folder in (ROOT / "estimators").iterdir() if (ROOT / "docs" / f"{folder.name}.md").exists()
+)
+PACKAGES = (
+    "streams",
+    "sim",
+    "estimators",
+    "scenarios",
+    "pipeline",
+    "evaluation",
+    "report",
+    "studies",
+    "cli",
+    "tools",
+    "tests",
+    "benchmarks",
+)
+OUTPUTS = ("csv", "json", "mcap", "ply", "glb", "txt", "html", "yaml")
+
+
+def code_of(text):
+    """What stands between backticks outside of fenced code."""
+    prose = "".join(part for fenced, part in parts(text) if not fenced)
+    return re.findall(r"(?<!`)`([^`\n]+)`(?!`)", prose)
+
+
+def missing_files(text):
+    """Modules and folders of the repository that a page names and that do not exist."""
+    paths = {name for name in code_of(text) if re.fullmatch(rf"(?:{'|'.join(PACKAGES)})/(?:[\w./]*(?:/|\.py))?", name)}
+    return sorted(path for path in paths if not (ROOT / path).exists())
+
+
+def missing_names(text, package):
+    """Names below "How it works" that the sources of a package do not contain.
+
+    `module.py` is a file of the package, `module.name` a top-level function or class of it, and any other identifier
+    with an underscore a word of its sources.
+    """
+    text = text.split("## How it works", 1)[-1].split("## How accurate it is", 1)[0]
+    sources = {file.stem: file.read_text(encoding="utf-8") for file in package.rglob("*.py")}
+    words = set(re.findall(r"\w+", "\n".join(sources.values())))
+    missing = []
+    for name in code_of(text):
+        if module := re.fullmatch(r"(\w+)\.py", name):
+            exists = module[1] in sources
+        elif dotted := re.fullmatch(r"([a-z_]+)\.(\w+)", name):
+            exists = dotted[2] in OUTPUTS or re.search(
+                rf"^(?:def|class) {dotted[2]}\b", sources.get(dotted[1], ""), re.M
+            )
+        else:
+            exists = not re.fullmatch(r"[a-z]+(?:_[a-z0-9]+)+", name) or name in words
+        if not exists:
+            missing.append(name)
+    return missing
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_that_a_page_names_exist(page):
+    assert missing_files(page.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_code_that_an_estimator_s_page_cites_exists(name):
+    text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    assert missing_names(text, ROOT / "estimators" / name) == []
+
+
+def test_missing_code_is_found(tmp_path):
+    (tmp_path / "gain.py").write_text("def gain(noise_sd): ...\n", encoding="utf-8")
+    cited = "`gain.py`, `gain.gain`, `noise_sd`, `loss.py`, `gain.loss`, `bias_sd`"
+    page = f"`sim/nowhere.py`, `sim/`\n## How it works\n{cited}\n## How accurate it is\n`x_y`\n"
+    assert missing_files(page) == ["sim/nowhere.py"]
+    assert missing_names(page, tmp_path) == ["loss.py", "gain.loss", "bias_sd"]
