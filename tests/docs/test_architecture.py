@@ -24,7 +24,7 @@ def imported(part):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
             found |= {name.split(".")[1] for name in names if name.startswith("stridetwin.")}
-    return found - {part}
+    return (found & PARTS) - {part}
 
 
 def test_every_part_is_drawn_with_its_imports():
