@@ -52,7 +52,8 @@ _CONFIG: Mapping[str, Any] = {
     "mode": "peer",
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
-    "connect/timeout_ms": 0,
+    "scouting/delay": 0,
+    "connect/timeout_ms": -1,
     "connect/exit_on_failure": False,  # a sender may start before its receiver
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
     "transport/unicast/max_sessions": 32,
