@@ -42,7 +42,8 @@ def test_every_data_file_is_packaged():
         assert {f for f in files if not f.name.startswith(".")} <= packaged
 
 
-NAMES = {"cv2": "opencv-python-headless", "rerun": "rerun-sdk", "sklearn": "scikit-learn", "yaml": "pyyaml"}
+NAMES = {"cv2": "opencv-python-headless", "rerun": "rerun-sdk", "sklearn": "scikit-learn", "yaml": "pyyaml",
+         "zenoh": "eclipse-zenoh"}  # fmt: skip
 """Distributions that are not called as what they are imported as."""
 
 
@@ -72,8 +73,8 @@ def test_what_is_imported_is_declared():
 
 
 def test_what_the_hardware_modules_import_comes_with_every_installation():
-    # The published classifier of steps, a stream as a table, the published terrain map: each says what it needs.
-    optional = {"scikit-learn", "pandas", "open3d"}
+    # The published classifier of steps, a stream as a table, live transport, the published map: each says what it needs.
+    optional = {"scikit-learn", "pandas", "eclipse-zenoh", "open3d"}
     assert set(imported("streams", "estimators")) <= declared()[""] | optional
 
 

@@ -140,9 +140,8 @@ class Decoder:
 
     def __init__(self, topic: str, typename: str) -> None:
         if typename not in READABLE:
-            raise ValueError(
-                f"{topic}: type {typename[:60]!r} is not supported: expected {', '.join(sorted(READABLE))}"
-            )
+            expected = ", ".join(sorted(READABLE))
+            raise ValueError(f"{topic}: unsupported type {typename[:60]!r}: expected one of {expected}")
         self.topic, self.typename = topic, typename
         self._known: _Known | None = None
 

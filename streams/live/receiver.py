@@ -180,6 +180,7 @@ class Receiver:
         return sender
 
     def _end(self, name: str, body: bytes) -> _Sender:
+        """Settles what a sender had; it hangs up itself once it has the answer."""
         numbers = read(Counts, body, "end")
         with self._changed:
             sender = self._senders.get(name)
@@ -189,7 +190,6 @@ class Receiver:
                 for topic, number in numbers.items():
                     self._count_gap(sender, topic, number)
                 self._has_ended = True
-        self._leave(name)
         return sender
 
     def _on_sample(self, name: str, item: zenoh.Sample) -> None:

@@ -44,7 +44,7 @@ LARGEST_HELLO = 1 << 19
 LARGEST_SMALL = 1 << 16
 """Bytes of a message without an image."""
 LATEST_NS = 2**31 * 1_000_000_000
-_TOPIC = re.compile(r"(/[^/*$?#\s]+)+", re.ASCII)
+_TOPIC = re.compile(r"(/[^/*$?#\s]+)+")
 _ROOT, _CDR = "stridetwin", "application/cdr;"
 _MARK = struct.Struct("<qQ")
 _ANSWER_S = 60.0
@@ -52,7 +52,8 @@ _CONFIG: Mapping[str, Any] = {
     "mode": "peer",
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
-    "connect/timeout_ms": 0,
+    "scouting/delay": 0,
+    "connect/timeout_ms": -1,
     "connect/exit_on_failure": False,  # a sender may start before its receiver
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
     "transport/unicast/max_sessions": 32,
@@ -133,7 +134,7 @@ def check_message(message: Message) -> None:
         WireError: One is invalid.
     """
     topic, typename, size = message.topic, message.typename, len(message.payload)
-    if len(topic) > 255 or not _TOPIC.fullmatch(topic):
+    if len(topic) > 255 or not (topic.isascii() and topic.isprintable() and _TOPIC.fullmatch(topic)):
         raise WireError(f"invalid topic {topic[:40]!r}: expected a name such as /head/imu")
     if not 0 <= message.t_ns < LATEST_NS:
         raise WireError(f"{topic}: invalid stamp {message.t_ns} ns: expected 0 to {LATEST_NS}")
@@ -278,7 +279,7 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     Raises:
         StrideTwinError: The text is not an address.
     """
-    found = re.fullmatch(r"(\[[0-9a-fA-F.]*:[0-9a-fA-F:.]*\]|[^:/ \0?#]*)(?::(\d{0,5}))?", text)
+    found = re.fullmatch(r"(\[[0-9a-fA-F.]*:[0-9a-fA-F:.]*\]|[^][:/ \0?#]*)(?::(\d{0,5}))?", text)
     host, port = (found[1].strip("[]"), int(found[2] or PORT)) if found else ("", -1)
     try:
         host.encode("idna")  # rejects empty or too long parts of a name

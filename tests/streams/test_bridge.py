@@ -246,6 +246,20 @@ def test_a_receiver_that_starts_later_is_greeted_and_counts_what_it_has_missed()
         assert sender.dropped.total() == 10
 
 
+def test_a_sender_that_starts_first_connects_later():
+    with socket.create_server(LOCAL) as free:
+        address = free.getsockname()[:2]
+    with ExitStack() as stack:
+        with Sender(small_rig(), address, patience_s=30) as sender:
+            sender.send(imu(0))
+            time.sleep(0.5)  # nobody listens
+            receiver, came = stack.enter_context(Receiver(address)), []
+            take_until(receiver, came, lambda: len(came) == 2)
+            sender.send(imu(1))
+        came += everything(receiver)
+    assert [a.sample.t_ns for a in came[1:]] == [imu(0).t_ns, imu(1).t_ns]
+
+
 @pytest.mark.parametrize("lossless", [False, True])
 def test_an_address_without_a_machine_is_reported(lossless):
     def send():
