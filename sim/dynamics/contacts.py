@@ -75,7 +75,7 @@ class ContactBias(NamedTuple):
 def subtract_bias(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
     """Corrects the (nefc,) reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
     body, chain = bias_of
-    _, cdof_dot, cvel, centre, qvel, _, _ = state
+    cdof_dot, cvel, centre, qvel = state.cdof_dot, state.cvel, state.centre, state.qvel
     geoms, pos, frame, _, address = contacts
     v, bias, rotation_bias = np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(address)):

@@ -47,7 +47,7 @@ class CouplingSet(NamedTuple):
 def coupling_forces(couplings: CouplingSet, state: State) -> Array:
     """Generalised force (nv,) of all couplings, as in `exo_couplings.wrench`."""
     bodies, points, law, chain = couplings
-    cdof, _, cvel, centre, _, xpos, xmat = state
+    cdof, cvel, centre, xpos, xmat = state.cdof, state.cvel, state.centre, state.xpos, state.xmat
     nv = len(cdof)
     applied = np.zeros(nv)
     point, arm, w, dp = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
