@@ -32,7 +32,7 @@ class StepFilter:
     """
 
     def __init__(
-        self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float, outlier_sd: float = 2.0
+        self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float, *, outlier_sd: float = 2.0
     ) -> None:
         self._x = np.array([mean, 0.0])
         self._P = np.diag([sd**2, asymmetry_sd**2])
