@@ -176,11 +176,12 @@ class Foothold:
         """Resets: the walker is unknown, and the foot's position follows from the body alone."""
         p = self._p
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
-        self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares), p.outlier_sd)
-        self._tall = StepFilter(  # top of the body over a foot, m
-            p.usual_height_m, p.usual_height_m, p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m, p.outlier_sd
+        self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares), outlier_sd=p.outlier_sd)
+        top = p.usual_height_m, p.usual_height_m, p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m
+        self._tall = StepFilter(*top, outlier_sd=p.outlier_sd)  # top of the body over a foot, m
+        self._ramps = StepFilter(
+            p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise, outlier_sd=p.outlier_sd
         )
-        self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise, p.outlier_sd)
         self._stance: _Stance | None = None
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode

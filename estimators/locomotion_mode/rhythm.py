@@ -32,7 +32,7 @@ class StepFilter:
     """
 
     def __init__(
-        self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float, outlier_sd: float = 2.0
+        self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float, *, outlier_sd: float = 2.0
     ) -> None:
         self._x = np.array([mean, 0.0])
         self._P = np.diag([sd**2, asymmetry_sd**2])
@@ -159,7 +159,7 @@ class Rhythm:
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
-        self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares), p.outlier_sd)
+        self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares), outlier_sd=p.outlier_sd)
         self.foot, self.down_ns, self.step = "", -1, 0
         self._undetected = ""  # foot whose insole did not detect its last step
         self._inferred, self._detected_ns = False, -1  # whether the last touch-down was inferred; last detection

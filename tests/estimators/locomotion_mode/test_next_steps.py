@@ -219,11 +219,11 @@ def test_the_top_of_the_body_identifies_the_tread_under_the_foot():
     assert foothold.after_passing(wide, height, 1.5) is wide  # the height of the walker is not known yet
     level = np.zeros(len(foothold.s))
     for k in range(8):
-        landing = Landing(feet=("lr"[k % 2],), after=True)
+        landing = Landing(feet=("lr"[k % 2],), measurable=True)
         foothold.land(landing, Line(np.array([0.6 * k, 0.0]), line.forward), ground(), level, 1.45, 1.5, 0.0, 0.6)
     for tread in (1, 2, 3):
-        after_passing = foothold.after_passing(wide, height, 1.52 - 0.15 * tread)
-        assert after_passing[np.isclose(height, -0.15 * tread)].sum() > 0.9
+        density = foothold.after_passing(wide, height, 1.52 - 0.15 * tread)
+        assert density[np.isclose(height, -0.15 * tread)].sum() > 0.9
     assert foothold.after_passing(wide, None, 1.5) is wide
 
 
@@ -231,7 +231,7 @@ def test_the_top_of_the_body_identifies_the_tread_under_the_foot():
 def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
     foothold, east = Foothold(P), np.array([1.0, 0.0])
     for k in range(4):
-        landing = Landing(feet=("lr"[k % 2],), after=True)
+        landing = Landing(feet=("lr"[k % 2],), measurable=True)
         line = Line(np.array([0.6 * k - P.behind_m, 0.0]), east)
         foothold.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
     ahead, _ = moments(foothold.standing(line), foothold.s)
