@@ -80,7 +80,7 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
     The two initial footprints come first and are not steps; there is one estimate per step. Both are in order.
     """
-    estimates = list(estimates)
+    every = list(estimates)
     made = []
     for i in range(_STANDING, len(footprints)):
         print_ = footprints[i]
@@ -89,7 +89,7 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
         before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
         if before is None or any(p.foot == print_.foot for p in beside):
             continue
-        made.append(_scored(print_, before, next(iter(_estimates_of(footprints, i, estimates)), None)))
+        made.append(_scored(print_, before, next(iter(_estimates_of(footprints, i, every)), None)))
     return made
 
 
@@ -98,13 +98,13 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
     A footprint that the truth lacks between two of the other foot may have an estimate. Arguments as in `score_steps`.
     """
-    estimates, right = list(estimates), set[int]()
+    every, right = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
         later = footprints[max(i + 1, _STANDING) :]
         others = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
         true = (i >= _STANDING) + max(others - 1, 0)
-        right.update([id(e) for e in _estimates_of(footprints, i, estimates) if id(e) not in right][:true])
-    return len(estimates) - len(right)
+        right.update([id(e) for e in _estimates_of(footprints, i, every) if id(e) not in right][:true])
+    return len(every) - len(right)
 
 
 def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[StepEstimate]) -> list[StepEstimate]:

@@ -65,7 +65,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
         x_names=tuple(CASES),
     )  # fmt: skip
     for k, method in enumerate((METHODS[0], *METHODS)):
-        name = f"told_{quantity}" if k else quantity
+        name = f"estimated_{quantity}" if k else quantity
         values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
         at = np.array([i for i, own in enumerate(values) if own])
         means = np.array([np.mean(own) for own in values if own])

@@ -239,7 +239,7 @@ def test_broken_files_are_told_in_one_line(tmp_path, text, words):
 
 
 def test_unknown_scenarios_are_told_with_the_names_there_are(tmp_path):
-    with pytest.raises(StrideTwinError, match=r"no scenario 'level_20'.*did you mean 'level_20m'\?"):
+    with pytest.raises(StrideTwinError, match=r"invalid scenario 'level_20'.*did you mean 'level_20m'\?"):
         load_scenario("level_20")
     with pytest.raises(StrideTwinError, match="cannot be read: No such file"):
         load_scenario(str(tmp_path / "none.yaml"))

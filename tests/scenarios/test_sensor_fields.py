@@ -25,20 +25,20 @@ def read(node, folder="."):
 
 def fitted(node, folder="."):
     asked = read(node, folder)
-    return sensor_rig(TwinConfig(name="x", route=ROUTE, sensors=asked.groups, fittings=asked.fittings))
+    return sensor_rig(TwinConfig(name="x", route=ROUTE, sensors=asked.groups, fittings=asked.configs))
 
 
 def test_a_list_names_what_is_on():
     asked = read(["foot_imu", "sonar"])
     assert asked.groups == ("foot_imu", "sonar")
-    assert asked.asked == {"foot_imu": "sensors[0]", "sonar": "sensors[1]"}
-    assert not asked.fittings
+    assert asked.paths == {"foot_imu": "sensors[0]", "sonar": "sensors[1]"}
+    assert not asked.configs
 
 
 def test_a_mapping_changes_what_it_names_and_leaves_the_rest_on():
     asked = read({"foot_imu": "MPU-9250", "head_camera": False, "sonar": True})
     assert set(asked.groups) == set(KIND) - {"head_camera", "exo_imu"}  # which is off unless asked for
-    assert set(asked.fittings) == {"foot_imu"}
+    assert set(asked.configs) == {"foot_imu"}
     rig = fitted({"foot_imu": "MPU-9250"}).rig
     assert rig.imus["/foot_l/imu"].rate_hz == 200
     assert "MPU-9250" in rig.imus["/foot_r/imu"].part
@@ -128,10 +128,10 @@ def test_the_lists_of_the_command_line_are_refused_as_before():
 def test_errors_of_calibration_exposure_and_strikes_are_read_in_the_units_of_files():
     camera = {"exposure_ms": 15, "calibration_sd": {"rotation_deg": 0.2, "position_mm": 1, "intrinsics_pct": 0.1}}
     asked = read({"head_camera": camera, "head_imu": {"strike_g": 1}})
-    sd = asked.fittings["head_camera"].calibration_sd
+    sd = asked.configs["head_camera"].calibration_sd
     assert (sd.rotation_rad, sd.position_m, sd.intrinsics) == pytest.approx((np.radians(0.2), 1e-3, 1e-3))
     assert (sd.offset_s, sd.depth_scale) == (0.0, 0.0)
-    assert asked.fittings["head_imu"].strike == pytest.approx(9.80665)
+    assert asked.configs["head_imu"].strike == pytest.approx(9.80665)
     worn = fitted({"head_camera": camera})
     assert worn.sensors["/head/color"].part.imager.exposure_s == pytest.approx(0.015)
     with pytest.raises(ConfigError, match="calibration_sd"):
