@@ -218,7 +218,8 @@ def mode_ribbon(ahead: Ahead) -> str:
     t = np.array([e.t_ns * 1e-9 for e in estimates])
     p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in estimates])
     plot = Plot(
-        title="Modes over time", x=(begin, end), y=(-0.08, 3.9), x_label="time, s", height=270,
+        title="Modes over time", x=(begin, end), y=(-0.08, 3.9), x_label="time, s", y_label="mode, probability",
+        height=270,
         y_names={3.4: "true", 2.4: "predicted", 1.6: "p = 1", 0.8: "p = 0.5", 0.0: "p = 0"},
     )  # fmt: skip
     touched = np.array([begin, *(step.t_s for step in steps)])

@@ -131,7 +131,7 @@ class Plot:
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = ""
     ) -> None:
         """Upright rectangles."""
-        sides = np.broadcast_arrays(*(np.asarray(v, float) for v in (left, right, low, high)))
+        sides = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (left, right, low, high)))
         self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
 
     def dots(

@@ -47,6 +47,16 @@ def test_a_metre_is_as_long_both_ways_unless_the_figure_would_be_a_line():
     assert flat.layout["yaxis"]["title"]["text"] == "y, m (stretched)"
 
 
+def test_bars_are_one_or_many():
+    plot = Plot(title="")
+    plot.bars(1.0, 2.0, 0.0, 3.0, "#123456", label="one")
+    plot.bars([1.0, 4.0], [2.0, 5.0], 0.0, [3.0, 4.0], "#123456", label="two")
+    plot.bars([], [], 0.0, [], "#123456", label="none")
+    drawn = figure(plot.html())
+    assert drawn.labels == ["one", "two"]
+    assert [len(drawn.shapes(label)) for label in drawn.labels] == [1, 2]
+
+
 def test_equal_figures_give_equal_bytes_and_a_page_holds_the_library_once():
     def make():
         plots = []
