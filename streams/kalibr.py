@@ -276,7 +276,7 @@ def _camera(
     more: dict[str, Any]
     if own is None:
         mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
-        more: dict[str, Any] = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
+        more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
     else:
         if own.imu_topic and own.imu_topic not in imus:
             wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"

@@ -73,7 +73,7 @@ def test_what_is_imported_is_declared():
 
 
 def test_what_the_hardware_modules_import_comes_with_every_installation():
-    # The published classifier of steps, a stream as a table, live transport, the published map: each says what it needs.
+    # The published classifier, a stream as a table, live transport, the published map: each says what it needs.
     optional = {"scikit-learn", "pandas", "eclipse-zenoh", "open3d"}
     assert set(imported("streams", "estimators")) <= declared()[""] | optional
 
