@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from inspect import Parameter, Signature, get_annotations
 from typing import Any, get_type_hints
@@ -63,6 +65,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code."""
     call = parse(argv)
     console = Console()
+    with _deprecations_shown():
+        return _run(call, console)
+
+
+def _run(call: Call, console: Console) -> int:
     try:
         check_outputs(call.command, call.options)
         outcome = call.run(console)
@@ -84,6 +91,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise the interpreter's own flush fails
         return _PIPE_CLOSED
     return outcome.code
+
+
+@contextmanager
+def _deprecations_shown() -> Iterator[None]:
+    """Shows former names of ours in use, each once and in one line; Python hides them by default."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("once", category=DeprecationWarning, message=".*(former name|deprecated).*")
+        shown = warnings.showwarning
+
+        def show_in_a_line(message: Warning | str, category: type[Warning], *where: Any) -> None:
+            if category is DeprecationWarning:
+                print(f"{_NAME}: warning: {message}", file=sys.stderr)
+            else:
+                shown(message, category, *where)
+
+        warnings.showwarning = show_in_a_line
+        yield
 
 
 def _app() -> typer.Typer:

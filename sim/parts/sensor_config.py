@@ -46,14 +46,14 @@ class Clock:
         drift_ppm: Growth of the offset, µs per second.
         jitter_s: Standard deviation from sample to sample.
         latency_s: Time from the sample to the stamp.
-        told: Whether the rig's calibration contains the constant part (offset and latency).
+        calibrated: Whether the rig's calibration contains the constant part (offset and latency).
     """
 
     offset_s: Annotated[float, number(-1, 1)] = 0.0
     drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
     jitter_s: Annotated[float, number(0, 0.1)] = 0.0
     latency_s: Annotated[float, number(0, 1)] = 0.0
-    told: Annotated[bool, flag()] = False
+    calibrated: Annotated[bool, flag()] = False
 
     @property
     def shift_s(self) -> float:

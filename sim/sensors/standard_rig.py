@@ -194,7 +194,7 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
 
 def _nominal_shift(config: TwinConfig, group: str) -> float:
     clock = _settings(config, group).clock
-    return clock.shift_s if clock.told else 0.0
+    return clock.shift_s if clock.calibrated else 0.0
 
 
 def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:

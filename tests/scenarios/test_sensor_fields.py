@@ -81,14 +81,20 @@ def test_shoe_cameras_and_boards_sit_where_the_file_says():
         np.testing.assert_allclose(board[:3, 3], [-0.08, 0.0, 0.07])
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_trigger_offset_is_in_the_calibration_where_it_is_told(told):
-    clock = {"offset_s": 0.004, "latency_s": 0.001, "drift_ppm": 20, "jitter_s": 0.0001, "told": told}
-    worn = fitted({"foot_camera": {"clock": clock}, "foot_imu": {"clock": {"offset_s": 0.01, "told": True}}})
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_a_trigger_offset_is_in_the_calibration_if_the_clock_says_so(calibrated):
+    clock = {"offset_s": 0.004, "latency_s": 0.001, "drift_ppm": 20, "jitter_s": 0.0001, "calibrated": calibrated}
+    worn = fitted({"foot_camera": {"clock": clock}, "foot_imu": {"clock": {"offset_s": 0.01, "calibrated": True}}})
     camera = worn.rig.cameras["/foot_l/camera"]
     # t_imu = t_cam + shift
-    assert camera.timeshift_cam_imu_s == pytest.approx(0.005 if told else 0.010)
+    assert camera.timeshift_cam_imu_s == pytest.approx(0.005 if calibrated else 0.010)
     assert worn.sensors["/foot_l/camera"].clock.shift_s == pytest.approx(0.005)
+
+
+def test_the_former_key_of_a_calibrated_clock_still_works_and_warns():
+    with pytest.warns(DeprecationWarning, match="calibrated"):
+        worn = fitted({"foot_camera": {"clock": {"offset_s": 0.004, "told": True}}})
+    assert worn.rig.cameras["/foot_l/camera"].timeshift_cam_imu_s == pytest.approx(0.004)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +108,7 @@ def test_a_trigger_offset_is_in_the_calibration_where_it_is_told(told):
         ({"foot_imu": {"rate": 100}}, ["sensors.foot_imu: invalid 'rate'", "did you mean 'rate_hz'?"]),
         ({"foot_imu": {"rate_hz": 0}}, ["sensors.foot_imu.rate_hz: invalid 0", "1-2000"]),
         ({"foot_imu": {"clock": {"offset_s": 3}}}, ["sensors.foot_imu.clock.offset_s: invalid 3", "-1 to 1"]),
-        ({"sonar": {"clock": {"told": True}}}, ["sensors.sonar.clock: invalid 'told'", "offset_s"]),
+        ({"sonar": {"clock": {"calibrated": True}}}, ["sensors.sonar.clock: invalid 'calibrated'", "offset_s"]),
         ({"foot_imu": {"position_mm": [1, 2]}}, ["sensors.foot_imu.position_mm: invalid [1, 2]", "three items"]),
         ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: invalid 'light'"]),
         ({"foot_camera": {"frames": "half"}}, ["sensors.foot_camera.frames: invalid 'half'", "board, full"]),
