@@ -8,27 +8,20 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from stridetwin.cli.options import ImportableOptions, Outcome, Progress, SourceOptions, positive
-from stridetwin.evaluation.evaluate import true_path
-from stridetwin.scenarios.files import staged
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.euroc_export import write_euroc
-from stridetwin.streams.formats.imu_table import write_imu_table
-from stridetwin.streams.formats.mcap_export import write_rosbag2
-from stridetwin.streams.formats.opening import opened
-from stridetwin.streams.formats.opensim_export import write_opensim
-from stridetwin.streams.formats.tum import write_tum
-from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
-from stridetwin.streams.recording.reader import Recording
+
+if TYPE_CHECKING:
+    from stridetwin.streams.recording.reader import Recording
 
 
 def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
     """`opened`, with the options of a command."""
-    from stridetwin.streams.formats.opening import ImportOptions
+    from stridetwin.streams.formats.opening import ImportOptions, opened
 
     options = ImportOptions(
         kind=arguments.kind,
@@ -71,6 +64,14 @@ def export(
     Raises:
         StrideTwinError: The recording lacks what the format needs, or the output exists.
     """
+    from stridetwin.evaluation.evaluate import true_path
+    from stridetwin.scenarios.files import staged
+    from stridetwin.streams.formats.euroc_export import write_euroc
+    from stridetwin.streams.formats.mcap_export import write_rosbag2
+    from stridetwin.streams.formats.opensim_export import write_opensim
+    from stridetwin.streams.formats.tum import write_tum
+    from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
+
     if form == "table":
         return _table(recording, output, frame or DEFAULT_FRAME)
     if form == "tum" and (frame is not None or output.suffix in TRAJECTORY_SUFFIXES):
@@ -91,6 +92,7 @@ def export(
 
 
 def _table(recording: Recording, output: Path, frame: str) -> dict[str, int]:
+    from stridetwin.streams.formats.imu_table import write_imu_table
 
     imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
     if frame not in imus:
@@ -149,6 +151,8 @@ class ViewOptions(SourceOptions):
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """`export`."""
+    from stridetwin.streams.formats.opening import opened
+
     recording = opened(arguments.source, arguments.lenient)
     progress("export", 0.0)
     rows = export(
@@ -206,6 +210,7 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     from stridetwin.evaluation.terrain_ahead import all_estimates
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.streams.files import whole_file
+    from stridetwin.streams.formats.opening import opened
 
     if not rerun_installed():
         raise StrideTwinError("rerun is not installed; the viewer needs it: pip install 'stridetwin[view]'")

@@ -17,7 +17,7 @@ from types import ModuleType
 
 EXTRAS = frozenset({
     "mujoco", "dm_control", "dm_env", "trimesh", "rerun", "rerun_sdk", "dask", "distributed", "cma", "sklearn",
-    "pandas", "zenoh",
+    "pandas", "zenoh", "open3d",
 })  # fmt: skip
 """Import names of the extras' packages."""
 

@@ -24,25 +24,25 @@ def here(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("estimate foot_ins imu.npz -o imu.npz", "estimate -o: 'imu.npz'"),
-        ("estimate foot_ins imu.npz -o folder/../imu.npz", "estimate -o: 'folder/../imu.npz'"),
-        ("import imu.npz -o imu.npz", "import -o: 'imu.npz'"),
-        ("export imu.npz --format table -o imu.npz", "export -o: 'imu.npz'"),
-        ("generate s.yaml -o s.yaml", "generate -o: 's.yaml'"),
-        ("view imu.npz -o imu.npz", "view -o: 'imu.npz'"),
-        ("history h.jsonl -o h.jsonl", "history -o: 'h.jsonl'"),
-        ("score imu.npz --baseline b.json --junit b.json", "score --junit: 'b.json'"),
-        ("score imu.npz --baseline b.json --junit imu.npz", "score --junit: 'imu.npz'"),
-        ("score imu.npz --history imu.npz --label a", "score --history: 'imu.npz'"),
-        ("score imu.npz --estimate mine=h.jsonl --history h.jsonl --label a", "score --history: 'h.jsonl'"),
-        ("score imu.npz --baseline b.json --junit x --markdown x", "score --markdown: 'x'"),
+        ("estimate foot_ins imu.npz -o imu.npz", "estimate -o: invalid 'imu.npz'"),
+        ("estimate foot_ins imu.npz -o folder/../imu.npz", "estimate -o: invalid 'folder/../imu.npz'"),
+        ("import imu.npz -o imu.npz", "import -o: invalid 'imu.npz'"),
+        ("export imu.npz --format table -o imu.npz", "export -o: invalid 'imu.npz'"),
+        ("generate s.yaml -o s.yaml", "generate -o: invalid 's.yaml'"),
+        ("view imu.npz -o imu.npz", "view -o: invalid 'imu.npz'"),
+        ("history h.jsonl -o h.jsonl", "history -o: invalid 'h.jsonl'"),
+        ("score imu.npz --baseline b.json --junit b.json", "score --junit: invalid 'b.json'"),
+        ("score imu.npz --baseline b.json --junit imu.npz", "score --junit: invalid 'imu.npz'"),
+        ("score imu.npz --history imu.npz --label a", "score --history: invalid 'imu.npz'"),
+        ("score imu.npz --estimate mine=h.jsonl --history h.jsonl --label a", "score --history: invalid 'h.jsonl'"),
+        ("score imu.npz --baseline b.json --junit x --markdown x", "score --markdown: invalid 'x'"),
     ],
 )
 def test_an_output_that_is_read_or_written_for_something_else_is_refused(here, capsys, words, said):
     before = {p: p.read_bytes() for p in here.iterdir() if p.is_file()}
     assert main(words.split()) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"error: invalid {said}: expected a file that is not also an input or another output" in line
+    assert f"error: {said}: expected a file that is not also an input or another output" in line
     assert {p: p.read_bytes() for p in here.iterdir() if p.is_file()} == before
 
 

@@ -222,7 +222,10 @@ def test_compliance_survives_its_file_and_files_without_it_mean_the_defaults(wal
     assert replace(read, slope_sd_rad=other.compliance.slope_sd_rad) == other.compliance
     before = text[: text.index("compliance:")]
     assert parse_exoskeleton(before, "exo.yaml").compliance == Compliance()
-    for line, said in (("slope_sd_deg: -1", "compliance.slope_sd_deg: -1"), ("slack_m: 0.1", "compliance.slack_m")):
+    for line, said in (("slope_sd_deg: -1", "slope_sd_deg: invalid -1"), ("slack_m: 0.1", "compliance: invalid .slack_m.")):
+        ("slope_sd_deg: -1", "compliance.slope_sd_deg: invalid -1"),
+        ("slack_m: 0.1", "compliance.slack_m"),
+    ):
         with pytest.raises(ConfigError, match=said):
             parse_exoskeleton(f"{before}compliance: {{{line}}}\n", "exo.yaml")
 
@@ -238,9 +241,9 @@ def test_a_more_compliant_exoskeleton_leads_to_larger_standard_deviations(walk, 
 @pytest.mark.parametrize(
     ("group", "changed", "said"),
     [
-        ("classes", {"probability_min": 1.0}, "probability_min: 1.0 .* below 1"),
-        ("footfall", {"left_n": 90.0}, "left_n: 90.0 .* landed_n"),
-        ("ticks", {"hold_s": -0.1}, "hold_s: -0.1"),
+        ("classes", {"probability_min": 1.0}, "probability_min: invalid 1.0: .* below 1"),
+        ("footfall", {"left_n": 90.0}, "left_n: invalid 90.0: .* landed_n"),
+        ("ticks", {"hold_s": -0.1}, "hold_s: invalid -0.1"),
     ],
 )
 def test_parameters_that_make_no_sense_are_refused(group, changed, said):

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from plots import figure
 
 from stridetwin.cli.console import plain_text
 from stridetwin.cli.score import score_tables
@@ -32,6 +31,7 @@ from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.samples import Depth, Footprint, Odometry
 from stridetwin.streams.trajectory import Trajectory
+from tests.plots import figure
 
 LAYOUT = lay_out(Route(segments=(Level(length_m=3), Stairs(risers=3, riser_m=0.15, tread_m=0.3), Level(length_m=3))))
 EDGES = (3.0, 3.3, 3.6)

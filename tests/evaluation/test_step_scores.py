@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from plots import figure, figures
 
 from stridetwin.cli.console import plain_text
 from stridetwin.cli.score import score_tables
@@ -12,6 +11,7 @@ from stridetwin.evaluation.step_scores import ScoredStep, step_scores
 from stridetwin.report.figures_path import steps_from_above, steps_from_aside
 from stridetwin.sim.config import Level, Ramp, Route
 from stridetwin.sim.world.route import lay_out
+from tests.plots import figure, figures
 
 
 def step(i, *, mode="LG", estimated_mode="LG", told=True, elevation=0.004, slope=0.0):

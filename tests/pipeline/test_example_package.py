@@ -148,7 +148,7 @@ def test_forms_of_the_release_before_still_work_and_warn(seen):
         pose = pose_of(Own())
     assert pose.t_ns == 5
     np.testing.assert_array_equal(pose.T_world_frame[:3, 3], [1.0, 2.0, 3.0])
-    with pytest.raises(StrideTwinError, match=r"expected stridetwin\.streams\.pose\.Pose"):
+    with pytest.raises(StrideTwinError, match=r"expected stridetwin\.streams\.trajectory\.Pose"):
         pose_of(3)
 
 

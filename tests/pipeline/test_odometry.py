@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from plots import figures
 
 from stridetwin.cli.main import main
 from stridetwin.evaluation.path_scores import compare
@@ -14,6 +13,7 @@ from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.formats.opening import opened
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
+from tests.plots import figures
 
 WALK = """\
 description: a few steps in a room

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
-from plots import figures
 
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.norms import level_norm, reference, speed_group
@@ -17,6 +16,7 @@ from stridetwin.report.run_report import travelled
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
+from tests.plots import figures
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")

@@ -4,7 +4,6 @@ import json
 
 import pytest
 import yaml
-from plots import figures
 
 from stridetwin.cli.main import main
 from stridetwin.scenarios.metadata import injected_faults
@@ -14,6 +13,7 @@ from stridetwin.sim.faults.faults import LooseStrap
 from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
+from tests.plots import figures
 
 GOOD = {"description": "a walk", "terrain": [{"level": {"length_m": 3}}]}
 AT = {"at_s": 3, "duration_s": 0.5}

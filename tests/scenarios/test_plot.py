@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from plots import figure, figures
 
 from stridetwin.report.html import page, section
 from stridetwin.report.plot import Plot, data_range, joined, thin
+from tests.plots import figure, figures
 
 
 def test_thinning_keeps_peaks_ends_order_and_gaps():

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plots import figures
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
@@ -40,6 +39,7 @@ from stridetwin.studies.zhao2023.mode_walks import (
     together,
 )
 from stridetwin.studies.zhao2023.zhao_walks import TRIAL_SEEDS, TRIALS, condition, subject_and_turn, trial_config
+from tests.plots import figures
 
 
 def step(mode: str, told: str, p: float) -> ScoredMode:

@@ -154,7 +154,7 @@ def test_what_passes_by_is_left_out():
 def test_says_nothing_of_too_few_points():
     s = walked(0, noisy=True, depth=True).observations
     for many in (0, 1, 8):
-        few = Observations(seen=s.seen[:, :many], at=s.at[:, :many], rho=s.measured[:, :many], sd=s.sd, rho_sd=s.rho_sd)
+        few = Observations(seen=s.seen[:, :many], at=s.at[:, :many], rho=s.rho[:, :many], sd=s.sd, rho_sd=s.rho_sd)
         assert structure_with_depth(few) is None
         assert structure_of_bearings(few) is None
 

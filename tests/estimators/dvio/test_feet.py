@@ -98,7 +98,7 @@ def end_m(wall: Wall, dark_s: float, feet: bool, monkeypatch) -> float:
         return (wall.pose(t + 1e-3)[1] - wall.pose(t - 1e-3)[1]) / 2e-3
 
     legs = feet_of(speed)
-    monkeypatch.setattr(Feet, "of", lambda exo: exo)
+    monkeypatch.setattr(Feet, "of", lambda exo, parameters: exo)
     odometry = Dvio(rig(), parameters=DvioParameters(feet=feet), exoskeleton=legs)
     last = None
     for s in wall.samples():

@@ -61,9 +61,11 @@ def test_ground_that_left_the_view_stays_and_memory_is_bounded():
     assert max(held[-10:]) < 1.3 * max(held[15:25])
 
 
-def test_two_runs_are_one():
+def test_two_runs_agree_to_a_millimetre():  # not to the bit: Open3D casts its rays in parallel, without an order
     one, other = (approach(FLOOR, start=2.0, end=1.6, frames=4, terrain_map=published_map())[1] for _ in range(2))
-    assert [p.centre.tolist() for p in one.planes.values()] == [p.centre.tolist() for p in other.planes.values()]
+    place = np.array([0.5, 0.0])
+    heights = [[plane.height(place) for plane in run.planes.values()] for run in (one, other)]
+    np.testing.assert_allclose(*heights, atol=1e-3)
 
 
 def test_the_mesh_lies_on_the_ground():
@@ -81,7 +83,7 @@ def test_a_missing_open3d_is_one_line(monkeypatch):
 
 
 def test_an_unknown_backend_is_named():
-    with pytest.raises(ConfigError, match=r"backend: 'cuda' .*numba, open3d"):
+    with pytest.raises(ConfigError, match=r"backend: invalid 'cuda': expected numba, open3d"):
         TerrainMap(RIG, options=Options(backend="cuda"))
 
 

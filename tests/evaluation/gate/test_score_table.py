@@ -46,7 +46,7 @@ def scored(value):
         ({"estimators": {"a": 3}}, "estimators.a: invalid 3: expected scores by name"),
         ({"estimators": {"x\ud800": {}}}, r"estimators: invalid 'x\ud800': expected names in UTF-8"),
         ({"estimators": {"a": {"\ud800": 1}}}, r"estimators.a: invalid '\ud800': expected names in UTF-8"),
-        ({"estimators": {"n" * 401: {}}}, "invalid n...: expected names in UTF-8, of up to 400"),
+        ({"estimators": {"n" * 401: {}}}, "n...: expected names in UTF-8, of up to 400"),
         ([1], "invalid [1]: expected what `stridetwin score --json` prints"),
         ("[" * 100_000, "is not JSON: maximum recursion depth"),
         ("[" * 900 + "]" * 900, "base.json: "),

@@ -40,12 +40,12 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
     ("changes", "message"),
     [
         ({"placement": None}, "placement: missing: expected text"),
-        ({"scores": ["visibility"]}, r"scores\[0\]: 'visibility'.*did you mean 'visibility_pct'"),
-        ({"scores": ["weight_g", "weight_g"]}, r"scores\[1\]: 'weight_g'.*every score once"),
+        ({"scores": ["visibility"]}, r"scores\[0\]: invalid 'visibility'.*did you mean 'visibility_pct'"),
+        ({"scores": ["weight_g", "weight_g"]}, r"scores\[1\]: invalid 'weight_g'.*every score once"),
         ({"scores": [{"score": "weight_g", "weight": 0}]}, "at least one score with a weight above 0"),
         ({"free": {"sensors.foot_imu.position_mm[0]": {"between": [5, 1]}}}, "two numbers, the lower one first"),
         ({"free": {"gait.speed_mps": {"between": [1.0, 1.2]}}}, "a step, as the method is sweep"),
-        ({"free": {"sensors.foot_imu.position_mm": {"over": "knee"}}}, r"\.over: 'knee'.*shoe, head, chest"),
+        ({"free": {"sensors.foot_imu.position_mm": {"over": "knee"}}}, r"\.over: invalid 'knee'.*shoe, head, chest"),
         ({"free": {"a b": {"choice": [1, 2]}}}, "keys with dots between"),
         ({"free": {"sensors.foot_imu.part": {"choice": ["../x.yaml", "D455"]}}}, "a file in the placement's folder"),
         ({"scenarios": ["../level.yaml"]}, "a file in the placement's folder"),
@@ -76,7 +76,7 @@ def test_invalid_values_are_refused_before_the_first_walk(tmp_path):
     place = {"sensors.foot_imu.position_mm": [0, 40, 60]}
     problem = read_problem(written(tmp_path, free=free, set=place))
     with pytest.raises(
-        StrideTwinError, match=r"free\.sensors\.foot_imu\.position_mm\[0\]: -400.*level_20m.*-300 to 300"
+        StrideTwinError, match=r"free\.sensors\.foot_imu\.position_mm\[0\]: invalid -400.*level_20m.*-300 to 300"
     ):
         check_ends(problem, tmp_path)
     surface = {
@@ -111,7 +111,7 @@ def test_a_chosen_number_has_six_digits_and_lies_within_its_bounds_however_small
 @pytest.mark.parametrize(
     ("changes", "words", "message"),
     [
-        ({}, ["--budget", "3"], "--budget: invalid 3: expected optimise to go with it; problem sweeps"),
+        ({}, ["--budget", "3"], "--budget: invalid 3: expected no --budget, as problem only sweeps"),
         (
             {"method": {"optimise": {"budget": 9}}, "free": NUMBER | CHOICES},
             ["--budget", "3"],

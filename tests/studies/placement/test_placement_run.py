@@ -166,7 +166,7 @@ def test_a_scenario_with_parts_of_its_own_takes_the_place_of_the_files_own(tmp_p
     other = {"sensors.foot_imu.part": {"choice": ["my/imu.yaml", "MPU-9250"]}}
     path.write_text(yaml.safe_dump(PARTS | {"seeds": 1, "free": other}))
     assert main(["place", str(path), "--scenario", "mine.yaml", "-o", "out"]) == 2
-    assert "expected a scenario whose my/imu.yaml is the placement's, or has another name" in capsys.readouterr().err
+    assert "expected a scenario without another file my/imu.yaml than the placement's" in capsys.readouterr().err
 
 
 def test_what_killed_walks_have_left_goes_when_the_folder_is_taken(tmp_path):
