@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -77,14 +76,14 @@ class Pose:
     def q_world_frame(self) -> Array:
         """(4,) unit quaternion (w, x, y, z), frame to world."""
         rotation = np.asarray(self.rotation)
-        return rotation if rotation.ndim == 1 else Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+        return rotation if rotation.ndim == 1 else _quaternions(rotation)
 
     @property
     def T_world_frame(self) -> Array:
         """(4, 4) frame to world, m."""
         T, rotation = np.eye(4), np.asarray(self.rotation)
         T[:3, 3] = self.p_frame_in_world
-        T[:3, :3] = rotation if rotation.ndim == 2 else Rotation.from_quat(rotation, scalar_first=True).as_matrix()
+        T[:3, :3] = rotation if rotation.ndim == 2 else _matrices(rotation)
         return T
 
 
@@ -96,7 +95,7 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
     """
     n = len(poses)
     if n and all(np.ndim(pose.rotation) == 2 for pose in poses):  # one conversion is much faster than N
-        q = Rotation.from_matrix(np.array([pose.rotation for pose in poses])).as_quat(scalar_first=True)
+        q = _quaternions(np.array([pose.rotation for pose in poses]))
     else:
         q = np.array([pose.q_world_frame for pose in poses], float).reshape(n, -1 if n else 4)
     known = [pose.covariance for pose in poses if pose.covariance is not None]
@@ -106,3 +105,15 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
         q_world_frame=q,
         covariance=np.array(known).reshape(n, 6, 6) if len(known) == n else None,
     )
+
+
+def _quaternions(R: Array) -> Array:
+    from scipy.spatial.transform import Rotation  # half of the start of the command line
+
+    return Rotation.from_matrix(R).as_quat(scalar_first=True)
+
+
+def _matrices(q: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(q, scalar_first=True).as_matrix()
