@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from inspect import Parameter, Signature, get_annotations
-from typing import Any, get_type_hints
+from typing import Any, TextIO, get_type_hints
 
 import typer
 
@@ -100,11 +100,14 @@ def _deprecations_shown() -> Iterator[None]:
         warnings.filterwarnings("once", category=DeprecationWarning, message=".*(former name|deprecated).*")
         shown = warnings.showwarning
 
-        def show_in_a_line(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        def show_in_a_line(
+            message: Warning | str, category: type[Warning], filename: str, lineno: int,
+            file: TextIO | None = None, line: str | None = None,
+        ) -> None:  # fmt: skip
             if category is DeprecationWarning:
                 print(f"{_NAME}: warning: {message}", file=sys.stderr)
             else:
-                shown(message, category, *where)
+                shown(message, category, filename, lineno, file, line)
 
         warnings.showwarning = show_in_a_line
         yield
