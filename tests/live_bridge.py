@@ -43,7 +43,7 @@ def sent(recording, *words):
     """Sends a recording as fast as it is taken."""
 
     def send(where):
-        made = outcome("send", recording, "--to", where, "--speed", "0", "--patience", "60", *words)
+        made = outcome("send", recording, "--to", where, "--speed", "0", "--patience", "240", *words)
         assert not isinstance(made, Exception), made
 
     return send

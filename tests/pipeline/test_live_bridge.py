@@ -69,7 +69,7 @@ def test_feet_of_two_senders_live_are_feet_offline(seen, tmp_path):
         """Each foot has a sender of its own, in step to within some milliseconds."""
         blocks = {f: list(Recording(recording).block(f"/foot_{f}/imu")) for f in "lr"}
         address = parse_address(where, "--to")
-        with Sender(Rig(), address, patience_s=60) as left, Sender(Rig(), address, patience_s=60) as right:
+        with Sender(Rig(), address, patience_s=240) as left, Sender(Rig(), address, patience_s=240) as right:
             for i, (a, b) in enumerate(zip(*blocks.values(), strict=True)):
                 left.send(a)
                 right.send(b)
@@ -143,7 +143,7 @@ def test_in_real_time_the_way_from_stamp_to_arrival_is_measured(seen, tmp_path):
         recording = Recording(seen)
         block = [s for s in recording.block("/foot_l/imu")][:30]
         epoch_ns = time.time_ns() - block[0].t_ns
-        with Sender(recording.rig, parse_address(where, "--to"), epoch_ns=epoch_ns, patience_s=60) as sender:
+        with Sender(recording.rig, parse_address(where, "--to"), epoch_ns=epoch_ns, patience_s=240) as sender:
             for sample in block:
                 time.sleep(max(0.0, (epoch_ns + sample.t_ns - time.time_ns()) * 1e-9))
                 sender.send(sample)
@@ -177,7 +177,7 @@ def test_what_goes_wrong_is_reported_in_one_line(seen, tmp_path, monkeypatch):
     assert "nothing was estimated: no samples arrived of /head/imu, /head/color, /head/depth" in str(lacking)
 
     def bare(where):
-        with Sender(Rig(), parse_address(where, "--to"), patience_s=60) as sender:
+        with Sender(Rig(), parse_address(where, "--to"), patience_s=240) as sender:
             sender.send(next(iter(Recording(recording).block("/foot_l/imu"))))
 
     lacking = alive(["foot_ins", "-o", tmp_path / "path.txt"], bare)
@@ -194,7 +194,7 @@ def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_
     def both(where):
         """One sender brings the range of a sonar as an IMU."""
         address = parse_address(where, "--to")
-        with Sender(Rig(), address, patience_s=60) as other, Sender(Rig(), address, patience_s=60) as honest:
+        with Sender(Rig(), address, patience_s=240) as other, Sender(Rig(), address, patience_s=240) as honest:
             other.send(Range(topic="/foot_l/imu", t_ns=right[0].t_ns, distance=0.3))
             for sample in right:
                 honest.send(sample)
@@ -207,7 +207,7 @@ def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_
     assert "/foot_l/imu: of another kind than the estimator reads: such samples are left out (Range, not Imu)" in said
 
     def alone(where):
-        with Sender(recording.rig, parse_address(where, "--to"), patience_s=60) as sender:
+        with Sender(recording.rig, parse_address(where, "--to"), patience_s=240) as sender:
             for i in range(5):
                 sender.send(Accelerometer(topic="/foot_l/imu", t_ns=i + 1, specific_force=np.ones(3)))
 
@@ -314,7 +314,7 @@ def test_live_does_without_the_simulator_prints_rows_and_ends_by_a_signal(seen, 
     try:
         block = list(Recording(seen).block("/foot_l/imu"))[:200]
         rig = Recording(seen).rig
-        with suppress(WireError), Sender(rig, ("127.0.0.1", port), patience_s=60) as sender:
+        with suppress(WireError), Sender(rig, ("127.0.0.1", port), patience_s=240) as sender:
             for sample in block:
                 sender.send(sample)
             until = time.monotonic() + 60

@@ -372,7 +372,10 @@ def test_an_unforeseen_hello_is_refused(monkeypatch):
     with Receiver(LOCAL) as receiver, linked(receiver.address) as link:
         for values, said in (
             ({"rig": rig.replace("update_rate: 200.0", f"update_rate: {'9' * 400}")}, "update_rate: invalid 9999"),
-            ({"rig": rig.replace("resolution: [32, 24]", f"resolution: [{'9' * 400}, 24]")}, "resolution[0]: 9999"),
+            (
+                {"rig": rig.replace("resolution: [32, 24]", f"resolution: [{'9' * 400}, 24]")},
+                "resolution[0]: invalid 9999",
+            ),
             ({"rig": rig.replace("resolution: [32, 24]", "resolution: [32000, 24000]")}, "32000 × 24000"),
             ({"rig": rig.replace("update_rate: 200.0", f"update_rate: 0x{'9' * 9000}")}, "thousands of digits"),
             ({"version": 1}, "hello: invalid version 1: Input should be 2"),
