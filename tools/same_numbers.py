@@ -22,7 +22,11 @@ STRIDETWIN = (str(BIN / "stridetwin"),)
 EXPERIMENTS = {"shim_table5": 6, "jao_simulation": 100, "zhao_closed_loop": 2, "zhao_generality": 6}
 DEMO_SEEDS = range(1, 6)
 TIMINGS = ("_ms", "real_time", "_s_per", "seconds", "cpu", "rate_x", "latency")  # parts of the names of timings
-RENAMED = {"stridetwin": "proposed", "told_rmse": "all_rmse"}  # the key or word of an older version: today's
+RENAMED = {
+    "stridetwin": "proposed", "told_rmse": "all_rmse", "told": "predicted",
+    **{f"told_{name}": f"estimated_{name}" for name in ("elevation", "mode", "place", "probability", "slope")},
+}  # fmt: skip
+"""The key or word of an older version: today's."""
 IGNORED = ("key", "version", "folder", "recording")
 
 
