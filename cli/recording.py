@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stridetwin.streams.recording.reader import Recording
 
 
-def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
+def imported(arguments: ImportableOptions, *, reports: bool = True) -> Recording:
     """`opened`, with the options of a command."""
     from stridetwin.streams.formats.opening import ImportOptions, opened
 
@@ -29,7 +29,7 @@ def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
         rig=arguments.rig,
         depth_scale=arguments.depth_scale,
     )
-    return opened(arguments.source, arguments.lenient, options, reports=tell)
+    return opened(arguments.source, arguments.lenient, options, reports=reports)
 
 
 def _mapped(text: str) -> tuple[str, str]:
@@ -199,7 +199,7 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
     from stridetwin.scenarios.check import check_recording, check_table
 
     progress("check", 0.0)
-    recording = imported(replace(arguments, lenient=True), tell=False)  # a check reports every problem
+    recording = imported(replace(arguments, lenient=True), reports=False)  # a check reports every problem
     found = check_recording(recording, lambda share: progress("check", share))
     return Outcome(data=found.data, lines=check_table(found), code=0 if found.is_valid else 1)
 

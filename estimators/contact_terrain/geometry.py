@@ -265,17 +265,22 @@ def to_text(exo: Exoskeleton) -> str:
         for side, leg in exo.legs.items()
     }  # fmt: skip
     back = {"topic": exo.back.topic, "R_frame_sensor": exo.back.R_frame_sensor.tolist()}
-    values = {"description": exo.description, "back": back, "legs": legs, "compliance": _told(exo.compliance)}
+    values = {
+        "description": exo.description,
+        "back": back,
+        "legs": legs,
+        "compliance": _compliance_text(exo.compliance),
+    }
     return yaml.dump(values, Dumper=Dumper, sort_keys=False)
 
 
-def _told(compliance: Compliance) -> dict[str, float | list[float]]:
-    told: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
+def _in_file(compliance: Compliance) -> dict[str, float | list[float]]:
+    values: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
     for key, name in _COMPLIANCE_KEYS.items():
         if name != "vector_sd_m":
             value = float(getattr(compliance, name))
-            told[key] = math.degrees(value) if key.endswith("_deg") else value
-    return told
+            values[key] = math.degrees(value) if key.endswith("_deg") else value
+    return values
 
 
 class _Ahrs(FileModel):

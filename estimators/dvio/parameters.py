@@ -108,7 +108,7 @@ class RecoveryParameters:
     same_s: float = 0.012
     """Colour and depth closer in time are simultaneous: less than half a frame period at 30 Hz."""
     blind_s: float = 3.0
-    """After this long without an image the window restarts at the dead-reckoned state."""
+    """After this long without an image the window restarts at the state from the IMU alone."""
     alone_s: float = 0.3
     """After this long without an image the estimate is dead reckoning ..."""
     alone_frames: float = 2.0

@@ -62,7 +62,7 @@ def recognise(path: Path) -> str:
     """Kind of a source, detected from its content.
 
     Raises:
-        StrideTwinError: The source does not exist or is none of `KINDS`.
+        StrideTwinError: The source does not exist or is not one of `KINDS`.
     """
     try:
         if path.is_dir():

@@ -97,7 +97,7 @@ MOUNTS = ("head", "chest")
 GROUPS = ("I", "II", "III", "IV", "V")
 POSES = ("dvio", "given")
 SENSORS = ("insole", "head_imu", "head_camera")
-FORGETFUL = "single_picture"
+FORGETFUL = "single_image"
 """Our prediction without a map over time: it knows the ground only from the last image."""
 
 

@@ -103,19 +103,27 @@ ONLY_ON_PAGES = (
     r"price of",
     r"carr(?:y|ies|ied) on",
     r"stands (?:in|on|here|there|beside|as|of)|here stands",  # a walker stands on the ground
+    r"deviations?",  # from an estimate
 )
 """Entries of FORBIDDEN that are ambiguous in code."""
 CODE_WORDS = {pattern: words for pattern, words in FORBIDDEN.items() if pattern not in ONLY_ON_PAGES}
 ALLOWED_IN_FILES = {
-    "scenarios/sensor_model.py": r"^told$",  # the key `told` of a sensor's clock in scenario files
-    "sim/parts/sensor_config.py": r"^told$",
+    "cli/bridge.py": r"skip.pictures",  # former names, which work and warn
+    "estimators/foot_to_foot/__init__.py": r"Board Sighting",
+    "estimators/foot_to_foot/filter.py": r"\bsightings\b",
+    "report/runner.py": r"\bpictures\b",
+    "scenarios/check.py": r"^spoils$",
+    "scenarios/sensor_model.py": r"\btold\b",
+    "report/run_report.py": r"^nis sightings$",  # keys of files that earlier versions have written
+    "studies/jao2020/jao_walk.py": r"\bsightings\b",
+    "studies/zhao2023/mode_fusion.py": r"\btold\b",
+    "studies/zhao2023/mode_not_fooled.py": r"\btold\b",
+    "streams/formats/bag_files.py": r"^tell$",  # the method of a file or of an optimiser
+    "streams/recording/mcap_scan.py": r"^tell$",
+    "streams/recording/mcap_writer.py": r"^tell$",
+    "studies/placement/search.py": r"^tell$",
 }
-"""Uses in single files that are right: names in file formats, which stay as they are."""
-REMAINING = {
-    "streams": 86, "sim": 123, "estimators": 774, "scenarios": 85, "pipeline": 38, "report": 110, "studies": 239,
-    "cli": 13,
-}  # fmt: skip
-"""Number of forbidden words that each package may still have. It only shrinks; a package that is not here has none."""
+"""Uses in single files that are right."""
 
 
 def texts_of(source):
@@ -159,8 +167,7 @@ def _hits_of(package):
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_code_uses_the_field_s_words(package):
-    hits = _hits_of(package)
-    assert len(hits) <= REMAINING.get(package, 0), hits
+    assert _hits_of(package) == []
 
 
 def test_forbidden_words_of_code_are_found():
