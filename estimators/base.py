@@ -208,8 +208,14 @@ def current_name(method: str) -> str:
     return PROPOSED
 
 
-def with_current_names(row: Any) -> Any:
-    """A recorded row (JSON values), which may be of an earlier release, with the names of methods today."""
+def with_current_names(row: Any, former: Mapping[str, str]) -> Any:
+    """A recorded row (JSON values), which may be of an earlier release, with the names of methods today.
+
+    Args:
+        row: The row.
+        former: Former names of other keys, each with the one of today.
+    """
     if isinstance(row, dict):
-        return {PROPOSED if key == _FORMER else key: with_current_names(value) for key, value in row.items()}
-    return [with_current_names(value) for value in row] if isinstance(row, list) else row
+        names = {_FORMER: PROPOSED, **former}
+        return {names.get(key, key): with_current_names(value, former) for key, value in row.items()}
+    return [with_current_names(value, former) for value in row] if isinstance(row, list) else row

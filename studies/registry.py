@@ -22,6 +22,11 @@ from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
 
 Progress = Callable[[str, float], None]
 
+_FORMER_KEYS = {"single_picture": "single_image"} | {
+    f"told_{name}": f"estimated_{name}" for name in ("elevation", "mode", "place", "slope")
+}
+"""Keys of rows that earlier versions have written, and those of today."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -165,8 +170,8 @@ def _read(case: Case) -> dict[str, Any]:
 
 
 def read_row(file: Path) -> dict[str, Any]:
-    """A case's row from its file, with the current names of the methods."""
-    row: dict[str, Any] = with_current_names(json.loads(file.read_text(encoding="utf-8")))
+    """A case's row from its file, with the current names of methods and keys."""
+    row: dict[str, Any] = with_current_names(json.loads(file.read_text(encoding="utf-8")), _FORMER_KEYS)
     return row
 
 

@@ -269,7 +269,7 @@ def to_text(exo: Exoskeleton) -> str:
         "description": exo.description,
         "back": back,
         "legs": legs,
-        "compliance": _compliance_text(exo.compliance),
+        "compliance": _in_file(exo.compliance),
     }
     return yaml.dump(values, Dumper=Dumper, sort_keys=False)
 

@@ -38,11 +38,12 @@ def test_the_command_line_takes_the_former_name(words):
     assert options_of(parse(words).options, estimator("dvio").declaration).method == "proposed"
 
 
-@pytest.mark.parametrize("stem", ["zhao_baselines", "jao_loop_126m", "zhao_closed_loop"])
+@pytest.mark.parametrize("stem", ["zhao_baselines", "jao_loop_126m", "zhao_closed_loop", "shim_table5"])
 def test_rows_recorded_before_are_read_under_the_name_of_today(stem, tmp_path):
     with tarfile.open(RESULTS / f"{stem}.tar.xz") as packed:
         packed.extractall(tmp_path, filter="data")
     file = min(tmp_path.glob("seed_*.json"))
     text, row = file.read_text(), read_row(file)
     assert '"stridetwin":' in text
-    assert json.loads(text.replace('"stridetwin":', '"proposed":')) == row
+    current = text.replace('"stridetwin":', '"proposed":').replace('"single_picture":', '"single_image":')
+    assert json.loads(current.replace('"told_', '"estimated_')) == row
