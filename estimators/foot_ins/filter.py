@@ -55,6 +55,8 @@ class FootIns:
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = blank()
+        self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))  # `update` allocates nothing for these
+        self._results = self._results_of(1)
         if start is not None:
             start.place(self._memory)
 
@@ -90,7 +92,10 @@ class FootIns:
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is ignored."""
-        phase, speed, _, _ = self._run(np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None])
+        t_ns, rate, force = self._sample
+        t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
+        phase, speed, _, _ = self._results
+        kernel.run(self._memory, self._parameters, t_ns, rate, force, *self._results)
         if phase[0] == IGNORED:
             return None
         return FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]), self._frame)
@@ -112,15 +117,15 @@ class FootIns:
 
     def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
         """Phase (N,), standing speed (N,), nominal state (N, 20), pose covariance (N, 6, 6)."""
-        n = len(t_ns)
-        phase, speed = np.empty(n, np.int8), np.empty(n)
-        state, covariance = np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
+        results = self._results_of(len(t_ns))
         kernel.run(
             self._memory, self._parameters, np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), phase, speed,
-            state, covariance,
+            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), *results,
         )  # fmt: skip
-        return phase, speed, state, covariance
+        return results
+
+    def _results_of(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
+        return np.empty(n, np.int8), np.empty(n), np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
 
 
 def _topic(options: Options) -> str:

@@ -335,15 +335,18 @@ class FootInsSmoother:
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = augmented_memory()
+        self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))  # `update` allocates nothing for these
+        self._row = _rows(1)
         self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
         if start is not None:
             start.place(self._memory)
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the oldest estimate not yet returned, None while it is too young."""
-        out = _rows(1)
-        t_ns, rate, force = np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None]
-        if self._take(t_ns, rate, force, out) == 0:
+        t_ns, rate, force = self._sample
+        t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
+        out = self._row
+        if run(self._memory, self._window, self._parameters, self._lag_ns, t_ns, rate, force, out) == 0:
             return None
         return FootInsEstimate.of(self._window.given, int(out[1][0]), float(out[2][0]))
 
