@@ -117,7 +117,8 @@ class FootPath:
 # Shares of swing in which the foot moves forward; over a riser, the one with the least total jerk.
 _DIRECT = (0.0, 1.0)
 _FORWARD = {"climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)), "lower": ((0.0, 0.84), (0.0, 0.92))}
-_FINE = np.linspace(0.0, 1.0, 61)
+_FINE = np.linspace(0.0, 1.0, 61)  # shares of swing at which a swing is planned
+_FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)
 
 
 def foot_path(
@@ -189,14 +190,17 @@ def _swing(
     if len(t) == 0:
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
     s = (t - a.t_off) / (b.t_touch - a.t_off)
-    fine_theta = pitch(a.t_off + _FINE * (b.t_touch - a.t_off))
+    toes = _toe_ends(a, b, pitch)
+    R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
+    fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + _FINE * (b.t_touch - a.t_off)))
+    sole = _sole(size.shoe, fine_R, quintic(_FINE, *toes))
     near = (_PATH.near_edge_down_m if a.departure == "lower" else _PATH.near_edge_m) * np.array(
         [np.cos(b.heading), np.sin(b.heading)]
     )
 
     def missing(forward: tuple[float, float]) -> Array:
-        path = _swing_without_lift(a, b, size, _FINE, fine_theta, pitch, forward)
-        return _missing(path, size.shoe, _FINE, height, near, b.clearance_m)
+        p = _swing_without_lift(a, b, size, _FINE, fine_R, forward)
+        return _missing(p, sole, height, near, b.clearance_m)
 
     if a.departure == "push":
         forward = _DIRECT
@@ -206,20 +210,34 @@ def _swing(
         far = float(np.linalg.norm(b.p_foot_in_world[:2] - a.p_foot_in_world[:2]))
         best = np.inf
         for window in _FORWARD[a.departure]:
-            over, jerk = smoothest_above(rise, missing(window) + rise * soft_ease(_FINE))
+            over, jerk = smoothest_above(rise, missing(window) + rise * _FINE_EASE)
             jerk += _jerk(far, window)
             if jerk < best:
                 best, forward, lift = jerk, window, over(s) - rise * soft_ease(s)
-    p, R, toe = _swing_without_lift(a, b, size, s, theta, pitch, forward)
-    p = p.copy()
+    p = _swing_without_lift(a, b, size, s, R, forward)
     p[:, 2] += lift
     return p, R, toe
 
 
+def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tuple[float, float, float, float]:
+    """Toe extension and its rate by the share of swing at toe-off, then at touch-down.
+
+    The toes are flat on the ground at toe-off, raised in the air, and at the pitch of the landing at touch-down.
+    """
+    h = 1e-4
+    ends = np.array([a.t_off, b.t_touch])
+    (toe_a, toe_b), after, before = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
+    rate_a, rate_b = (after - before) / (2 * h) * (b.t_touch - a.t_off)
+    return float(toe_a), float(rate_a), max(float(toe_b), 0.0), float(rate_b) if b.arrival != "heel" else 0.0
+
+
+def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
+    return between(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
+
+
 def _swing_without_lift(
-    a: Footstep, b: Footstep, size: Wearer, s: Array, theta: Array, pitch: Callable[[Array], Array],
-    forward: tuple[float, float],
-) -> tuple[Array, Array, Array]:  # fmt: skip
+    a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]
+) -> Array:  # fmt: skip
     shoe = size.shoe
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
@@ -234,12 +252,7 @@ def _swing_without_lift(
     point = point + (4.0 * ahead * (1.0 - ahead))[:, None] * outward
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)
-    R = between(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
-    # the toes are flat on the ground at toe-off, raised in the air, and at the pitch of the landing at touch-down
-    toe_a, toe_b = pitch(np.array([a.t_off]))[0], max(pitch(np.array([b.t_touch]))[0], 0.0)
-    toe = quintic(s, toe_a, _rate(pitch, a, b, a.t_off), toe_b,
-                   _rate(pitch, a, b, b.t_touch) if b.arrival != "heel" else 0.0)  # fmt: skip
-    return point - np.einsum("nij,nj->ni", R, within), R, toe
+    return point - np.einsum("nij,nj->ni", R, within)
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:
@@ -250,37 +263,34 @@ def _swing_shape(style: Style, s: Array, base: Array) -> Array:
     return local @ base.T
 
 
-def _rate(pitch: Callable[[Array], Array], a: Footstep, b: Footstep, t: float) -> float:
-    h = 1e-4
-    change = pitch(np.array([t + h])) - pitch(np.array([t - h]))
-    return float(change[0] / (2 * h) * (b.t_touch - a.t_off))
+def _sole(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
+    """(N, points, 3) of points of the sole from the foot to its part, and within that part, in world axes."""
+    rear = [np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
+    hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
+    tip = [np.array([x * (shoe.toe_tip_x - shoe.toe_hinge_x), 0.0, -shoe.toe_hinge_z]) for x in (0.0, 0.5, 1.0)]
+    R_toe = R @ rot_y(-toe)
+    none = np.zeros((len(R), 3))
+    part = [*(R @ x for x in rear), *[R @ hinge] * len(tip)]
+    return np.stack(part, 1), np.stack([*[none] * len(rear), *(R_toe @ x for x in tip)], 1)
 
 
 def _missing(
-    path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height: Callable[[Array], Array], near: Array,
-    clearance: float,
-) -> Array:  # fmt: skip
-    """(N,) m, how much higher the foot must be for its sole to keep `clearance` above the ground.
+    p: Array, sole: tuple[Array, Array], height: Callable[[Array], Array], near: Array, clearance: float
+) -> Array:
+    """(N,) m, how much higher the foot at (N, 3) must be at `_FINE` to keep `clearance` above the ground.
 
     Ground `near` (2,) m before and behind counts too. At both ends, where the foot rests, there is no limit: -inf.
     """
-    p, R, toe = path
-    points = [p + R @ np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
-    R_toe = R @ rot_y(-toe)
-    hinge = p + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
-    for x in (0.0, 0.5, 1.0):
-        arm = np.array([x * (shoe.toe_tip_x - shoe.toe_hinge_x), 0.0, -shoe.toe_hinge_z])
-        points.append(hinge + R_toe @ arm)
-    sole = np.stack(points, 1)  # (N, points, 3)
-    ground = np.max([height(sole[..., :2] + d * near) for d in (-1.0, 0.0, 1.0)], axis=0)
-    wanted = clearance * np.minimum(4.0 * bump(s), 1.0)[:, None]
-    return np.where(bump(s) > 0.03, (ground + wanted - sole[..., 2]).max(1), -np.inf)
+    points = p[:, None] + sole[0] + sole[1]  # (N, points, 3)
+    ground = np.max(height(points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]), axis=0)
+    wanted = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
+    return np.where(_FINE_BUMP > 0.03, (ground + wanted - points[..., 2]).max(1), -np.inf)
 
 
 def _bump_needed(missing: Array) -> float:
     """Amplitude of the bump that lifts the foot by the missing height at `_FINE`."""
     asked = np.isfinite(missing)
-    return float(max(0.0, np.max(missing[asked] / bump(_FINE[asked]))))
+    return float(max(0.0, np.max(missing[asked] / _FINE_BUMP[asked])))
 
 
 def _jerk(far: float, window: tuple[float, float]) -> float:
