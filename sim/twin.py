@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from stridetwin.sim import truth
 from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
 from stridetwin.sim.dynamics.drive import ControlLaw
+from stridetwin.sim.dynamics.plan import Plan, plan_control
 from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
@@ -52,6 +53,8 @@ class Twin:
     Args:
         config: Scenario.
         seed: Seed of the walk: steps and sensor noise.
+        plan: Plans the motion; another function than `reference` may look it up.
+        plan_control: Plans the control of a forward simulation, likewise.
 
     Attributes:
         config: Configuration.
@@ -68,7 +71,10 @@ class Twin:
         ConfigError: A value that cannot be built or walked.
     """
 
-    def __init__(self, config: TwinConfig, seed: int) -> None:
+    def __init__(
+        self, config: TwinConfig, seed: int, *, plan: Callable[..., Reference] = reference,
+        plan_control: Callable[..., Plan] = plan_control,
+    ) -> None:  # fmt: skip
         if config.physics not in PHYSICS:
             raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
         if config.dynamics is not None and config.physics != "dynamic":
@@ -89,7 +95,8 @@ class Twin:
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
         check_legs(self.model, self.size)
-        self.reference: Reference = reference(config, self.model, self.size, self.terrain, self._rng(_STEPS))
+        self.reference: Reference = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
+        self._plan_control = plan_control
         self.crowd: Crowd = self._crowd()
 
     def _crowd(self) -> Crowd:
@@ -131,6 +138,11 @@ class Twin:
             simulation.step()
         return simulation.walk()
 
+    @cached_property
+    def control_plan(self) -> Plan:
+        """Input of the controller of a forward simulation."""
+        return self._plan_control(self.reference, self.model)
+
     def simulation(self, law: ControlLaw | None = None) -> Simulation:
         """A new forward simulation of the walk, to be stepped.
 
@@ -139,7 +151,7 @@ class Twin:
         """
         dynamics = self.config.dynamics or Dynamics()
         noise = self._rng(_JOINT_TORQUE)
-        return Simulation(self.model, self.reference, dynamics, self.config.exo, noise, law)
+        return Simulation(self.model, self.reference, self.control_plan, dynamics, self.config.exo, noise, law)
 
     @cached_property
     def mount_slips(self) -> MountSlips:

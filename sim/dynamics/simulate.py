@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
 from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
-from stridetwin.sim.dynamics.plan import CONTROL_S, Plan, plan_control
+from stridetwin.sim.dynamics.plan import CONTROL_S, Plan
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import State, cross
@@ -40,6 +40,7 @@ class Simulation:
     Args:
         model: Model with soles; contacts are off outside the simulation.
         reference: The planned motion.
+        plan: It at the control rate.
         dynamics: Assistance and disturbances.
         exo: The exoskeleton and its drive; the wearer is used to it and knows the torques of its motors.
         rng: Noise of the joint torques.
@@ -50,10 +51,10 @@ class Simulation:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, reference: Reference, dynamics: Dynamics, exo: Exo | None,
+        self, model: mujoco.MjModel, reference: Reference, plan: Plan, dynamics: Dynamics, exo: Exo | None,
         rng: np.random.Generator, law: ControlLaw | None = None,
     ) -> None:  # fmt: skip
-        self._plan = plan = plan_control(reference, model)
+        self._plan = plan
         self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
         self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
         self._model = model = _physics(disturbed(model, dynamics))

@@ -29,6 +29,7 @@ from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Actuator, Ahrs, Array, Encoder, Insole, Interaction, Sample
+from stridetwin.studies.closed_loop.plan_cache import stored
 
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
@@ -64,6 +65,7 @@ class WalkPhysics(control.Physics):
         self._config, self._seeds = config, seeds
         self._seed = self._next_seed()
         self.rig: Rig = sensor_rig(config).nominal(self._seed)
+        self._plan, self._plan_control = stored()
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
         self._walking = ExitStack()
@@ -87,15 +89,18 @@ class WalkPhysics(control.Physics):
         """Starts the next walk: the wearer stands on both soles."""
         self.close()
         if self._twin is None:
-            self._twin = Twin(self._config, self._seed)
+            self._twin = self._planned(self._seed)
         else:
             seed = self._next_seed()
             if seed != self._twin.seed:
-                self._twin = Twin(self._config, seed)
+                self._twin = self._planned(seed)
         self._torque = np.zeros(len(self.joints))
         self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
         self._live.advance(0.0)
         self.samples = []
+
+    def _planned(self, seed: int) -> Twin:
+        return Twin(self._config, seed, plan=self._plan, plan_control=self._plan_control)
 
     def _next_seed(self) -> int:
         seed: Any = next(self._seeds, "used up")
