@@ -32,8 +32,8 @@ _FILE_SUFFIXES = (".yaml", ".yml")
 _SHIFTED = ("foot_camera", "foot_imu", "head_camera", "head_imu")
 """Groups whose clock a calibration can hold: cameras relative to the IMUs beside them."""
 _OPTIONS = {
-    "foot_camera": ("light", "exposure_s", "frames", "board", "mount"),
-    "head_camera": ("light", "exposure_s", "calibration_sd", "pitch_down_rad", "mount"),
+    "foot_camera": ("light", "exposure_s", "frames", "shadows", "board", "mount"),
+    "head_camera": ("light", "exposure_s", "shadows", "calibration_sd", "pitch_down_rad", "mount"),
     "head_imu": ("strike",),
     "foot_imu": ("position_m", "rotation_rad"),
     "sonar": ("mount",),

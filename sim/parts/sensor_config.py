@@ -101,6 +101,7 @@ class SensorConfig:
         calibration_sd: Accuracy of the nominal calibration; for the depth camera only.
         pitch_down_rad: Downward pitch of the depth camera and of the IMU beside it.
         frames: `board`: the shoe cameras render the other shoe's board and its surroundings only; `full`: everything.
+        shadows: Whether the sun casts shadows in the images, which doubles the time to render them; cameras only.
         position_m: Position of a shoe's IMU in the foot's frame: forward, outward, up.
         rotation_rad: Rotation of a shoe's IMU: roll, pitch, yaw of the left one; the right one is its mirror image.
         mount: Pose of a shoe's camera or sonar, or of the depth camera (and the IMU beside it).
@@ -117,6 +118,7 @@ class SensorConfig:
     calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
     pitch_down_rad: Annotated[float | None, number(-30, 75, key="pitch_down_deg", scale=DEG)] = None
     frames: Annotated[str, words(("board", "full"))] = "board"
+    shadows: Annotated[bool, flag()] = False
     position_m: Annotated[tuple[_Length, _Length, _Length] | None, Field(alias="position_mm")] = None
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle] | None, Field(alias="rotation_deg")] = None
     mount: Seat | None = None

@@ -96,8 +96,13 @@ class Cameras:
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
         self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
-        lenses = [c.lens for c in self._cameras.values()]
-        self._view = SensorView(model, max(lens.width for lens in lenses), max(lens.height for lens in lenses))
+        self._views = {shadows: self._view_for(shadows) for shadows in {c.shadows for c in self._cameras.values()}}
+
+    def _view_for(self, shadows: bool) -> SensorView:
+        """A view as large as every camera with shadows, or without, needs it."""
+        lenses = [c.lens for c in self._cameras.values() if c.shadows == shadows]
+        width, height = max(lens.width for lens in lenses), max(lens.height for lens in lenses)
+        return SensorView(self._model, width, height, shadows=shadows)
 
     def frames(
         self, due: Sequence[Due], qpos: Array, uppers: Mapping[str, Array] | None = None
@@ -123,13 +128,14 @@ class Cameras:
                 posed = item.t_ns
             camera = self._cameras[item.topic]
             T_body_frame = self._mount_slips.T_body_frame(item.topic, item.t_ns)
-            yield from camera.take(self._view, self._data, item, T_body_frame)
+            yield from camera.take(self._views[camera.shadows], self._data, item, T_body_frame)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._view.close()
+        for view in self._views.values():
+            view.close()
 
 
 def board_seen_by(sensor_rig: SensorRig, topic: str) -> Board | None:
@@ -176,6 +182,7 @@ class _Camera:
         self._calibration, self._imager = calibration, part.imager
         self._board = board_seen_by(sensor_rig, topic)
         self._grey = self._imager.colour == "grey"
+        self.shadows = worn.sensor_config.shadows
         self._sensor = None if follows(sensor_rig, topic) else sensor_of(sensor_rig, topic, seed)
         self.lens = Lens(calibration)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],

@@ -11,9 +11,10 @@ import ctypes.util
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import cv2
 import mujoco
 import numba
 import numpy as np
@@ -30,6 +31,8 @@ FAR_M = 200.0
 SEEN_M = 50.0  # largest depth
 _MAX_GEOMS = 2000
 _GROUND_M = 81 * PERIOD_M  # half an edge of the rendered ground; odd, otherwise its texture is half a period off
+_FILM_GROUND_M = 2001 * PERIOD_M  # likewise in a film, which has no haze: its edge is at the horizon
+_FILM_SCALE = 1.5  # rendered pixels per pixel of a film, along each axis, for smooth edges
 _HIDDEN_GROUP = 5  # of geoms; not rendered by default
 _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -48,21 +51,23 @@ def swap_camera_convention(T: ArrayLike) -> Array:
 class _Quality:
     """Render settings that a context takes from the model when it is created.
 
+    There are no multisamples: they blur depth at discontinuities, and in software they take more time than a larger
+    image that is scaled down.
+
     Attributes:
-        samples: Samples per pixel; 0 keeps depth exact at discontinuities.
         shadow_size: Edge of the shadow map, pixels; 0 for no shadows.
         slices: Facets about the axis of round shapes.
         stacks: Facets along it.
     """
 
-    samples: int
     shadow_size: int
     slices: int
     stacks: int
 
 
-_SENSOR = _Quality(samples=0, shadow_size=0, slices=12, stacks=8)
-_FILM = _Quality(samples=4, shadow_size=2048, slices=16, stacks=10)
+_SENSOR = _Quality(shadow_size=0, slices=12, stacks=8)
+_SHADED_SENSOR = replace(_SENSOR, shadow_size=1024)
+_FILM = _Quality(shadow_size=1024, slices=16, stacks=10)
 
 
 class _OffScreen:
@@ -112,15 +117,20 @@ class _OffScreen:
 
 
 class SensorView(_OffScreen):
-    """Renders the view of a calibrated camera: no shadows, reflections or smoothing, so that depth is exact.
+    """Renders the view of a calibrated camera: no reflections or smoothing, so that depth is exact.
 
-    The sky is painted afterwards (`sim.rendering.sky`). `width` and `height` are those of the largest image, pixels.
+    The sky is painted afterwards (`sim.rendering.sky`).
+
+    Args:
+        model: The scene.
+        width, height: Size of the largest image, pixels.
+        shadows: Whether the sun casts shadows, which doubles the time of an image.
     """
 
-    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
-        self._endless = endless_planes(model)
-        with _bounded_planes(model, self._endless):
-            super().__init__(model, width, height, _SENSOR)
+    def __init__(self, model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False) -> None:
+        self._endless, self._shadows = endless_planes(model), shadows
+        with _bounded_planes(model, self._endless, _GROUND_M):
+            super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
         self._anywhere = mujoco.MjvCamera()
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
         self._sky = Sky.of(model, FAR_M)
@@ -178,9 +188,10 @@ class SensorView(_OffScreen):
     ) -> None:
         """Copies the poses of visible bodies and points the camera."""
         shown = self.model.geom_group.copy()
-        seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
-        self.model.geom_group[~seen] = _HIDDEN_GROUP
-        with _bounded_planes(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
+        if not self._shadows:  # what is out of view may cast a shadow into it
+            seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
+            self.model.geom_group[~seen] = _HIDDEN_GROUP
+        with _bounded_planes(self.model, self._endless, _GROUND_M, data, np.asarray(T_world_camera)[:2, 3]):
             self.update(data, self._anywhere)
         self.model.geom_group[:] = shown
         T_world_mujoco = swap_camera_convention(T_world_camera)
@@ -200,7 +211,9 @@ class FilmCamera(_OffScreen):
     """Third-person view with shadows and smooth edges, for viewers."""
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
-        super().__init__(model, width, height, _FILM)
+        self._endless, self._size = endless_planes(model), (width, height)
+        with _bounded_planes(model, self._endless, _FILM_GROUND_M):
+            super().__init__(model, round(_FILM_SCALE * width), round(_FILM_SCALE * height), _FILM)
         self._camera = mujoco.MjvCamera()
 
     def frame(self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float) -> Rgb:
@@ -218,10 +231,11 @@ class FilmCamera(_OffScreen):
         """
         self._camera.lookat[:] = lookat
         self._camera.azimuth, self._camera.elevation, self._camera.distance = azimuth, elevation, distance
-        self.update(data, self._camera)
+        with _bounded_planes(self.model, self._endless, _FILM_GROUND_M, data, np.asarray(lookat)[:2]):
+            self.update(data, self._camera)
         rgb = np.empty((self.height, self.width, 3), np.uint8)
         self.draw(rgb, None)
-        return np.ascontiguousarray(rgb[::-1])
+        return np.asarray(cv2.resize(rgb[::-1], self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: ArrayLike | None = None) -> Array:
@@ -241,11 +255,15 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
 
 @contextmanager
 def _bounded_planes(
-    model: mujoco.MjModel, endless: NDArray[np.intp], data: mujoco.MjData | None = None, about: ArrayLike = (0.0, 0.0)
-) -> Iterator[None]:
-    """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles."""
+    model: mujoco.MjModel, endless: NDArray[np.intp], half_m: float, data: mujoco.MjData | None = None,
+    about: ArrayLike = (0.0, 0.0),
+) -> Iterator[None]:  # fmt: skip
+    """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles.
+
+    `half_m` is half an edge, an odd number of texture periods.
+    """
     sizes = model.geom_size[endless]
-    model.geom_size[endless] = _GROUND_M, _GROUND_M, 2 * _GROUND_M
+    model.geom_size[endless] = half_m, half_m, 2 * half_m
     if data is not None:
         places = data.geom_xpos[endless]
         data.geom_xpos[endless, :2] += PERIOD_M * np.round((about - places[:, :2]) / PERIOD_M)
@@ -300,7 +318,7 @@ def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _
     """Sets image size and quality of the model temporarily."""
     screen, look = model.vis.global_, model.vis.quality
     values = (
-        (screen, "offwidth", width), (screen, "offheight", height), (look, "offsamples", quality.samples),
+        (screen, "offwidth", width), (screen, "offheight", height), (look, "offsamples", 0),
         (look, "shadowsize", quality.shadow_size), (look, "numslices", quality.slices),
         (look, "numstacks", quality.stacks),
     )  # fmt: skip

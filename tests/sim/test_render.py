@@ -243,3 +243,25 @@ def test_what_is_out_of_view_is_left_out_and_nothing_else(world, monkeypatch):
             np.testing.assert_array_equal(view.color(data, T, (196.0, 194.0, 165.0, 114.0)), image)
             assert count <= view.scene.ngeom
         assert min(shown) < view.scene.ngeom
+
+
+def test_a_view_with_shadows_is_darker_beside_a_pillar_and_has_the_same_depth():
+    spec = mujoco.MjSpec()
+    Terrain.from_route(Route(segments=(Level(length_m=4.0),))).add_to(spec)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.5], pos=[2.0, 0.0, 0.5])
+    model, data = compiled(spec)
+    T, intrinsics = looking([0.5, 0.0, 1.6], 40.0), (100.0, 100.0, 79.5, 59.5)
+    with SensorView(model, 160, 120) as plain, SensorView(model, 160, 120, shadows=True) as shaded:
+        (clear, near), (dark, far) = (view.frame(data, T, intrinsics) for view in (plain, shaded))
+    np.testing.assert_array_equal(near, far)
+    darker = clear.mean(axis=2) - dark.mean(axis=2) > 20
+    assert 50 < darker.sum() < 0.2 * darker.size
+
+
+def test_a_film_has_smooth_edges_and_ground_up_to_the_horizon(world):
+    _, model, data = world
+    with FilmCamera(model, 320, 180) as film:
+        image = film.frame(data, [2.0, 0.0, 1.6], 90.0, 0.0, 4.0).astype(int)
+    green = image[..., 1] - image[..., 2] > 20
+    assert green[93, :20].all()  # the horizon is at half the height; two pixels below it are 2 km away
+    assert not green[:88, :20].any()
