@@ -18,6 +18,7 @@ from stridetwin.cli.recording import (
     import_command,
     view_command,
 )
+from stridetwin.cli.scene import SceneOptions, scene_command
 from stridetwin.cli.schema import SchemaOptions, schema_command
 from stridetwin.cli.score import HistoryOptions, ScoreOptions, history_command, score_command
 from stridetwin.cli.studies import ExperimentOptions, PlaceOptions, experiment_command, place_command
@@ -48,6 +49,7 @@ COMMANDS = {
     "history": Command(HistoryOptions, history_command),
     "experiment": Command(ExperimentOptions, experiment_command),
     "place": Command(PlaceOptions, place_command),
+    "scene": Command(SceneOptions, scene_command),
     "schema": Command(SchemaOptions, schema_command),
     "view": Command(ViewOptions, view_command),
 }

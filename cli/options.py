@@ -26,7 +26,7 @@ _MOST = 1_000_000
 _OUTPUTS = {
     "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",
 }  # fmt: skip
-_FOLDERS = ("run", "generate", "export", "experiment", "place")
+_FOLDERS = ("run", "generate", "export", "experiment", "place", "scene")
 """Commands whose `-o` may be a folder."""
 _MAKE_FOLDERS = (("import", "output"), ("score", "history"))
 Progress = Callable[[str, float], None]

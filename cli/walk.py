@@ -156,13 +156,20 @@ def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"])
 
 
-def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
-    from stridetwin.scenarios.record import without_cameras
+def load_with_notes(name: str) -> Scenario:
+    """A scenario by its name in the catalogue or its file; its notes go to stderr."""
     from stridetwin.scenarios.scenario_file import load_scenario
 
-    scenario = load_scenario(arguments.scenario)
+    scenario = load_scenario(name)
     for note in scenario.notes:
         print(f"stridetwin: note: {note}", file=sys.stderr)
+    return scenario
+
+
+def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
+    from stridetwin.scenarios.record import without_cameras
+
+    scenario = load_with_notes(arguments.scenario)
     if arguments.physics is not None:
         scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
     return without_cameras(scenario) if arguments.no_cameras else scenario

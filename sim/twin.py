@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
+from stridetwin.sim.composition import compose
 from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
 from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.plan import Plan, plan_control
 from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
-from stridetwin.sim.dynamics.soles import add_soles
 from stridetwin.sim.faults.faults import plan_faults
 from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.heel_strike import SHOE, UpperMotion, case_parameters
@@ -32,11 +32,9 @@ from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import foot_imu_place, sensor_rig
 from stridetwin.sim.sensors.suite import SensorSuite
-from stridetwin.sim.wearer.body import add_wearer, compile_model
-from stridetwin.sim.wearer.sensor_bodies import add_rig
-from stridetwin.sim.world.bystanders import Crowd, add_bystanders, bystanders
+from stridetwin.sim.wearer.body import compile_model
+from stridetwin.sim.world.bystanders import Crowd, bystanders
 from stridetwin.sim.world.bystanders import pose as pose_crowd
-from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
@@ -82,18 +80,10 @@ class Twin:
         if config.exo is not None and config.exo.drive != "idle" and config.physics != "dynamic":
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
         self.config, self.seed = config, seed
-        self.sensor_rig = sensor_rig(config)
+        composed = compose(config)
+        self.terrain, self.size, self.sensor_rig = composed.terrain, composed.size, composed.sensor_rig
         self.rig: Rig = self.sensor_rig.nominal(seed)
-        self.terrain = Terrain.from_route(config.route)
-        spec = mujoco.MjSpec()
-        self.terrain.add_to(spec)
-        self.size = add_wearer(spec, config.person, config.exo)
-        add_rig(spec, self.sensor_rig.rig)
-        add_soles(spec, self.size)
-        add_bystanders(spec, config.route.bystanders)
-        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # enabled in the forward simulation only
-        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
-        self.model: mujoco.MjModel = compile_model(spec)
+        self.model: mujoco.MjModel = compile_model(composed.spec)
         check_legs(self.model, self.size)
         self.reference: Reference = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
         self._plan_control = plan_control

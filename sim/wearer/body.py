@@ -87,7 +87,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         _attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
     _set_inertials(spec, body)
     if exo is not None and isinstance(size.exo, ExoLinks):
-        with _unprefixed():
+        with unprefixed():
             spec.attach(exoskeleton(size, modules(exo)), frame=pelvis.add_frame(), prefix="", suffix="")
     elif isinstance(size.exo, OwnExo):
         add_own_exo(spec, pelvis, size.exo)
@@ -96,9 +96,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
 
 def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compiled model."""
-    with warnings.catch_warnings():
-        # names without a prefix are unique by their side's suffix; the spec itself is never saved
-        warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
+    with unprefixed():
         return spec.compile()
 
 
@@ -148,17 +146,19 @@ def _attach(
     if side == "r":
         _mirror(leaf)
     frame = parent.add_frame(pos=[0, 0, 0] if pos is None else list(pos))
-    with _unprefixed():
+    with unprefixed():
         frame.attach_body(leaf.body(body), "", f"_{side}" if side else "")
 
 
 @contextmanager
-def _unprefixed() -> Iterator[None]:
-    """Silences the warning about an empty prefix on the terminal: names are unique by their side's suffix."""
+def unprefixed() -> Iterator[None]:
+    """Silences MuJoCo's warnings about an empty prefix: names are unique by their side's suffix."""
     warn = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
+            yield
     finally:
         mujoco.set_mju_user_warning(warn)
 

@@ -1,0 +1,90 @@
+"""Loads scenes as a MuJoCo user without StrideTwin does: steps each from its keyframe, and renders it.
+
+    python -I -S benchmarks/plain_mujoco.py SITE_PACKAGES SECONDS SCENE.xml ... [--images DIR]
+
+Prints a JSON list, one entry per scene. `-S` leaves out what an editable installation adds to the path, so that only
+MuJoCo and NumPy come from SITE_PACKAGES; `load` runs the script that way.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+_WIDTH, _HEIGHT = 480, 270
+
+
+def load(scenes: Sequence[Path], seconds: float, images: Path | None = None) -> list[dict[str, Any]]:
+    """Loads and steps scenes in one process that cannot import StrideTwin.
+
+    Args:
+        scenes: The scenes' files.
+        seconds: How long each is stepped.
+        images: Folder for two images of each, NAME.npy (2, H, W, 3) uint8: from outside, and by its first camera.
+
+    Raises:
+        RuntimeError: The process failed; the message is its last line.
+    """
+    spec = importlib.util.find_spec("mujoco")
+    assert spec is not None
+    assert spec.origin is not None
+    words = [sys.executable, "-I", "-S", __file__, str(Path(spec.origin).parents[1]), str(seconds), *map(str, scenes)]
+    done = subprocess.run(
+        words + (["--images", str(images)] if images else []), capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise RuntimeError((done.stderr.splitlines() or ["no output"])[-1])
+    return list(json.loads(done.stdout))
+
+
+def _measure(path: str, seconds: float, images: str | None) -> dict[str, Any]:
+    import mujoco
+    import numpy as np
+
+    model = mujoco.MjModel.from_xml_path(path)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.keyframe("stand").id)
+    mujoco.mj_forward(model, data)
+    if images is not None:
+        free = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(model, free)
+        shots = []
+        with mujoco.Renderer(model, _HEIGHT, _WIDTH) as renderer:
+            for camera in (free, 0) if model.ncam else (free,):
+                renderer.update_scene(data, camera)
+                shots.append(renderer.render())
+        np.save(Path(images) / f"{Path(path).stem}.npy", shots)
+    start = data.body("pelvis").xpos.copy()
+    away = 0.0
+    while data.time < seconds:
+        mujoco.mj_step(model, data)
+        away = max(away, float(np.abs(data.body("pelvis").xpos - start).max()))
+    return {
+        "scene": Path(path).stem,
+        "bodies": model.nbody,
+        "geoms": model.ngeom,
+        "cameras": [model.camera(i).name for i in range(model.ncam)],
+        "sites": [model.site(i).name for i in range(model.nsite)],
+        "mass_kg": float(model.body_subtreemass[0]),
+        "moved_m": away,
+        "warnings": int(sum(warning.number for warning in data.warning)),
+        "finite": bool(np.isfinite(data.qpos).all()),
+    }
+
+
+def _main() -> None:
+    words = sys.argv[1:]
+    images = words.pop() if "--images" in words else None
+    site, seconds, *scenes = (word for word in words if word != "--images")
+    sys.path.append(site)
+    assert importlib.util.find_spec("stridetwin") is None, "StrideTwin can be imported here"
+    print(json.dumps([_measure(scene, float(seconds), images) for scene in scenes]))
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,116 @@
+"""MJCF text of a model whose numbers are exact.
+
+`MjSpec.to_xml` writes six digits; here each number of a pose, size, inertia, joint or mesh gets as many as it takes to
+read the same one back. It also repeats the defaults of attached models under one name, which MuJoCo refuses to read,
+and keeps the frames that attached them: both go, as every element has its own values.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.sim.wearer.body import unprefixed
+
+_OF_MODEL = {
+    "body": {"pos": "body_pos", "quat": "body_quat"},
+    "inertial": {"pos": "body_ipos", "quat": "body_iquat", "mass": "body_mass", "diaginertia": "body_inertia"},
+    "geom": {"pos": "geom_pos", "quat": "geom_quat", "size": "geom_size"},
+    "joint": {"pos": "jnt_pos", "axis": "jnt_axis", "range": "jnt_range"},
+    "site": {"pos": "site_pos", "quat": "site_quat"},
+    "camera": {"pos": "cam_pos", "quat": "cam_quat", "fovy": "cam_fovy"},
+    "light": {"pos": "light_pos", "dir": "light_dir"},
+}
+"""Attributes by element, and the compiled model's arrays of their values, a row per element."""
+_OF_SPEC = {
+    "material": {"rgba": "rgba", "texrepeat": "texrepeat"},
+    "mesh": {"vertex": "uservert", "normal": "usernormal", "texcoord": "usertexcoord"},
+    "joint": {
+        "damping": "damping",
+        "armature": "armature",
+        "frictionloss": "frictionloss",
+        "actuatorfrcrange": "actfrcrange",
+    },
+    "geom": {"rgba": "rgba"},
+    "key": {"qpos": "qpos", "ctrl": "ctrl", "mpos": "mpos", "mquat": "mquat"},
+}
+"""Attributes by element, and those of the spec's elements."""
+_POSE = {"pos": "0 0 0", "quat": "1 0 0 0"}
+"""Attributes of poses, and their defaults."""
+
+
+def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
+    """The root element `mujoco` of a model.
+
+    Args:
+        spec: The model; its textures and meshes are files of `spec.assets`, built in, or (meshes) inline.
+        model: The same, compiled.
+    """
+    with unprefixed():
+        root = ElementTree.fromstring(spec.to_xml())
+    for defaults in root.findall("default"):
+        root.remove(defaults)
+    world, assets = _only(root, "worldbody"), _only(root, "asset")
+    _dissolve_frames(world)
+    bodies = [*world.iter("body")]
+    for body in bodies:
+        if body.find("inertial") is None and not body.get("mocap"):  # MuJoCo would guess it from shapes without mass
+            body.insert(0, Element("inertial", mass="0", diaginertia="0 0 0"))
+    rows = {
+        "body": list(enumerate(bodies, 1)),
+        "inertial": [(i, found) for i, body in enumerate(bodies, 1) for found in body.findall("inertial")],
+        **{kind: list(enumerate(world.iter(kind))) for kind in ("geom", "joint", "site", "camera", "light")},
+    }
+    for kind, arrays in _OF_MODEL.items():
+        for row, node in rows[kind]:
+            _rewrite(node, {name: getattr(model, array)[row] for name, array in arrays.items()})
+    listed = {
+        "material": (assets, spec.materials), "mesh": (assets, spec.meshes), "joint": (world, spec.joints),
+        "geom": (world, spec.geoms), "key": (root, spec.keys),
+    }  # fmt: skip
+    for kind, (parent, items) in listed.items():
+        for node, item in zip(parent.iter(kind), items, strict=True):
+            _rewrite(node, {name: getattr(item, own) for name, own in _OF_SPEC[kind].items()})
+    for node, geom in zip(world.iter("geom"), spec.geoms, strict=True):
+        if node.get("type") == "mesh":  # its compiled pose is that of the mesh's centre
+            _rewrite(node, {"pos": geom.pos, "quat": geom.quat})
+    return root
+
+
+def numbers(values: ArrayLike) -> str:
+    """Numbers as text: the fewest digits that read back as the same float32 or float64."""
+    return " ".join(str(value).removesuffix(".0") for value in np.ravel(np.asarray(values)) + 0.0)
+
+
+def _only(parent: Element, tag: str) -> Element:
+    found = parent.findall(tag)
+    if len(found) != 1:
+        raise ValueError(f"invalid MJCF: expected one {tag}, found {len(found)}")
+    return found[0]
+
+
+def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:
+    """Replaces numbers of an element, and its pose in every case, as `to_xml` omits what six digits round to zero."""
+    for name, value in values.items():
+        given = node.get(name)
+        if given is None and name not in _POSE:
+            continue
+        count = np.size(value) if given is None else len(given.split())
+        node.set(name, numbers(np.ravel(value)[:count]))
+        if node.get(name) == _POSE.get(name) and node.tag != "inertial":  # that needs its place
+            del node.attrib[name]
+
+
+def _dissolve_frames(parent: Element) -> None:
+    """Replaces each frame by what it holds; the poses of these bodies are rewritten afterwards."""
+    for node in list(parent):
+        _dissolve_frames(node)
+        if node.tag == "frame":
+            at = list(parent).index(node)
+            parent.remove(node)
+            for i, child in enumerate(node):
+                parent.insert(at + i, child)

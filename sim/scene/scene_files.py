@@ -1,0 +1,186 @@
+"""The files of a scene: MJCF, textures and meshes, in one folder.
+
+`NAME.xml` has terrain, bystanders, light and keyframe. It includes `wearer.xml`: person, exoskeleton, sensors, cuffs
+and servos. Scenes of one wearer can share a folder, and then share `wearer.xml` and the textures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.composition import compose
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.rendering.renderer import FAR_M, NEAR_M
+from stridetwin.sim.scene.exact_xml import exact_xml, numbers
+from stridetwin.sim.scene.sensor_sites import add_sensor_sites
+from stridetwin.sim.scene.standing import add_standing
+from stridetwin.sim.wearer.body import compile_model
+from stridetwin.sim.world.textures import SIZE
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.files import whole_file
+
+TEXTURE_PX = SIZE
+"""Edge of the twin's own textures, pixels."""
+WEARER = "wearer.xml"
+_PERSON_M = 2.0
+_SCENERY = "scenery_"
+_ROOT = "root"  # the wearer's outermost body
+_WEARERS = ("option", "actuator", "equality", "sensor")  # sections of wearer.xml
+_NOTE = " Written by StrideTwin (stridetwin scene): docs/scene.md says what is in it. "
+
+
+def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
+    """The composed model of a walk with everything that MuJoCo needs to show and step it alone.
+
+    Raises:
+        ConfigError: A value that cannot be built.
+    """
+    composition = compose(config)
+    spec = composition.spec
+    spec.modelname = config.name
+    add_sensor_sites(spec, composition.sensor_rig.rig)
+    add_standing(composition, config)
+    route_m = float(compile_model(spec).stat.extent)
+    spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the person
+    scale = spec.visual.map  # in extents
+    scale.znear, scale.zfar, scale.shadowclip = NEAR_M / _PERSON_M, FAR_M / _PERSON_M, route_m / _PERSON_M
+    view = getattr(spec.visual, "global")
+    view.azimuth, view.elevation, view.offwidth, view.offheight = 140.0, -12.0, 1920, 1080
+    return spec
+
+
+def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, bytes]:
+    """The files of a scene by their path in its folder.
+
+    Args:
+        config: Scenario.
+        texture_px: Edge of the textures, pixels; fewer make smaller files.
+
+    Raises:
+        ConfigError: A value that cannot be built.
+    """
+    if f"{config.name}.xml" == WEARER:
+        raise ConfigError(config.name, "name of the scenario", config.name, "another one: wearer.xml is the wearer's")
+    spec = scene_spec(config)
+    files = _take_textures(spec, "" if config.route.texture == "rich" else f"_{config.route.texture}", texture_px)
+    spec.assets = dict(files)
+    root = exact_xml(spec, compile_model(spec))
+    for node in list(_section(root, "asset").iter("mesh")):
+        name = str(node.get("name"))
+        if name.startswith(_SCENERY):
+            path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
+            files[path] = _obj(spec.mesh(name)).encode()
+            node.attrib = {"name": name, "file": path, "inertia": "shell"}
+    wearer = _split_off_wearer(root)
+    for name, part in ((f"{config.name}.xml", root), (WEARER, wearer)):
+        part.insert(0, ElementTree.Comment(_NOTE))
+        ElementTree.indent(part)
+        files[name] = ElementTree.tostring(part) + b"\n"
+    return files
+
+
+def write_scene(files: Mapping[str, bytes], name: str, folder: Path) -> None:
+    """Writes the files of a scene to a folder, where other scenes of the same wearer may be.
+
+    Args:
+        files: As from `scene_files`.
+        name: Name of the scene.
+        folder: Made if it does not exist.
+
+    Raises:
+        StrideTwinError: A shared file has other contents there.
+    """
+    for path, data in files.items():
+        there, own = folder / path, path == f"{name}.xml" or path.startswith(f"meshes/{name}/")
+        if not own and there.exists() and there.read_bytes() != data:
+            valid = "an empty folder, or one with scenes of the same wearer and texture size"
+            raise StrideTwinError(f"{there}: invalid content: belongs to another scene: expected {valid}")
+    for path, data in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(folder / path) as file:
+            file.write_bytes(data)
+
+
+def _take_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, bytes]:
+    """Replaces painted textures of a model by files, one per image; returns the files."""
+    files: dict[str, bytes] = {}
+    painted: dict[bytes, str] = {}
+    for texture in spec.textures:
+        data = bytes(texture.data)
+        if not data:
+            continue
+        if data not in painted:
+            painted[data] = f"textures/{texture.name.removeprefix(_SCENERY)}{finish}.png"
+            pixels = np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3)
+            files[painted[data]] = _png(pixels, size)
+        texture.data, texture.file = b"", painted[data]
+    return files
+
+
+def _png(pixels: NDArray[np.uint8], size: int) -> bytes:
+    if size != len(pixels):
+        pixels = np.asarray(cv2.resize(pixels, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+    done, encoded = cv2.imencode(".png", pixels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not done:
+        raise StrideTwinError("a texture cannot be encoded as PNG")
+    return encoded.tobytes()
+
+
+def _obj(mesh: mujoco.MjsMesh) -> str:
+    """A mesh of rectangles as OBJ, each corner, texture coordinate and normal once."""
+    vertices = np.reshape(np.asarray(mesh.uservert, np.float32), (-1, 3))
+    normals = np.reshape(np.asarray(mesh.usernormal, np.float32), (-1, 3))
+    uv = np.reshape(np.asarray(mesh.usertexcoord, np.float32), (-1, 2))
+    uv[:, 1] = 1.0 - uv[:, 1]  # MuJoCo reverses that of OBJ files
+    lines, corners = [], []
+    for key, rows in (("v", vertices), ("vt", uv), ("vn", normals)):
+        index: dict[str, int] = {}
+        corners.append([index.setdefault(numbers(row), len(index) + 1) for row in rows])
+        lines += [f"{key} {text}" for text in index]
+    words = [f"{v}/{t}/{n}" for v, t, n in zip(*corners)]
+    lines += [f"f {' '.join(words[i : i + 4])}" for i in range(0, len(words), 4)]
+    return "\n".join(lines) + "\n"
+
+
+def _split_off_wearer(root: Element) -> Element:
+    """Moves the wearer out of a scene, which then includes `WEARER`; returns that file's root element."""
+    world, assets = _section(root, "worldbody"), _section(root, "asset")
+    wearer = Element("mujoco", model="wearer")
+    wearer.append(_section(root, "compiler"))
+    body = next(node for node in world if node.get("name") == _ROOT)
+    own = ElementTree.SubElement(wearer, "asset")
+    used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
+    used |= {str(node.get("texture")) for node in assets.iter("material") if node.get("name") in used}
+    _move([node for node in assets if node.get("name") in used], assets, own)
+    later = list(world)[list(world).index(body) + 1 :]
+    _move([body], world, ElementTree.SubElement(wearer, "worldbody"))
+    for tag in _WEARERS:
+        _move(root.findall(tag), root, wearer)
+    at = list(root).index(world) + 1
+    root.insert(at, Element("include", file=WEARER))
+    if later:
+        others = Element("worldbody")
+        _move(later, world, others)
+        root.insert(at + 1, others)
+    return wearer
+
+
+def _section(root: Element, tag: str) -> Element:
+    found = root.find(tag)
+    if found is None:
+        raise ValueError(f"invalid MJCF: expected a section {tag}")
+    return found
+
+
+def _move(nodes: list[Element], source: Element, target: Element) -> None:
+    for node in nodes:
+        source.remove(node)
+        target.append(node)
