@@ -1,261 +1,260 @@
 """Offset between a camera's clock and its IMU's: the rotation rate seen in the images is aligned with the gyro's.
 
-The rotation between images comes from tracked features: with depth by perspective from n points, without by the
-essential matrix (Nistér, PAMI 26(6), 2004). The offset minimises the squared difference between the two rates
-(as Kelly and Sukhatme, IJRR 33(2), 2014, align sensors by their rotations alone).
+The offset minimises the squared difference between the two rates, as Kelly and Sukhatme (IJRR 33(2), 2014) align
+sensors by their rotations alone. Its interval comes from a jackknife over short blocks of images (Efron and
+Tibshirani 1993, An Introduction to the Bootstrap, 11.5), because neighbouring rates share their errors. An offset
+counts only where the difference has one clear minimum: every offset farther away is significantly worse over the
+same blocks.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.special import stdtrit
 
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.scenarios.image_rotation import Rates, rotation_rates
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import CameraCalibration
-from stridetwin.streams.samples import Array, Depth, Image
+from stridetwin.streams.rig import Board, CameraCalibration, Rig
+from stridetwin.streams.samples import Array, Block, Imu
 
-STRETCHES, IMAGES = 4, 45
-"""Segments of a recording that are used, and images of each."""
+IMAGES, BATCH, MOST_SEGMENTS = 45, 4, 12
+"""Images of a segment, segments that are read at a time, and most segments of one recording."""
 LARGEST_SHIFT_S = 0.15
 MOUNT_OFF_DEG = 5.0
+CLOCK_OFFSET_S = 0.005
+"""Offset that the calibration may leave unexplained: a third of a frame at 60 Hz, and the standard deviation that the
+shoes' estimator assumes of it."""
 _STEP_S = 0.0025  # between the shifts that are compared
-_WIDTH = 400  # px of the images that are tracked
-_FEATURES, _FEWEST_TRACKS = 150, 20
-_STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
-_FEWEST_PAIRS = 30  # of images with a known rotation
+_PEAK_S = 0.02  # shifts farther from the best one have to be significantly worse
 _SURE = 0.7  # correlation from which a result counts
+_WIDEST_S = 0.01  # half width up to which a result counts
+_MODEL_SD_S = 0.0008  # of exposure, low-pass and features: offsets of twelve catalogue walks (seeds below 1000)
+_BLOCK = 11  # pairs of images of a block
+_FEWEST_BLOCKS = 6
+_OUTLIER = 5.0  # times the median of the squared differences
+_MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
-_ROUNDS, _PRIOR_SHARE = 3, 0.01  # of the alignment, and weight of the nominal mount in it
+_ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
+_CONFIDENCE = 0.975
+_SHOES = ("foot_l", "foot_r")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Fit:
-    """The shift that best aligns the gyro's rate with the visual one, s, and the correlation of the rates."""
+class CameraClock:
+    """Clock and mount of a camera relative to those of its IMU.
 
+    Attributes:
+        imu: Topic of the IMU.
+        shift_s: t_imu = t_cam + shift.
+        half_s: Half width of its 95 % interval.
+        calibrated_s: The shift in the calibration.
+        correlation: Of the two rates at the shift.
+        mount_off_deg: Rotation of the mount that gives this correlation, 0 for the nominal mount.
+        pairs: Pairs of images.
+    """
+
+    imu: str
     shift_s: float
-    sd_s: float
-    cost: float
+    half_s: float
+    calibrated_s: float
     correlation: float
+    mount_off_deg: float
+    pairs: int
+
+    @property
+    def unexplained_s(self) -> float:
+        """The shift that the calibration does not explain."""
+        return self.shift_s - self.calibrated_s
+
+    @property
+    def is_off(self) -> bool:
+        """Whether its interval lies entirely beyond `CLOCK_OFFSET_S`."""
+        return abs(self.unexplained_s) - self.half_s > CLOCK_OFFSET_S
+
+    def row(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**vars(self), "unexplained_s": self.unexplained_s}
 
 
-def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, Any] | None:
-    """The time offset of one camera, and the rotation error of its mount relative to its IMU's.
+def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:
+    """The board on the other shoe that fills the images of a shoe's camera; None for any other camera.
+
+    Such images show the motion of both shoes, so that the gyro of one does not explain them.
+    """
+    if camera.mount.body not in _SHOES or camera.depth_topic:
+        return None
+    return next((b for b in rig.boards.values() if b.mount.body in _SHOES and b.mount.body != camera.mount.body), None)
+
+
+def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Imu]) -> CameraClock | None:
+    """Clock and mount of one camera relative to the IMU on its body, whose samples are `gyro`.
 
     Returns:
-        `shift_s` (t_imu = t_cam + shift), its standard deviation `sd_s`, the calibrated value `calibrated_s`, the
-        difference `unexplained_s`, `correlation` of the two rates, `imu`; `mount_off_deg`, the rotation of the mount
-        that gives this correlation, 0 for the nominal mount; None where the images do not show the rotation well
-        enough (little texture, or a scene that moves along).
+        None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along).
     """
     imu = recording.rig.imu(camera.imu_topic)
-    gyro = recording.block(camera.imu_topic)
     R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ imu.mount.T_body_sensor[:3, :3]
-    t: Array = np.asarray((gyro.t_ns - gyro.t_ns[0]) * 1e-9, float)
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
-    pairs = [
-        pair
-        for first in _liveliest(recording.image_times(camera.topic), gyro.t_ns, rate)
-        for pair in _rotation_rates(recording, camera, first)
-    ]
-    if len(pairs) < _FEWEST_PAIRS:
-        return None
-    spans: Array = (np.array([p[:2] for p in pairs]) - gyro.t_ns[0]) * 1e-9
-    seen: Array = np.array([p[2] for p in pairs])
-    angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
-    calibrated = camera.timeshift_cam_imu_s
-    shifts: Array = calibrated + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
-
-    def gyro_rate_at(shift_s: float) -> Array:
-        return _gyro_rate(spans + shift_s, t, angle)
-
-    fit, off_deg = _fit(shifts, gyro_rate_at, seen), 0.0
-    # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
-    rotation = min((_rotation_between(gyro_rate_at(s), seen) for s in shifts.tolist()), key=lambda found: found[1])[0]
-    if (off := math.degrees(rotation.magnitude())) > MOUNT_OFF_DEG:
-        rotated = _fit(shifts, lambda s: np.asarray(rotation.apply(gyro_rate_at(s)), float), seen)
-        better = rotated is not None and (fit is None or rotated.cost * _BETTER < fit.cost)
-        if rotated is not None and better and rotated.correlation >= _SURE:
-            fit, off_deg = rotated, off
-    if fit is None or fit.correlation < _SURE:
-        return None
-    return {
-        "imu": camera.imu_topic,
-        "shift_s": fit.shift_s,
-        "calibrated_s": calibrated,
-        "unexplained_s": fit.shift_s - calibrated,
-        "sd_s": fit.sd_s,
-        "correlation": fit.correlation,
-        "mount_off_deg": off_deg,
-        "pairs": len(pairs),
-    }
+    segments = _liveliest(recording.image_times(camera.topic), gyro.t_ns, rate)[:MOST_SEGMENTS]
+    found, seen = None, list[Rates]()
+    for some in _batches(segments):
+        seen += [r for first in some if (r := rotation_rates(recording, camera, first, IMAGES)) is not None]
+        found = _clock(camera, gyro.t_ns, rate, seen)
+        if found is not None and abs(abs(found.unexplained_s) - CLOCK_OFFSET_S) > found.half_s:
+            break  # certainly above or below
+    return found
 
 
-def _fit(shifts: Array, gyro_rate_at: Callable[[float], Array], seen: Array) -> _Fit | None:
-    """The best of the shifts; None if it is the first or the last, or the cost has no minimum."""
-    cost = np.array([_cost(gyro_rate_at(float(s)), seen) for s in shifts])
-    best = int(np.argmin(cost))
-    if best in (0, len(shifts) - 1):
-        return None
-    before, here, after = cost[best - 1 : best + 2]
-    curvature = (before - 2 * here + after) / _STEP_S**2
-    if curvature <= 0:
-        return None
-    shift = float(shifts[best] + 0.5 * _STEP_S * (before - after) / (before - 2 * here + after))
-    return _Fit(
-        shift_s=shift,
-        sd_s=float(np.sqrt(2 * here / curvature / (3 * len(seen)))),
-        cost=float(here),
-        correlation=_correlation(gyro_rate_at(shift), seen),
-    )
-
-
-def _rotation_between(measured: Array, seen: Array) -> tuple[Rotation, float]:
-    """The rotation that best maps gyro rates to visual rates (Kabsch), without the gyro's bias; and its `_cost`.
-
-    A small weight keeps it at the nominal mount about axes that the rates do not observe.
-    """
-    a, b = measured - np.median(measured, axis=0), seen - np.median(seen, axis=0)
-    kept = np.ones(len(a), bool)
-    for _ in range(_ROUNDS):
-        prior = _PRIOR_SHARE * float(np.sum(np.linalg.norm(a[kept], axis=1) * np.linalg.norm(b[kept], axis=1))) + 1e-12
-        axes = np.sqrt(prior) * np.eye(3)
-        R = Rotation.align_vectors(np.vstack((b[kept], axes)), np.vstack((a[kept], axes)))[0]
-        off = np.sum((R.apply(a) - b) ** 2, axis=1)
-        kept = off <= 5 * np.median(off)
-    return R, _cost(R.apply(measured), seen)
+def _batches(segments: Sequence[int]) -> Iterator[Sequence[int]]:
+    for start in range(0, len(segments), BATCH):
+        yield segments[start : start + BATCH]
 
 
 def _liveliest(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
-    """First images of the segments in which the camera's rotation rate varies most."""
+    """First images of all segments, those in which the camera's rotation rate varies most first."""
     starts = range(0, max(1, len(images) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:
         first, last = images[start], images[min(start + IMAGES, len(images) - 1)]
         here = rate[(t >= first) & (t <= last)]
         spread.append(float(here.std(axis=0).sum()) if len(here) > 1 else 0.0)
-    return sorted(starts[int(i)] for i in np.argsort(spread)[::-1][:STRETCHES])
+    return [starts[int(i)] for i in np.argsort(spread, kind="stable")[::-1]]
 
 
-def _rotation_rates(recording: Recording, camera: CameraCalibration, first: int) -> list[tuple[int, int, Array]]:
-    """(start and end in ns, mean rate (3,) in the camera's frame) between the images of a segment."""
-    times = recording.image_times(camera.topic)[first : first + IMAGES]
-    try:
-        images = recording.images(camera.topic, range(first, first + len(times)))
-        depths = _depths(recording, camera, times)
-    except StrideTwinError:
-        return []  # a damaged image is reported as a problem of its own
-    views = [(p.t_ns, _grey(p)) for p in images if isinstance(p, Image)]
-    found = []
-    for (t0, a), (t1, b) in pairwise(views):
-        rotation = _rotation(a, b, depths.get(t0), camera)
-        if rotation is not None:
-            found.append((t0, t1, rotation * 1e9 / (t1 - t0)))
-    return found
-
-
-def _depths(recording: Recording, camera: CameraCalibration, t_ns: NDArray[np.int64]) -> dict[int, Any]:
-    """Depth images by the stamps of the colour images that they are registered to."""
-    if camera.depth_topic not in recording.topics:
-        return {}
-    times = recording.image_times(camera.depth_topic)
-    at = np.flatnonzero(np.isin(times, t_ns)).tolist()
-    return {d.t_ns: d.depth for d in recording.images(camera.depth_topic, at) if isinstance(d, Depth)}
-
-
-def _grey(image: Image) -> Any:
-    pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
-    scale = min(1.0, _WIDTH / pixels.shape[1])
-    return cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-
-
-def _rotation(a: Any, b: Any, depth: Any, camera: CameraCalibration) -> Array | None:
-    """Rotation vector (3,) of the camera from image a to image b, in its own frame."""
-    corners = cv2.goodFeaturesToTrack(a, _FEATURES, 0.01, 8)
-    if corners is None or len(corners) < _FEWEST_TRACKS:
+def _clock(
+    camera: CameraCalibration, t_ns: NDArray[np.int64], rate: Array, rates: Sequence[Rates]
+) -> CameraClock | None:
+    """The clock by the rates of some segments; None without a clear peak."""
+    blocks = [
+        half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
+    ]
+    if len(blocks) < _FEWEST_BLOCKS:
         return None
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(a, b, corners, np.zeros_like(corners), winSize=(15, 15), maxLevel=3)
-    kept = np.ravel(found) == 1
-    if kept.sum() < _FEWEST_TRACKS:
+    block = np.repeat(np.arange(len(blocks)), [len(b) for b in blocks])
+    seen = np.concatenate([r.rate for r in rates])
+    shifts = camera.timeshift_cam_imu_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
+    measured = _gyro_rates(np.concatenate([r.t_ns for r in rates]), shifts, t_ns, rate)
+    fit, off_deg = _fit(shifts, measured, seen, block), 0.0
+    # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
+    rotations, costs = _mounts(measured, seen)
+    if _degrees(rotations[int(np.argmin(costs)) if fit is None else fit.at]) > MOUNT_OFF_DEG:
+        rotated = _fit(shifts, measured @ rotations.transpose(0, 2, 1), seen, block)
+        off = 0.0 if rotated is None else _degrees(rotations[rotated.at])
+        if rotated is not None and off > MOUNT_OFF_DEG and (fit is None or rotated.cost * _BETTER < fit.cost):
+            fit, off_deg = rotated, off
+    if fit is None:
         return None
-    scale = a.shape[1] / camera.width
-    x, y = (_rays(np.asarray(points)[kept], camera, scale) for points in (corners, moved))
-    pixel = 1.0 / (camera.intrinsics[0] * scale)
-    if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
-        return np.zeros(3)  # at rest the essential matrix is not defined
-    R = _by_depth(x, y, _z_at(depth, corners[kept], scale), pixel) if depth is not None else None
-    R = _by_rotation(x, y, pixel) if R is None else R
-    R = _by_epipoles(x, y, pixel) if R is None else R
-    # R maps points of a into b: the inverse of the camera's own rotation
-    return None if R is None else -Rotation.from_matrix(R).as_rotvec()
+    return CameraClock(
+        imu=camera.imu_topic, shift_s=fit.shift_s, half_s=fit.half_s, calibrated_s=camera.timeshift_cam_imu_s,
+        correlation=fit.correlation, mount_off_deg=off_deg, pairs=len(seen),
+    )  # fmt: skip
 
 
-def _by_rotation(x: Array, y: Array, pixel: float) -> Array | None:
-    """The rotation between rays if rotation alone explains them (Kabsch's algorithm): then there are no epipoles."""
-    a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
-    a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
-    R = Rotation.align_vectors(b, a)[0].as_matrix()
-    off = np.linalg.norm(a @ R.T - b, axis=1)
-    return np.asarray(R, float) if float(np.median(off)) < _ROTATION_PX * pixel else None
+def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64], rate: Array) -> Array:
+    """(S, N, 3) mean rate of the gyro over each of N intervals (start and end in ns), shifted by each of S shifts."""
+    t = (t_ns - t_ns[0]) * 1e-9
+    angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
+    at = (spans - t_ns[0]) * 1e-9 + shifts[:, None, None]  # (S, N, 2)
+    ends = np.stack([np.interp(at, t, angle[:, k]) for k in range(3)], axis=-1)
+    return np.asarray((ends[:, :, 1] - ends[:, :, 0]) / (at[:, :, 1] - at[:, :, 0])[..., None])
 
 
-def _by_epipoles(x: Array, y: Array, pixel: float) -> Array | None:
-    E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
-    if E is None or E.shape != (3, 3):
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """The shift that best aligns the rates, s, the half width of its 95 % interval, its number and its cost."""
+
+    shift_s: float
+    half_s: float
+    at: int
+    cost: float
+    correlation: float
+
+
+def _fit(shifts: Array, measured: Array, seen: Array, block: NDArray[np.intp]) -> _Fit | None:
+    """The best of S shifts for rates (S, N, 3) against (N, 3), with the block of each; None without a clear peak."""
+    squared, at, cost = _squared(measured, seen)
+    if at in (0, len(shifts) - 1):
         return None
-    count, R, _, _ = cv2.recoverPose(E, x, y, np.eye(3), mask=inliers)
-    return np.asarray(R, float) if count >= _FEWEST_TRACKS else None
-
-
-def _by_depth(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
-    """The same with depth, which separates rotation from sideways motion far better (perspective from n points)."""
-    known = z > 0
-    if known.sum() < _FEWEST_TRACKS:
+    count = int(block[-1]) + 1
+    by_block = np.zeros((count, len(shifts)))
+    np.add.at(by_block, block, squared.T)
+    total = by_block.sum(axis=0)
+    at = int(np.argmin(total))
+    correlation = _correlation(measured[at], seen)
+    far = np.abs(shifts - shifts[at]) > _PEAK_S
+    if correlation < _SURE or not _are_worse(by_block - by_block[:, [at]])[far].all():
         return None
-    points = np.column_stack((x, np.ones(len(x))))[known] * z[known, None]
-    done, rotation, _, inliers = cv2.solvePnPRansac(
-        points, y[known], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
-    )
-    return np.asarray(cv2.Rodrigues(rotation)[0], float) if done and len(inliers) >= _FEWEST_TRACKS else None
+    left_out = np.array([_minimum(shifts, total - one) for one in by_block])
+    sd = math.hypot(math.sqrt((count - 1) * float(np.var(left_out))), _MODEL_SD_S)
+    half = float(stdtrit(count - 1, _CONFIDENCE)) * sd
+    if half > _WIDEST_S:
+        return None
+    shift = _minimum(shifts, total)
+    return _Fit(shift_s=shift, half_s=half, at=at, cost=cost, correlation=correlation)
 
 
-def _z_at(depth: Any, corners: Any, scale: float) -> Array:
-    """(N,) m, depth at the features."""
-    at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
-    height, width = depth.shape
-    return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
+def _squared(measured: Array, seen: Array) -> tuple[Array, int, float]:
+    """(S, N) squared differences without the gyro's bias; number of the shift with the least, and their mean there.
 
-
-def _rays(pixels: Any, camera: CameraCalibration, scale: float) -> Array:
-    """(N, 2) normalised image coordinates without distortion."""
-    points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
-    undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
-    return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)
-
-
-def _gyro_rate(spans: Array, t: Array, angle: Array) -> Array:
-    """(N, 3) mean rate of the gyro over each (start, end)."""
-    ends = np.stack([[np.interp(s, t, angle[:, k]) for k in range(3)] for s in spans.T])  # (2, 3, N)
-    return np.asarray(((ends[1] - ends[0]) / (spans[:, 1] - spans[:, 0])).T)
-
-
-def _cost(measured: Array, seen: Array) -> float:
-    """Mean squared difference without the gyro's bias; the cost of a pair is limited to five times the median."""
+    Each axis is weighted by its spread (not in the mean); a difference counts at most `_OUTLIER` times the median.
+    """
     off = measured - seen
-    squared = np.sum((off - np.median(off, axis=0)) ** 2, axis=1)
-    return float(np.mean(np.minimum(squared, 5 * np.median(squared))))
+    off = off - np.median(off, axis=1, keepdims=True)
+    squared = np.sum(off**2, axis=2)
+    means = np.mean(np.minimum(squared, _OUTLIER * np.median(squared, axis=1, keepdims=True)), axis=1)
+    at = int(np.argmin(means))
+    variance = np.median(off[at] ** 2, axis=0) / _MEDIAN_OF_SQUARE + 1e-12
+    squared = np.sum(off**2 / variance, axis=2)
+    return np.minimum(squared, _OUTLIER * np.median(squared[at])), at, float(means[at])
+
+
+def _are_worse(more: Array) -> NDArray[np.bool_]:
+    """(S,) whether the additional costs (B, S) of B blocks have a mean above 0, by Student's test."""
+    count = len(more)
+    error = more.std(axis=0, ddof=1) / math.sqrt(count)
+    return np.asarray(more.mean(axis=0) > float(stdtrit(count - 1, _CONFIDENCE)) * error)
+
+
+def _minimum(shifts: Array, cost: Array) -> float:
+    """The minimum of a parabola through the least cost and its neighbours, s."""
+    best = int(np.clip(np.argmin(cost), 1, len(shifts) - 2))
+    before, here, after = cost[best - 1 : best + 2]
+    curvature = before - 2 * here + after
+    return float(shifts[best] + (0.5 * _STEP_S * (before - after) / curvature if curvature > 0 else 0.0))
+
+
+def _mounts(measured: Array, seen: Array) -> tuple[Array, Array]:
+    """Rotations (S, 3, 3) that best map gyro rates (S, N, 3) to visual ones (Kabsch), without bias; and their costs.
+
+    A small weight keeps them at the nominal mount about axes that the rates do not observe.
+    """
+    a, b = measured - np.median(measured, axis=1, keepdims=True), seen - np.median(seen, axis=0)
+    weight = np.ones(a.shape[:2])
+    for _ in range(_ROUNDS):
+        size = np.sum(weight * np.linalg.norm(a, axis=2) * np.linalg.norm(b, axis=1), axis=1)
+        H = np.einsum("sn,ni,snj->sij", weight, b, a) + (_PRIOR_SHARE * size + 1e-12)[:, None, None] * np.eye(3)
+        U, _, Vt = np.linalg.svd(H)
+        U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+        R = U @ Vt
+        squared = np.sum((a @ R.transpose(0, 2, 1) - b) ** 2, axis=2)
+        least = np.median(squared, axis=1, keepdims=True)
+        weight = (squared <= _OUTLIER * least).astype(float)
+    return R, np.mean(np.minimum(squared, _OUTLIER * least), axis=1)
+
+
+def _degrees(R: Array) -> float:
+    """Angle of a rotation matrix (3, 3)."""
+    return math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1, 1))))
 
 
 def _correlation(measured: Array, seen: Array) -> float:
     a, b = measured - np.median(measured, axis=0), seen - np.median(seen, axis=0)
     off = np.sum((a - b) ** 2, axis=1)
-    kept = off <= 5 * np.median(off)
+    kept = off <= _OUTLIER * np.median(off)
     return float(np.sum(a[kept] * b[kept]) / np.sqrt(np.sum(a[kept] ** 2) * np.sum(b[kept] ** 2) + 1e-30))

@@ -28,36 +28,7 @@ from stridetwin.scenarios.versions import digest
 from stridetwin.sim.config import Person, TwinConfig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
-from stridetwin.streams.recording.mcap_contents import McapContents
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.recording.topic_reader import concatenated
-from stridetwin.streams.samples import Block
-
-
-class _ReadOnce(McapContents):
-    """Holds the blocks of all topics without images in memory, read in one pass: the check needs all of them."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, lenient=True)
-        self._blocks: dict[str, Block[Any]] = {}
-
-    def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic without images."""
-        if not self._blocks:
-            parts: dict[str, list[Block[Any]]] = {}
-            for chunk in self.chunks:
-                small = [t for t in chunk.parts if not self.readers[t].is_image]
-                for name, messages in self._messages(chunk, small).items() if small else ():
-                    block = self._kept_block(self.readers[name], messages, chunk.parts[name])
-                    parts.setdefault(name, []).append(block)
-            self._blocks = {name: concatenated(blocks) for name, blocks in parts.items()}
-        return self._blocks[topic]
-
-
-def read_once(path: Path) -> Recording:
-    """A recording, opened leniently."""
-    return Recording(path, lenient=True, contents=_ReadOnce(path))
-
 
 RECORDINGS, REJECTED, ROWS, HIDDEN = "recordings", "rejected", "rows", ".unfinished"
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
@@ -171,7 +142,7 @@ def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
         record(twin, recorded, lambda *_: None)
     except ConfigError as error:  # a fault after the walk's end
         return _infeasible(job, error, path, scenario)
-    figures = measured(read_once(recorded), scenario.config.person, twin.fell_at)
+    figures = measured(Recording(recorded, lenient=True), scenario.config.person, twin.fell_at)
     row = with_verdict(
         {**_row(job, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
         job.quality,

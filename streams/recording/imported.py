@@ -97,6 +97,14 @@ class ImportedContents:
         """All samples of a topic without images."""
         return self._blocks[topic]
 
+    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
+        """The same of some topics."""
+        return {topic: self._blocks[topic] for topic in topics}
+
+    def times(self, topic: str) -> NDArray[np.int64]:
+        """(N,) ns."""
+        return self._blocks[topic].t_ns if topic in self._blocks else self._images[topic].t_ns
+
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
         count = len(self._images[topic].t_ns)

@@ -207,10 +207,12 @@ class RecordingIndex:
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
-        self._image_times: dict[str, list[NDArray[np.int64]]] = {}
+        self._parts_of_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
         self._scan()
+        self._times = {topic: np.concatenate(parts) for topic, parts in self._parts_of_times.items()}
+        del self._parts_of_times
         for problem in rate_problems(self.rig, self.topics):
             self.notes.problem(problem)
 
@@ -311,8 +313,7 @@ class RecordingIndex:
         kept = t[keep]
         if not len(kept) or reader.kind is None:
             return None
-        if block is None:
-            self._image_times.setdefault(topic, []).append(kept)
+        self._parts_of_times.setdefault(topic, []).append(kept)
         part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)

@@ -19,6 +19,8 @@ from stridetwin.streams.samples import Block, Depth, Image, Sample
 class McapContents(RecordingIndex):
     """Contents of a `Recording` from an MCAP file."""
 
+    _unpacked: tuple[int, dict[str, Messages]] = (-1, {})
+
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
         order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self.readers[t].is_image, t)))}
@@ -37,38 +39,47 @@ class McapContents(RecordingIndex):
 
     def block(self, topic: str) -> Block[Any]:
         """All samples of a topic without images."""
-        reader = self.readers[topic]
-        blocks = [
-            self._kept_block(reader, messages, chunk.parts[topic])
-            for chunk in self.chunks
-            if topic in chunk.parts
-            for messages in self._messages(chunk, [topic]).values()
-        ]
-        return concatenated(blocks)
+        return self.blocks([topic])[topic]
+
+    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
+        """All samples of some topics without images, in one pass over the file."""
+        parts: dict[str, list[Block[Any]]] = {topic: [] for topic in topics}
+        for chunk in self.chunks:
+            here = [topic for topic in topics if topic in chunk.parts]
+            for topic, messages in self._messages(chunk, here).items() if here else ():
+                parts[topic].append(self._kept_block(self.readers[topic], messages, chunk.parts[topic]))
+        return {topic: concatenated(blocks) for topic, blocks in parts.items()}
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
         found: dict[int, Image | Depth] = {}
-        start = 0
-        for chunk in self.chunks:
-            count = chunk.parts[topic].count if topic in chunk.parts else 0
-            here = sorted({i for i in indices if start <= i < start + count})
-            if here:
-                kept = self._kept_images(topic, self._messages(chunk, [topic])[topic], chunk.parts[topic])
-                chosen = kept.some(np.array(here) - start)
-                found |= dict(zip(here, self._images(topic, chosen)))
-            start += count
+        chunks = [chunk for chunk in self.chunks if topic in chunk.parts]
+        ends = np.cumsum([chunk.parts[topic].count for chunk in chunks])
+        wanted = np.array(sorted({i for i in indices if 0 <= i < ends[-1]}), np.int64)
+        for k, here in _grouped(wanted, np.searchsorted(ends, wanted, side="right")):
+            part = chunks[k].parts[topic]
+            kept = self._kept_images(topic, self._messages(chunks[k], [topic])[topic], part)
+            chosen = kept.some(here - (ends[k] - part.count))
+            found |= dict(zip(here.tolist(), self._images(topic, chosen)))
         return found
 
     def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
-        return np.concatenate(self._image_times[topic]) if self.readers[topic].is_image else None
+        return self.times(topic) if self.readers[topic].is_image else None
+
+    def times(self, topic: str) -> NDArray[np.int64]:
+        """(N,) ns, from the index."""
+        return self._times[topic]
 
     def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
-        _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
-        named: dict[str, Messages] = {}
-        for channel, messages in by_channel.items():
-            named.setdefault(self.channels[channel], messages)
+        """The messages of some topics in a chunk; the last chunk stays unpacked, as topics are read in turn."""
+        offset, named = self._unpacked
+        if offset != chunk.offset:
+            _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
+            named = {}
+            for channel, messages in by_channel.items():
+                named.setdefault(self.channels[channel], messages)
+            self._unpacked = chunk.offset, named
         return {topic: named[topic] for topic in topics}
 
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
@@ -96,6 +107,14 @@ class McapContents(RecordingIndex):
                 yield self.readers[topic].image(kept.payload(i), t)
             except ValueError as error:
                 self.notes.problem(Problem(topic, t, str(error)))
+
+
+def _grouped(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Each group's number, and its values; the groups are in order."""
+    edges = np.flatnonzero(np.diff(groups)) + 1
+    for first, part in zip(np.concatenate(([0], edges)), np.split(values, edges)):
+        if len(part):
+            yield int(groups[first]), part
 
 
 def _until(heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None) -> Iterator[Sample]:

@@ -54,6 +54,12 @@ class Contents(Protocol):
     def block(self, topic: str) -> Block[Any]:
         """All samples of a topic without images."""
 
+    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
+        """All samples of some topics without images, in one pass."""
+
+    def times(self, topic: str) -> NDArray[np.int64]:
+        """(N,) ns, stamps of any topic, without decoding its samples."""
+
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
 
@@ -144,10 +150,29 @@ class Recording:
         Raises:
             RecordingError: Unknown topic, or it carries images.
         """
+        return self.blocks([topic])[topic]
+
+    def blocks(self, topics: Iterable[str]) -> dict[str, Block[Any]]:
+        """All samples of some topics as one block each, read in one pass; not for images.
+
+        Raises:
+            RecordingError: Unknown topic, or it carries images.
+        """
+        wanted = list(dict.fromkeys(topics))
+        for topic in wanted:
+            self._require(topic)
+            if self._contents.image_times(topic) is not None:
+                raise RecordingError(f"{self.path}: {topic} carries images: expected samples() or images()")
+        return self._contents.blocks(wanted)
+
+    def times(self, topic: str) -> NDArray[np.int64]:
+        """(N,) ns, stamps of a topic's samples, which are not decoded for that.
+
+        Raises:
+            RecordingError: Unknown topic.
+        """
         self._require(topic)
-        if self._contents.image_times(topic) is not None:
-            raise RecordingError(f"{self.path}: {topic} carries images: expected samples() or images()")
-        return self._contents.block(topic)
+        return self._contents.times(topic)
 
     def frame(self, topic: str) -> pandas.DataFrame:
         """All samples of a topic without images as a table, indexed by time in s (`t_s`).

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from stridetwin.cli.main import main
 from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 
 SECONDS, HZ = 6, 200
@@ -76,14 +77,15 @@ def test_gaps_jitter_limits_and_rates_are_seen(tmp_path):
     assert any("no calibration" in w for w in errors(bare))
 
 
-def rendered(shift_s, with_depth):
+def rendered(shift_s, with_depth, hz=(5 / 2 / np.pi, 3.1 / 2 / np.pi, 4.3 / 2 / np.pi)):
     """Pictures of a far textured wall from a turning camera whose clock is `shift_s` behind the IMU's."""
     rng = np.random.default_rng(8)
     texture = cv2.GaussianBlur(rng.integers(0, 256, (400, 500), np.uint8), (0, 0), 2.0)
     texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)
     n = SECONDS * HZ
     t = np.arange(n) / HZ
-    angles = 0.12 * np.column_stack((np.sin(5 * t), np.sin(3.1 * t + 1), 0.5 * np.sin(4.3 * t)))
+    x, y, z = 2 * np.pi * np.outer(hz, t)
+    angles = 0.12 * np.column_stack((np.sin(x), np.sin(y + 1), 0.5 * np.sin(z))) * min(1.0, 2.0 / max(hz))
     R = Rotation.from_rotvec(angles)
     gyro = np.zeros((n, 3))
     gyro[1:] = (R[:-1].inv() * R[1:]).as_rotvec() * HZ
@@ -100,16 +102,19 @@ def rendered(shift_s, with_depth):
     return gyro, pictures
 
 
-def seen_and_felt(tmp_path, gyro, pictures, *, with_depth=True, told=0.0, turned=None):
+def seen_and_felt(
+    tmp_path, gyro, pictures, *, with_depth=True, told=0.0, turned=None, body="head", boards=None
+):  # fmt: skip
     """Check of a camera whose mount is told turned by a rotation from the true one."""
     T = np.eye(4)
     T[:3, :3] = np.eye(3) if turned is None else turned.as_matrix()
     camera = CameraCalibration(
-        topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body="head", T_body_sensor=T), width=160, height=120,
+        topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body=body, T_body_sensor=T), width=160, height=120,
         intrinsics=(200.0, 200.0, 79.5, 59.5), depth_topic="/head/depth" if with_depth else "", imu_topic="/head/imu",
         timeshift_cam_imu_s=told,
     )  # fmt: skip
-    rig = Rig(imus={"/head/imu": imu_calibration()}, cameras={camera.topic: camera})
+    imu = replace(imu_calibration(), mount=Mount(body=body))
+    rig = Rig(imus={"/head/imu": imu}, cameras={camera.topic: camera}, boards=boards or {})
     return checked(tmp_path / "a.mcap", rig, inertial(gyro), *pictures, jpeg_quality=None)
 
 
@@ -120,6 +125,8 @@ def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fi
     assert check.data["camera_clocks"]["/head/color"]["shift_s"] == pytest.approx(shift, abs=0.002)
     assert check.data["camera_clocks"]["/head/color"]["mount_off_deg"] == 0.0
     assert (not errors(check)) is fit
+    clock = check.data["camera_clocks"]["/head/color"]
+    assert abs(clock["shift_s"] - shift) < clock["half_s"] < 0.005
     assert fit or any("ms from that of /head/imu, in the calibration by +0.0 ms" in w for w in errors(check))
 
 
@@ -153,6 +160,22 @@ def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
             f.what == "its clock and mount could not be checked with its images and the gyroscope of /head/imu"
             for f in check.findings
         )
+
+
+def test_a_clock_is_not_measured_where_the_rotation_repeats_within_the_shifts(tmp_path):
+    gyro, pictures = rendered(0.0, False, hz=(10.0, 10.0, 10.0))
+    check = seen_and_felt(tmp_path, gyro, pictures, with_depth=False)
+    assert check.data["camera_clocks"] == {}
+    assert errors(check) == []
+
+
+def test_a_shoe_camera_that_sees_the_board_of_the_other_shoe_is_not_judged(tmp_path):
+    gyro, pictures = rendered(0.06, False)
+    board = Board(name="foot_r", mount=Mount(body="foot_r"), squares=(5, 4), square_m=0.02)
+    check = seen_and_felt(tmp_path, gyro, pictures, with_depth=False, body="foot_l", boards={"foot_r": board})
+    assert check.data["camera_clocks"] == {}
+    assert errors(check) == []
+    assert any("show the board of foot_r, which moves" in f.what for f in check.findings)
 
 
 def test_the_command_line_tells_in_a_table_and_by_its_exit_code(tmp_path, capsys):

@@ -1,0 +1,153 @@
+"""Rotation rate of a camera from the images of a short segment, by features that are tracked from image to image.
+
+With depth the rotation comes from perspective from n points, without it from the essential matrix (Nistér, PAMI 26(6),
+2004).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array, Depth
+
+_WIDTH = 400  # px of the images that are tracked
+_FEATURES, _REPLACED_BELOW, _FEWEST_TRACKS = 150, 100, 20
+_CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
+_LK: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 3}
+_STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rates:
+    """Mean rotation rates of a camera between N pairs of consecutive images.
+
+    Attributes:
+        t_ns: (N, 2) stamps of both images.
+        rate: (N, 3) rad/s, in the camera's axes.
+    """
+
+    t_ns: NDArray[np.int64]
+    rate: Array
+
+
+def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, count: int) -> Rates | None:
+    """The rates in a segment of `count` images that begins with number `first`.
+
+    Returns:
+        None if an image is damaged, which is a problem of its own, or no rotation is known.
+    """
+    times = recording.image_times(camera.topic)[first : first + count].tolist()
+    depth_at = _depth_numbers(recording, camera)
+    features, spans, rates, before = _Features(camera), [], [], None
+    try:
+        for number, t in enumerate(times, first):
+            grey = _grey(recording.images(camera.topic, [number])[0])
+            if before is not None and (rotation := features.rotation(before[1], grey, before[2])) is not None:
+                spans.append((before[0], t))
+                rates.append(rotation * 1e9 / (t - before[0]))
+            before = t, grey, _depth(recording, camera, depth_at.get(t))
+    except StrideTwinError:
+        return None
+    return Rates(t_ns=np.array(spans, np.int64), rate=np.array(rates)) if spans else None
+
+
+def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int, int]:
+    """Numbers of the depth images by the stamps of the colour images that they are registered to."""
+    if camera.depth_topic not in recording.topics:
+        return {}
+    return {t: i for i, t in enumerate(recording.image_times(camera.depth_topic).tolist())}
+
+
+def _depth(recording: Recording, camera: CameraCalibration, number: int | None) -> Any:
+    """A depth image, m; None without number."""
+    image = None if number is None else recording.images(camera.depth_topic, [number])[0]
+    return image.depth if isinstance(image, Depth) else None
+
+
+def _grey(image: Any) -> Any:
+    pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
+    scale = min(1.0, _WIDTH / pixels.shape[1])
+    return cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+
+class _Features:
+    """Features that are tracked through a segment; they are replaced when too few are left."""
+
+    def __init__(self, camera: CameraCalibration) -> None:
+        self._camera = camera
+        self._tracked: Any = np.zeros((0, 1, 2), np.float32)
+
+    def rotation(self, a: Any, b: Any, depth: Any) -> Array | None:
+        """Rotation vector (3,) of the camera from image a to the next one, b, in its own axes; None if not known."""
+        if len(self._tracked) < _REPLACED_BELOW:
+            corners = cv2.goodFeaturesToTrack(a, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
+            self._tracked = np.zeros((0, 1, 2), np.float32) if corners is None else corners
+        if len(self._tracked) < _FEWEST_TRACKS:
+            return None
+        moved, found, _ = cv2.calcOpticalFlowPyrLK(a, b, self._tracked, np.zeros_like(self._tracked), **_LK)
+        kept = np.ravel(found) == 1
+        before, self._tracked = self._tracked[kept], moved[kept]
+        if len(before) < _FEWEST_TRACKS:
+            return None
+        scale = a.shape[1] / self._camera.width
+        x, y = (_rays(points, self._camera, scale) for points in (before, self._tracked))
+        pixel = 1.0 / (self._camera.intrinsics[0] * scale)
+        if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
+            return np.zeros(3)  # at rest the essential matrix is not defined
+        R = _by_depth(x, y, _z_at(depth, before, scale), pixel) if depth is not None else None
+        R = _by_rotation(x, y, pixel) if R is None else R
+        R = _by_epipoles(x, y, pixel) if R is None else R
+        # R maps points of a into b: the inverse of the camera's own rotation
+        return None if R is None else -Rotation.from_matrix(R).as_rotvec()
+
+
+def _by_rotation(x: Array, y: Array, pixel: float) -> Array | None:
+    """The rotation between rays if rotation alone explains them (Kabsch's algorithm): then there are no epipoles."""
+    a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
+    a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
+    R = Rotation.align_vectors(b, a)[0].as_matrix()
+    off = np.linalg.norm(a @ R.T - b, axis=1)
+    return np.asarray(R, float) if float(np.median(off)) < _ROTATION_PX * pixel else None
+
+
+def _by_epipoles(x: Array, y: Array, pixel: float) -> Array | None:
+    E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
+    if E is None or E.shape != (3, 3):
+        return None
+    count, R, _, _ = cv2.recoverPose(E, x, y, np.eye(3), mask=inliers)
+    return np.asarray(R, float) if count >= _FEWEST_TRACKS else None
+
+
+def _by_depth(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
+    """The same with depth, which separates rotation from sideways motion far better (perspective from n points)."""
+    known = z > 0
+    if known.sum() < _FEWEST_TRACKS:
+        return None
+    points = np.column_stack((x, np.ones(len(x))))[known] * z[known, None]
+    done, rotation, _, inliers = cv2.solvePnPRansac(
+        points, y[known], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
+    )
+    return np.asarray(cv2.Rodrigues(rotation)[0], float) if done and len(inliers) >= _FEWEST_TRACKS else None
+
+
+def _z_at(depth: Any, corners: Any, scale: float) -> Array:
+    """(N,) m, depth at the features."""
+    at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
+    height, width = depth.shape
+    return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
+
+
+def _rays(pixels: Any, camera: CameraCalibration, scale: float) -> Array:
+    """(N, 2) normalised image coordinates without distortion."""
+    points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
+    undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
+    return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)
