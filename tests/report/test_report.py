@@ -21,7 +21,6 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 from tests.plots import figures
 
-
 WHOLE = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).length === 0"
 APART = """[...document.querySelectorAll('.plot')].every(plot => {
   const legend = plot.querySelector('.legend'), bar = plot.querySelector('.modebar').getBoundingClientRect();
