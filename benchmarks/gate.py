@@ -1,11 +1,14 @@
 """Sensitivity of the gate: it must detect injected regressions on the same walks, and pass unchanged code on new ones.
 
-`python -m benchmarks.gate [--walks 30] [--fresh 20] [--folder runs/gate] [--json]` generates walks of ten seconds
-without cameras (`benchmarks.speed.campaign`), scores `foot_ins` and `contact_terrain` on them as they are, and
+`python -m benchmarks.gate [--seed 1000] [--walks 30] [--fresh 20] [--group 15] [--folder runs/gate] [--json]` generates
+walks of ten seconds without cameras (`benchmarks.speed.campaign`) from this seed on, scores `foot_ins` and
+`contact_terrain` on them as they are, and
 
 - with each of `REGRESSIONS` on the same `--walks` walks: a regression is detected if the gate calls its estimator
   worse. Its size is measured by the composite of its errors, and by their means, over these walks.
-- unchanged on `--fresh` groups of the same number of other walks: anything that the gate calls worse is a false alarm.
+- unchanged on `--fresh` groups of `--group` other walks: anything that the gate calls worse is a false alarm.
+
+The widest 95 % interval of a score over all of these comparisons is given in %.
 
 Walks and scores stay in the folder and are reused by the next run.
 """
@@ -36,6 +39,7 @@ from stridetwin.evaluation.gate.compare import Comparison, Rules, compare_scores
 from stridetwin.evaluation.gate.metric_policy import OVERALL
 from stridetwin.evaluation.gate.score_table import ScoreTable, document_of, table_of
 from stridetwin.evaluation.step_scores import evaluate_steps
+from stridetwin.scenarios.campaign.generate import Options as Campaign
 from stridetwin.scenarios.campaign.generate import generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.streams.recording.reader import Recording
@@ -285,7 +289,7 @@ def as_table(rows: Sequence[dict[str, Any]], names: Iterable[str] | None = None)
 def walks(folder: Path, seed: int, count: int) -> list[Path]:
     """Recordings of the given number of accepted walks of a campaign with a seed; existing ones are reused."""
     (folder / "campaign").mkdir(parents=True, exist_ok=True)
-    options = Options(folder=folder / f"walks_{seed}", subset=count, seed=seed)
+    options = Campaign(folder=folder / f"walks_{seed}", subset=count, seed=seed)
     done = generate(write_campaign(folder / "campaign"), options, lambda *_: None)
     return [options.folder / w["recording"] for w in done.manifest["walks"] if w["status"] == ACCEPTED]
 
@@ -293,11 +297,13 @@ def walks(folder: Path, seed: int, count: int) -> list[Path]:
 def measure(arguments: Namespace) -> dict[str, Any]:
     """Detected regressions and false alarms."""
     folder, rules = arguments.folder, Rules()
-    same = walks(folder, 0, arguments.walks)
+    same = walks(folder, arguments.seed, arguments.walks)
     as_it_is = table(same, None, folder)
-    cases = []
+    cases: list[dict[str, Any]] = []
+    widest = 0.0
     for how in REGRESSIONS:
         comparison = _against(as_it_is, table(same, how, folder), rules)
+        widest = max(widest, _widest(comparison))
         (size,) = (line for line in comparison.lines if line.metric == OVERALL)
         cases.append(
             {
@@ -316,9 +322,11 @@ def measure(arguments: Namespace) -> dict[str, Any]:
             "found": sum(case["found"] for case in cases),
         }
     }
-    fresh = walks(folder, 1, arguments.fresh * arguments.group) if arguments.fresh else []
+    fresh = walks(folder, arguments.seed + 1, arguments.fresh * arguments.group) if arguments.fresh else []
     groups = [fresh[i : i + arguments.group] for i in range(0, len(fresh) - arguments.group + 1, arguments.group)]
-    alarms = [_against(as_it_is, table(group, None, folder), rules).regressions for group in groups]
+    comparisons = [_against(as_it_is, table(group, None, folder), rules) for group in groups]
+    summary["intervals"] = {"widest_pct": max([widest, *map(_widest, comparisons)])}
+    alarms = [comparison.regressions for comparison in comparisons]
     if groups:
         summary["unchanged"] = {
             "groups": len(groups),
@@ -328,6 +336,13 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         told = [[f"{line.estimator} {line.metric}" for line in found] for found in alarms]
         cases.append({"unchanged": told})
     return {"experiment": "gate", "summary": summary, "paper": {}, "cases": cases}
+
+
+def _widest(comparison: Comparison) -> float:
+    """The largest distance of an end of a score's interval from its change, in % or percentage points."""
+    ends = [(line.change, line.low, line.high) for line in comparison.lines]
+    return max((max(high - change, change - low) for change, low, high in ends
+                if change is not None and low is not None and high is not None), default=0.0)  # fmt: skip
 
 
 def _against(baseline: Sequence[dict[str, Any]], now: Sequence[dict[str, Any]], rules: Rules) -> Comparison:
@@ -351,6 +366,9 @@ def show(result: dict[str, Any]) -> None:
 
 if __name__ == "__main__":
     parser = command(__doc__)
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the baseline's campaign; the next: fresh walks"
+    )
     parser.add_argument("--walks", type=int, default=30, metavar="N", help="walks of baseline and of each regression")
     parser.add_argument("--fresh", type=int, default=20, metavar="N", help="groups of fresh walks")
     parser.add_argument("--group", type=int, default=30, metavar="N", help="walks of a fresh group")

@@ -151,14 +151,11 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     means = summary(row["estimators"] for row in rows)
     data = document_of(rows, means)
     failed = failures(rows)
-    lines, code = score_tables(means), int(bool(failed))
-    lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
-    comparison = None
+    code, comparison = int(bool(failed)), None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
-        lines += _changes(comparison, failed)
         code = 1 if comparison.regressions else code
         for path, form in ((arguments.junit, junit), (arguments.markdown, markdown)):
             if path is not None:
@@ -166,7 +163,18 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
                     file.write_text(form(comparison, failed), encoding="utf-8")
     if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
-    return Outcome(data=data, lines=lines, code=code)
+    return Outcome(data=data, lines=printed(means, len(rows), comparison, failed), code=code)
+
+
+def printed(
+    means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
+) -> list[str | Table]:
+    """What `score` prints: means over some walks, failures, and the changes from the baseline."""
+    lines = score_tables(means)
+    if walks > 1:
+        lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
+    lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
+    return lines + ([] if comparison is None else _changes(comparison, failed))
 
 
 def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
@@ -227,7 +235,7 @@ def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Ta
 
     rows = [cells(line) for line in changed(comparison)]
     head = f"against the baseline: {comparison.words}"
-    return ["", head, *([table(rows, HEAD, text_columns=2)] if rows else []), verdict(comparison, failed)]
+    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict(comparison, failed)]
 
 
 def _named(text: str, option: str, what: str) -> tuple[str, str]:

@@ -88,7 +88,8 @@ def error_over_time(results: Sequence[Result]) -> Markup:
         color = colors[result.estimate.name]
         t, label = result.comparison.truth.t_ns * 1e-9, label_of(result.estimate)
         if bound is not None:
-            plot.band(t[::10], np.zeros_like(t[::10]), bound[::10], faint(color), label=f"{label}: own 95 % bound")
+            low, high, own = np.zeros_like(t[::10]), bound[::10], f"{label}: own 95 % bound"
+            plot.band(t[::10], low, high, faint(color, 0.08), stroke=faint(color, 0.6), label=own)
         plot.line(t, error, color, label=f"{label}: error")
     return plot.html()
 

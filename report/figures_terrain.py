@@ -113,7 +113,7 @@ def _row(ahead: Ahead, prints: _Prints, span: Range, number: int, *, last: bool)
     plot.areas(ellipses, faint(MUTED, 0.2), label="95 % ellipse")
     for mode in dict.fromkeys(mode for _, _, mode in predicted):
         own = [np.vstack([place, place[:1]]) for place, _, m in predicted if m == mode]
-        plot.curves(own, _HEX[mode], width=2.0, label="footprint predicted one step before, in its mode's colour")
+        plot.curves(own, _HEX[mode], width=2.0, label="predicted footprint, in its mode's colour")
     steps = ahead.modes.steps if ahead.modes else []
     wrong = [prints.true[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].right]
     _draw_crosses(plot, np.reshape(wrong, (-1, 2)))

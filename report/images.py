@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import av
@@ -12,12 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.rendering.imager import BLANK
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image
 
 NEAR_M, FAR_M = 0.4, 6.0
 _AT_ONCE = 16
+_LEAST_GREY = 8  # difference from the grey of pixels that are not rendered; more than JPEG leaves in them
+_SEARCHED_S, _SEARCH_STEP_S = 1.4, 0.1  # for the next image with a rendered part: more than a stride
+_ASPECT = 4 / 3
 FPS, WIDTH, HEIGHT = 12, 576, 324
 _VP9 = {"flags": "+bitexact", "deadline": "realtime", "cpu-used": "6", "crf": "28", "b": "0", "g": "120"}
 """Of libvpx: constant quality, about 0.3 bit per pixel and 7 ms of CPU time per frame."""
@@ -67,17 +71,60 @@ def images_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Imag
         yield from recording.images(topic, range(first, min(first + step * _AT_ONCE, len(times)), step))
 
 
-def camera_views(recording: Recording, count: int = 6, width: int = 360) -> list[CameraView]:
-    """Images of every camera at the same times, spread over the walk."""
+def camera_views(
+    recording: Recording, partly: Container[str] = (), count: int = 6, width: int = 360
+) -> list[CameraView]:
+    """Images of every camera at about the same times, spread over the walk.
+
+    Args:
+        recording: The walk.
+        partly: Cameras of which only a part of an image is rendered: the next image with such a part, cropped to it.
+        count: Images of each camera.
+        width: Of an image, pixels.
+    """
     parts = {t: c.part for c in recording.rig.cameras.values() for t in (c.topic, c.depth_topic)}
     views = []
     for topic in camera_topics(recording):
         info = recording.topics[topic]
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
-        images = [(p.t_ns / 1e9, scaled(p, width)) for p in recording.images(topic, t_ns=moments)]
-        scale = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
-        views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){scale}", images=images))
+        if topic in partly:
+            images, scale = _rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
+        else:
+            images = [(p.t_ns / 1e9, scaled(p, width)) for p in recording.images(topic, t_ns=moments)]
+            scale = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
+        if images:
+            views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){scale}", images=images))
     return views
+
+
+def _rendered_parts(
+    recording: Recording, topic: str, moments: Sequence[int], width: int
+) -> list[tuple[float, NDArray[np.uint8]]]:
+    """From each moment on, the first image with a rendered part: its time in s, and the part, scaled to a width."""
+    found = []
+    for moment in moments:
+        times = (moment + 1e9 * np.arange(0.0, _SEARCHED_S, _SEARCH_STEP_S)).astype(np.int64).tolist()
+        for image in recording.images(topic, t_ns=times):
+            part = rendered_part(image.pixels) if isinstance(image, Image) else None
+            if part is not None:
+                size = (width, round(width / _ASPECT))
+                found.append((image.t_ns / 1e9, np.asarray(cv2.resize(part, size), np.uint8)))
+                break
+    return found
+
+
+def rendered_part(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """The smallest part of a grey image (H, W), 4:3, around all that is rendered; None if the border cuts it off."""
+    high, wide = pixels.shape
+    drawn = np.abs(pixels.astype(np.int16) - BLANK) > _LEAST_GREY
+    x, y, width, height = cv2.boundingRect(drawn.astype(np.uint8))
+    if min(width, height, x, y, wide - x - width, high - y - height) == 0:
+        return None
+    h = max(height, round(width / _ASPECT))
+    w = min(round(h * _ASPECT), wide)
+    left = min(max(x + (width - w) // 2, 0), wide - w)
+    top = min(max(y + (height - h) // 2, 0), high - h)
+    return pixels[top : top + h, left : left + w]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

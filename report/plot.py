@@ -112,10 +112,13 @@ class Plot:
         points = joined(parts)
         self.line(points[:, 0], points[:, 1], color, label=label, width=width)
 
-    def band(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = "") -> None:
-        """The area between two curves."""
+    def band(
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = "", stroke: str = ""
+    ) -> None:
+        """The area between two curves, with an outline where `stroke` is a colour."""
         xs = np.asarray(x, float)
-        self.areas([np.column_stack([np.r_[xs, xs[::-1]], np.r_[low, np.asarray(high)[::-1]]])], color, label=label)
+        outline = np.column_stack([np.r_[xs, xs[::-1]], np.r_[low, np.asarray(high)[::-1]]])
+        self.areas([outline], color, label=label, stroke=stroke)
 
     def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
         """Filled shapes from their outlines, (N, 2) each."""
@@ -177,9 +180,9 @@ class Plot:
         text = json.dumps(figure, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
         caption = Markup("") if self.continued else Markup("<figcaption>{}</figcaption>").format(self.title)
         return Markup(
-            '<figure>{}<div class="plot" role="img" aria-label="{}" style="height:{}px">'
+            '<figure{}>{}<div class="plot" role="img" aria-label="{}" style="height:{}px">'
             '<script type="application/json">{}</script></div></figure>'
-        ).format(caption, self.title, self.height, Markup(text))
+        ).format(Markup(' class="continued"' if self.continued else ""), caption, self.title, self.height, Markup(text))
 
     def _add(self, label: str, **trace: Any) -> None:
         first = bool(label) and all(t.get("name") != label for t in self._traces)

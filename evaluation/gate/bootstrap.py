@@ -1,7 +1,8 @@
 """Bootstrap-t tests of means and differences of means, for many scores at once with shared resamples of the walks.
 
 Efron & Tibshirani 1993, An Introduction to the Bootstrap, 12.5 and 16.4: the statistic is divided by its own standard
-error in every resample, so that few walks of a skewed score do not appear too certain.
+error in every resample, so that few walks of a skewed score do not appear too certain. Intervals bound that error from
+below (Polansky 2000 does so by smoothing).
 """
 
 from __future__ import annotations
@@ -19,6 +20,13 @@ _AT_ONCE = 2_000_000  # numbers drawn; each takes twice 8 bytes
 _HELD = 10_000_000  # means of all resamples, also held several times
 _SEED = 20_240_229
 _COVERAGE = 0.95
+_LEAST_SPREAD = 0.3
+"""Of the standard error in a resample, relative to that of all walks; for intervals only.
+
+A resample of few walks that leaves out their one outlier has hardly any spread, and its statistic no bound. Widths of
+intervals then had a 99th percentile of up to 215 standard errors; with this bound 8, and the same coverage (of 8, 15
+and 30 values, normal to lognormal and with outliers). Tests keep the plain statistic, which raises fewer false alarms.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +141,8 @@ def _tested(mean: Array, error: Array, drawn_mean: Array, drawn_error: Array, co
     error = np.maximum(error, tiny)
     t, drawn = mean / error, drawn_mean / np.maximum(drawn_error, tiny)
     tail = (1.0 - _COVERAGE) / 2.0
-    below, above = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
+    bounded = drawn_mean / np.maximum(drawn_error, np.maximum(_LEAST_SPREAD * error, tiny))
+    below, above = np.quantile(bounded, [tail, 1.0 - tail], axis=0)
     limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
     return Tested(
         count=count,

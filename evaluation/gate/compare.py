@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.evaluation.gate.bootstrap import Tested, holm, paired, unpaired
-from stridetwin.evaluation.gate.metric_policy import CLAIM, ERROR, OVERALL, Scale, scale_of
+from stridetwin.evaluation.gate.metric_policy import ARITHMETIC, CLAIM, ERROR, OVERALL, Scale, scale_of
 from stridetwin.evaluation.gate.score_table import EVERY, ScoreTable
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.streams.errors import ConfigError
@@ -59,6 +59,8 @@ class Line:
         p: p-value of a change for the worse, corrected for the number of scores.
         limit: Worst mean that passes, where the tolerance decides.
         in_points: The change is in percentage points.
+        mean: ARITHMETIC or GEOMETRIC mean over walks; None for a number of walks.
+        absolute: Values are means of absolute values of a signed score.
     """
 
     estimator: str
@@ -74,6 +76,8 @@ class Line:
     p: float | None = None
     limit: float | None = None
     in_points: bool = False
+    mean: str | None = None
+    absolute: bool = False
 
     @property
     def regressed(self) -> bool:
@@ -132,7 +136,7 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     else:
         before, after = list(baseline.walks.values()), list(now.walks.values())
         method = UNPAIRED if few >= LEAST_WALKS else TOLERANCE
-        counts = f"{len(baseline.walks)} walks of the baseline, {len(now.walks)} now"
+        counts = f"{_counted(baseline)} of the baseline, {len(now.walks)} now"
         words = f"{counts}, {len(shared)} of them equal: compared as groups"
         if method == TOLERANCE:
             words = (
@@ -160,6 +164,10 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
         if name not in baseline.means
     ]
     return Comparison(words=words, lines=sorted(lines, key=_order))
+
+
+def _counted(table: ScoreTable) -> str:
+    return f"{len(table.walks)} walk{'s' if len(table.walks) != 1 else ''}"
 
 
 def _order(line: Line) -> tuple[str, bool, bool, str]:
@@ -260,7 +268,8 @@ def _tested_by_walks(columns: Sequence[_Column], method: str, rules: Rules) -> l
         lines.append(
             Line(
                 estimator=c.estimator, metric=c.metric, method=method, walks=c.count(method), baseline=values[0],
-                now=values[1], change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points,
+                now=values[1], change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points, mean=c.scale.mean,
+                absolute=c.scale.signed,
             )
         )  # fmt: skip
     # a score that is equal on every walk cannot have become worse and does not count as a comparison
@@ -333,7 +342,7 @@ def _tolerated(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules:
             limit = value - allowance if higher else value + allowance
             line = Line(
                 estimator=name, metric=metric, method=TOLERANCE, walks=0, baseline=value, limit=limit,
-                in_points=scale.in_points,
+                in_points=scale.in_points, mean=ARITHMETIC,
             )  # fmt: skip
             if current is None:
                 lines.append(replace(line, verdict=MISSING, limit=None))

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from stridetwin.evaluation.gate.compare import BETTER, MISSING, NEW, SAME, WALKS, Comparison, Line
 
-HEAD = ("estimator", "score", "baseline", "now", "change", "95 % interval", "p", "verdict")
+HEAD = ("estimator", "score", "mean", "baseline", "now", "change", "95 % interval", "p", "verdict")
 _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -41,7 +41,8 @@ def cells(line: Line) -> list[str]:
     if line.limit is not None:
         interval = f"limit {line.limit:.4g}"
     p = "-" if line.p is None else f"{line.p:.4f}"
-    return [line.estimator, line.metric, *values, change, interval, p, line.verdict]
+    metric = f"|{line.metric}|" if line.absolute else line.metric
+    return [line.estimator, metric, line.mean or "-", *values, change, interval, p, line.verdict]
 
 
 def changed(comparison: Comparison) -> list[Line]:
@@ -76,7 +77,7 @@ def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
 
 
 def _markdown_table(lines: Sequence[Line]) -> list[str]:
-    rows = [_markdown_row(HEAD), _markdown_row(["---"] * 2 + ["---:"] * 5 + ["---"])]
+    rows = [_markdown_row(HEAD), _markdown_row(["---"] * 3 + ["---:"] * 5 + ["---"])]
     for line in lines:
         words = [_escaped(cell) for cell in cells(line)]
         words[-1] = f"**{words[-1]}**" if line.regressed else words[-1]
@@ -138,9 +139,10 @@ def sentence(line: Line) -> str:
         if line.metric == WALKS:
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
-    _, _, baseline, now, change, interval, *_ = cells(line)
+    _, _, _, baseline, now, change, interval, *_ = cells(line)
     words = {BETTER: "better", SAME: "unchanged"}.get(line.verdict, line.verdict)
-    return f"{name}: {words}, {baseline} to {now} ({change}, {interval})"
+    mean = f" in the {line.mean} mean" if line.mean else ""
+    return f"{name}: {words}, {baseline} to {now}{mean} ({change}, {interval})"
 
 
 def _xml(text: str) -> str:

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 ERROR, LEAD, SHARE, BAD_SHARE, CLAIM = "error", "lead", "share", "bad_share", "claim"
+ARITHMETIC, GEOMETRIC = "arithmetic", "geometric"
 OVERALL = "overall"
 """Name of the composite of an estimator's errors."""
 
@@ -47,6 +48,11 @@ class Scale:
     def higher_is_better(self) -> bool:
         """Whether larger is better."""
         return self.kind in (LEAD, SHARE)
+
+    @property
+    def mean(self) -> str:
+        """How values are averaged over walks: ratios need geometric means."""
+        return ARITHMETIC if self.in_points else GEOMETRIC
 
     @property
     def in_points(self) -> bool:

@@ -164,7 +164,7 @@ def test_errors_of_steps_do_not_depend_on_the_estimators_world(ahead):
     assert (up.distance_m, up.riser_m, up.tread_m) == pytest.approx((0.0, 0.001, 0.002), abs=1e-9)
 
 
-PREDICTED = "footprint predicted one step before, in its mode's colour"
+PREDICTED = "predicted footprint, in its mode's colour"
 
 
 def test_the_plan_has_every_footprint_those_predicted_and_the_wrong_ones(ahead):

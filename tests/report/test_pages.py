@@ -18,8 +18,8 @@ def test_text_is_escaped_and_html_is_not():
 def test_a_table_sets_numbers_to_the_right_and_escapes_its_cells():
     html = table(["a", "b"], [["<x>", 1], [Markup("<code>y</code>"), 2]], (1,), note="n & m", css="more")
     assert html.startswith('<div class="scroll more"><table><tr><th>a</th><th class="n">b</th></tr>')
-    assert '<tr><td>&lt;x&gt;</td><td class="n">1</td></tr>' in html
-    assert '<td><code>y</code></td><td class="n">2</td>' in html
+    assert '<tr><td>&lt;x&gt;</td><td class="n" data-head="b">1</td></tr>' in html
+    assert '<td><code>y</code></td><td class="n" data-head="b">2</td>' in html
     assert '<p class="note">n &amp; m</p>' in html
     assert "note" not in table(["a"], [], ())
 

@@ -1,6 +1,8 @@
+import io
 import re
 from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
@@ -9,14 +11,23 @@ from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.norms import level_norm, reference, speed_group
 from stridetwin.pipeline.run import all_paths
 from stridetwin.report.figures_gait import level_strides
-from stridetwin.report.images import colour_of_depth
+from stridetwin.report.images import colour_of_depth, make_film, rendered_part
 from stridetwin.report.plot import library
 from stridetwin.report.rerun_file import recording_id, write_rerun
 from stridetwin.report.run_report import travelled
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 from tests.plots import figures
+
+WHOLE = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).length === 0"
+APART = """[...document.querySelectorAll('.plot')].every(plot => {
+  const legend = plot.querySelector('.legend'), bar = plot.querySelector('.modebar').getBoundingClientRect();
+  if (!legend) return true;
+  const box = legend.getBoundingClientRect(), axes = plot.querySelector('.nsewdrag').getBoundingClientRect();
+  return box.bottom <= axes.top + 2 && box.top >= bar.bottom - 2 && box.right <= plot.getBoundingClientRect().right + 2;
+})"""
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
@@ -25,6 +36,8 @@ def test_the_report_shows_everything_and_asks_the_network_for_nothing(walk, widt
     with Browser() as browser:
         page = browser.open(walk / "report.html", width, height=12_000)
         drawn = browser.wait("[...document.querySelectorAll('.plot')].every(d => d.querySelector('.main-svg'))")
+        assert browser.wait(APART, 10)  # legends lie above their axes, below the buttons, and are not cut off
+        assert browser.wait(WHOLE, 0)
         page = browser.state()
     assert drawn
     assert page["errors"] == []
@@ -83,6 +96,33 @@ def test_depth_colours_distinguish_near_far_and_invalid():
     assert colours.shape == (1, 3, 3)
     assert colours[0, 0].tolist() == [0, 0, 0]
     assert colours[0, 1].sum() > colours[0, 2].sum()
+
+
+def test_a_shoe_cameras_image_is_cropped_to_what_is_rendered():
+    image = np.full((120, 160), 96, np.uint8)
+    assert rendered_part(image) is None
+    image[30:60, 50:70] = 200
+    part = rendered_part(image)
+    assert part.shape == (30, 40)
+    assert (part == 200).sum() == 600
+    image[30:60, 50:160] = 200  # cut off by the border
+    assert rendered_part(image) is None
+
+
+def test_a_film_has_equal_bytes_few_bits_and_its_frames():
+    t = np.arange(24) / 12
+    x = np.arange(192)
+    frames = [np.tile(np.uint8(127 + 100 * np.sin(x / 20 + 6 * s))[:, None], (108, 1, 3)) for s in t]
+    film, again = (make_film(zip(t.tolist(), frames), 2.0) for _ in range(2))
+    assert film.webm == again.webm
+    assert 8 * len(film.webm) < 0.4 * 24 * 108 * 192
+    assert len(film.stills) == 8
+    with av.open(io.BytesIO(film.webm)) as opened:
+        shown = [f.to_ndarray(format="rgb24") for f in opened.decode(video=0)]
+    assert len(shown) == 24
+    assert np.mean(np.abs(shown[12].astype(int) - frames[12])) < 4
+    with pytest.raises(StrideTwinError, match="no frames"):
+        make_film([], 2.0)
 
 
 def test_the_rerun_file_is_small_and_whole(walk, tmp_path):

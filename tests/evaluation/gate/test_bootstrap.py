@@ -69,3 +69,11 @@ def test_more_resamples_than_memory_holds_are_drawn_by_columns_and_change_nothin
     for one, other in zip(whole, (paired(x, 9000), unpaired(y, x, 9000))):
         for name in ("count", "mean", "low", "high", "p_above", "p_below"):
             assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=0.0)
+
+
+def test_an_interval_is_bounded_where_one_of_few_walks_is_an_outlier():
+    changes = np.array([0.01, 0.012, 0.009, 0.011, 0.01, 0.008, 0.012, 1.2])[:, None]
+    found = paired(changes)
+    error = changes.std(ddof=1) / np.sqrt(len(changes))
+    assert found.low[0] > found.mean[0] - 8 * error
+    assert found.high[0] < found.mean[0] + 8 * error

@@ -6,11 +6,11 @@ from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import pytest
-from score_tables import table
+from score_tables import of_rows, table
 
 from stridetwin.cli.main import main
 from stridetwin.evaluation.gate.compare import Line, Rules, compare_scores
-from stridetwin.evaluation.gate.formatting import changed, failures, junit, markdown, sentence, verdict
+from stridetwin.evaluation.gate.formatting import cells, changed, failures, junit, markdown, sentence, verdict
 from stridetwin.report.history import append_history, history_line, history_page, read_history
 from stridetwin.streams.errors import StrideTwinError
 
@@ -57,6 +57,17 @@ def test_the_table_names_what_is_worse_first(worse, fine):
     assert changed(worse)[0].verdict == "worse"
     assert verdict(fine) == f"none of {len(fine.lines)} scores is worse"
     assert changed(fine) == []
+
+
+def test_means_are_named_and_signed_scores_compared_by_size_say_so():
+    rows = [
+        {"name": f"w{i}", "sha256": f"{i}", "estimators": {"mine": {"end_height_error_m": h, "coverage_pct": 90.0}}}
+        for i, h in enumerate((-0.1, 0.2, -0.4, 0.1, -0.2, 0.3, -0.3, 0.2))
+    ]
+    found = compare_scores(of_rows(rows), of_rows(rows), Rules())
+    shown = {line.metric: cells(line) for line in found.lines}
+    assert shown["end_height_error_m"][:4] == ["mine", "|end_height_error_m|", "geometric", "0.203"]
+    assert shown["coverage_pct"][:4] == ["mine", "coverage_pct", "arithmetic", "90"]
 
 
 def test_a_failed_estimator_is_reported_beside_every_verdict(fine, worse):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks import gate
 from benchmarks.gate import FOOT, REGRESSIONS, Spoilt, injected
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.streams.samples import Block, Imu
@@ -42,3 +43,16 @@ def test_there_are_enough_of_them():
     assert len(REGRESSIONS) >= 20
     assert {r.name for r in REGRESSIONS if r.source and r.estimator == FOOT}
     assert len({r.name for r in REGRESSIONS}) == len(REGRESSIONS)
+
+
+def test_its_walks_are_those_of_a_campaign_with_the_seed_that_is_asked_for(monkeypatch, tmp_path):
+    accepted = [{"recording": "walks/a.mcap", "status": "accepted"}, {"recording": "b", "status": "rejected"}]
+    asked = []
+
+    def generate(campaign, options, progress):
+        asked.append(options)
+        return SimpleNamespace(manifest={"walks": accepted})
+
+    monkeypatch.setattr(gate, "generate", generate)
+    assert gate.walks(tmp_path, 1000, 30) == [tmp_path / "walks_1000" / "walks" / "a.mcap"]
+    assert (asked[0].seed, asked[0].subset) == (1000, 30)
