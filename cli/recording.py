@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from stridetwin.cli.options import ImportableOptions, Outcome, Progress, SourceOptions, positive
+from stridetwin.cli.options import ImportableOptions, Outcome, Progress, SourceOptions, option, positive, switch, whole
+from stridetwin.cli.scene import play_command
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
@@ -141,12 +142,22 @@ class CheckOptions(ImportableOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions(SourceOptions):
-    """Open a recording in Rerun."""
+    """Open a recording in Rerun, or play a walk in MuJoCo's viewer."""
 
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORDING|SCENARIO",
+            help="Recording, or anything that `import` reads; with --mujoco a scenario.",
+            show_default=False,
+        ),
+    ]
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="Rerun file to write (default beside the recording)."),
     ] = None
+    mujoco: Annotated[bool, switch("--mujoco", "Play the walk of a scenario in MuJoCo's viewer.")] = False
+    seed: Annotated[int | None, option("--mujoco: seed of the walk (default 0).", "N", whole)] = None
 
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
@@ -206,6 +217,10 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
 
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     """`view`."""
+    if arguments.mujoco:
+        return play_command(arguments, progress)
+    if arguments.seed is not None:
+        raise ConfigError("view", "--seed", arguments.seed, "no --seed, as a recording has its own")
     from stridetwin.evaluation.evaluate import evaluate, true_frames
     from stridetwin.evaluation.terrain_ahead import all_estimates
     from stridetwin.report.rerun_file import rerun_installed, write_rerun

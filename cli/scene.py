@@ -1,16 +1,21 @@
-"""`scene`: the model of a walk as MJCF."""
+"""`scene` and `view --mujoco`: the model of a walk as MJCF, and the walk in MuJoCo's viewer."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stridetwin.cli.options import Options, Outcome, Progress, option, output_option
 from stridetwin.cli.walk import load_with_notes
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+if TYPE_CHECKING:
+    from stridetwin.cli.recording import ViewOptions
 
 _SMALLEST_PX, _LARGEST_PX = 16, 1024
 
@@ -20,6 +25,16 @@ def _pixels(text: str) -> int:
     if not digits.isdecimal() or not _SMALLEST_PX <= int(digits) <= _LARGEST_PX:
         raise typer.BadParameter(f"{text!r}: expected a whole number from {_SMALLEST_PX} to {_LARGEST_PX}")
     return int(digits)
+
+
+@contextmanager
+def _needs_simulator() -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise StrideTwinError(
+            f"{error.name} is not installed; scenes need the simulator: pip install 'stridetwin[twin]'"
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +52,8 @@ class SceneOptions(Options):
 
 def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
     """`scene`."""
-    try:
+    with _needs_simulator():
         from stridetwin.sim.scene.scene_files import scene_files, write_scene
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; scenes need the simulator: pip install 'stridetwin[twin]'"
-        ) from error
     config = load_with_notes(arguments.scenario).config
     progress("scene", 0.0)
     files = scene_files(config, arguments.texture_px)
@@ -52,3 +63,22 @@ def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
     data = {"scene": str(scene), "files": sorted(files), "bytes": size}
     lines = [f"{scene}: {len(files)} files, {size / 1e6:.1f} MB", f"open it: python -m mujoco.viewer --mjcf={scene}"]
     return Outcome(data=data, lines=lines)
+
+
+def play_command(arguments: ViewOptions, progress: Progress) -> Outcome:
+    """`view --mujoco`."""
+    from stridetwin.scenarios.record import make_twin
+
+    if arguments.output is not None:
+        raise ConfigError("view", "-o", str(arguments.output), "no -o with --mujoco, which writes nothing")
+    if arguments.lenient:
+        raise ConfigError("view", "--lenient", True, "no --lenient with --mujoco, which reads a scenario")
+    with _needs_simulator():
+        from stridetwin.sim.scene.playback_window import check_display, play
+    scenario = load_with_notes(str(arguments.source))
+    check_display()
+    progress("walk", 0.0)
+    twin = make_twin(scenario, arguments.seed or 0)
+    play(twin)
+    data = {"scenario": scenario.config.name, "seed": twin.seed, "duration_s": twin.duration_s}
+    return Outcome(data=data, lines=[f"{scenario.config.name}: {twin.duration_s:.1f} s"])

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Installs the system libraries that rendering and Open3D load, where that is possible; else says what to install.
+# Installs the system libraries that rendering and Open3D load, and the display of a test, where that is possible; else
+# says what to install.
 set -euo pipefail
 
-libraries=(libEGL.so.1 libGLESv2.so.2 libOSMesa.so libusb-1.0.so.0 libX11.so.6 libgomp.so.1)
-packages=(libegl1 libgles2 libosmesa6 libgl1-mesa-dri libusb-1.0-0 libx11-6 libgomp1)
+libraries=(libEGL.so.1 libGLESv2.so.2 libOSMesa.so libusb-1.0.so.0 libX11.so.6 libgomp.so.1 libGL.so.1)
+packages=(libegl1 libgles2 libosmesa6 libgl1-mesa-dri libusb-1.0-0 libx11-6 libgomp1 libgl1 xvfb)
 
 if ! command -v "${PYTHON:-python3.11}" >/dev/null; then
     echo "StrideTwin needs Python 3.11: install it (Debian 12: apt-get install python3 python3-venv) or run make PYTHON=/path/to/python3.11" >&2
@@ -21,6 +22,7 @@ known=$({ /sbin/ldconfig -p || ldconfig -p; } 2>/dev/null || true)
 for library in "${libraries[@]}"; do
     grep -qF "$library" <<<"$known" || missing="$missing $library"
 done
+command -v Xvfb >/dev/null || missing="$missing Xvfb"
 if [ -z "$missing" ] && find /usr/lib* -name 'swrast_dri.so' -print -quit 2>/dev/null | grep -q .; then
     exit 0
 fi

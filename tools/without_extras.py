@@ -16,8 +16,8 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 EXTRAS = frozenset({
-    "mujoco", "dm_control", "dm_env", "joblib", "platformdirs", "trimesh", "rerun", "rerun_sdk", "dask", "distributed",
-    "cma", "sklearn", "pandas", "zenoh", "open3d",
+    "mujoco", "glfw", "dm_control", "dm_env", "joblib", "platformdirs", "trimesh", "rerun", "rerun_sdk", "dask",
+    "distributed", "cma", "sklearn", "pandas", "zenoh", "open3d",
 })  # fmt: skip
 """Import names of the extras' packages."""
 

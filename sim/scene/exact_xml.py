@@ -7,6 +7,7 @@ and keeps the frames that attached them: both go, as every element has its own v
 
 from __future__ import annotations
 
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -14,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.sim.wearer.body import unprefixed
+from stridetwin.sim.wearer.leaves import unprefixed
 
 _OF_MODEL = {
     "body": {"pos": "body_pos", "quat": "body_quat"},
@@ -65,6 +66,7 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
         "inertial": [(i, found) for i, body in enumerate(bodies, 1) for found in body.findall("inertial")],
         **{kind: list(enumerate(world.iter(kind))) for kind in ("geom", "joint", "site", "camera", "light")},
     }
+    _check_order(rows["body"] + rows["geom"], [*spec.bodies[1:], *spec.geoms])
     for kind, arrays in _OF_MODEL.items():
         for row, node in rows[kind]:
             _rewrite(node, {name: getattr(model, array)[row] for name, array in arrays.items()})
@@ -91,6 +93,13 @@ def _only(parent: Element, tag: str) -> Element:
     if len(found) != 1:
         raise ValueError(f"invalid MJCF: expected one {tag}, found {len(found)}")
     return found[0]
+
+
+def _check_order(rows: list[tuple[int, Element]], items: list[Any]) -> None:
+    """Rows of the compiled model's arrays are found by order, as not every element has a name."""
+    for (_, node), item in zip(rows, items, strict=True):
+        if node.get("name", "") != item.name:
+            raise ValueError(f"invalid order of MJCF: expected {item.name!r}, found {node.get('name')!r}")
 
 
 def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:

@@ -6,21 +6,18 @@ sole under the heel's centre.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
-from stridetwin.sim.wearer.exo_body import add_own_exo, exoskeleton
+from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
+from stridetwin.sim.wearer.leaves import attach, leaf, unprefixed
 
 LEG_JOINTS = (
     "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
@@ -66,29 +63,28 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
-    trunk = _leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
-    _attach(root, trunk, "pelvis")
+    trunk = _scaled("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
+    attach(root, trunk, "pelvis")
     spec.body("root").add_freejoint(name="root")
     pelvis, torso = spec.body("pelvis"), spec.body("torso")
 
     for side in SIDES:
         y = 1.0 if side == "l" else -1.0
-        leg = _leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
+        leg = _scaled("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
         leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
         for joint in ("ankle_dorsiflexion", "ankle_inversion"):
             leg.joint(joint).pos = [size.ankle_x, 0, body.ankle_height_m]
         leg.body("toe").pos = [size.shoe.toe_hinge_x, 0, size.shoe.toe_hinge_z]
-        _attach(pelvis, leg, "thigh", [0, y * body.hip_half_width_m, 0], side)
+        attach(pelvis, leg, "thigh", [0, y * body.hip_half_width_m, 0], side)
         for part, carrier in (("shoe_rear", "foot"), ("shoe_toe", "toe")):
-            shoe = _leaf(part, {}, 1.0)
+            shoe = _scaled(part, {}, 1.0)
             _stretch_foot(shoe, body.shoe_length_m / 0.270)
-            _attach(spec.body(f"{carrier}_{side}"), shoe, part, None, side)
-        arm = _leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
-        _attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
+            attach(spec.body(f"{carrier}_{side}"), shoe, part, side=side)
+        arm = _scaled("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
+        attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
     _set_inertials(spec, body)
     if exo is not None and isinstance(size.exo, ExoLinks):
-        with unprefixed():
-            spec.attach(exoskeleton(size, modules(exo)), frame=pelvis.add_frame(), prefix="", suffix="")
+        add_exoskeleton(pelvis, size.exo, girth, modules(exo))
     elif isinstance(size.exo, OwnExo):
         add_own_exo(spec, pelvis, size.exo)
     return size
@@ -100,8 +96,8 @@ def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
         return spec.compile()
 
 
-def _leaf(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
-    spec = mujoco.MjSpec.from_string(mjcf(name))
+def _scaled(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
+    spec = leaf(name)
     for body in spec.bodies[1:]:
         k = length_scale.get(body.name, 1.0)
         for child in body.bodies:
@@ -125,42 +121,6 @@ def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
         stretch = 1.0 if geom.name in ("sole_heel", "upper_heel", "ankle") else k
         geom.pos = np.asarray(geom.pos) * [stretch, 1.0, 1.0]
         geom.size = np.asarray(geom.size) * [stretch, 1.0, 1.0]
-
-
-def _mirror(spec: mujoco.MjSpec) -> None:
-    """Reflects a left leaf on the sagittal plane; axes of rotation and quaternions are axial."""
-    for body in spec.bodies[1:]:
-        body.pos = np.asarray(body.pos) * [1, -1, 1]
-        body.ipos = np.asarray(body.ipos) * [1, -1, 1]
-        for geom in body.geoms:
-            geom.pos = np.asarray(geom.pos) * [1, -1, 1]
-            geom.quat = np.asarray(geom.quat) * [1, -1, 1, -1]
-        for joint in body.joints:
-            joint.pos = np.asarray(joint.pos) * [1, -1, 1]
-            joint.axis = np.asarray(joint.axis) * [-1, 1, -1]
-
-
-def _attach(
-    parent: mujoco.MjsBody, leaf: mujoco.MjSpec, body: str, pos: np.ndarray | list[float] | None = None, side: str = ""
-) -> None:
-    if side == "r":
-        _mirror(leaf)
-    frame = parent.add_frame(pos=[0, 0, 0] if pos is None else list(pos))
-    with unprefixed():
-        frame.attach_body(leaf.body(body), "", f"_{side}" if side else "")
-
-
-@contextmanager
-def unprefixed() -> Iterator[None]:
-    """Silences MuJoCo's warnings about an empty prefix: names are unique by their side's suffix."""
-    warn = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
-            yield
-    finally:
-        mujoco.set_mju_user_warning(warn)
 
 
 def _set_inertials(spec: mujoco.MjSpec, body: Anthropometry) -> None:

@@ -1,52 +1,142 @@
-"""The bodies of an exoskeleton in the wearer's model: the built-in one from its MJCF template, or a custom one."""
+"""The bodies of an exoskeleton in the wearer's model: the built-in one from its leaf files, or a custom one."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 
 import mujoco
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
-from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.exo_description import Link, Module, OwnExo, hinge_of
-from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.wearer.exo_couplings import leg_frame
-from stridetwin.sim.wearer.exoskeleton import CUFF_SHARE
-from stridetwin.streams.samples import Array
+from stridetwin.sim.wearer.exoskeleton import CUFF_SHARE, EXO_LEG_BODIES, ExoLinks, chain
+from stridetwin.sim.wearer.leaves import attach, leaf
+
+_BESIDE_BAR_M = 0.052  # a module, from the bar beside the leg
 
 
-def exoskeleton(size: Wearer, modules: Mapping[str, Module]) -> mujoco.MjSpec:
-    """The built-in exoskeleton, in the frame of the pelvis: back panel `exo_back`, and the bodies of both legs.
+@dataclass(frozen=True, kw_only=True)
+class Band:
+    """A strap around a part of the body, m, for a person of the mean girth; half axes along x and y.
+
+    Attributes:
+        middle_x: Its middle in the frame of the leaf's body.
+        half_x: Of the body part.
+        half_y: Likewise.
+        clearance: From the skin to the middle of the strap.
+    """
+
+    middle_x: float
+    half_x: float
+    half_y: float
+    clearance: float
+
+
+# as thick as the leaf files' trunk and legs are at these places
+_WAIST = Band(middle_x=-0.012, half_x=0.104, half_y=0.158, clearance=0.008)
+_LIMB = {
+    "thigh": Band(middle_x=0.004, half_x=0.079, half_y=0.079, clearance=0.005),
+    "shank": Band(middle_x=-0.010, half_x=0.059, half_y=0.059, clearance=0.005),
+}
+
+
+def add_exoskeleton(pelvis: mujoco.MjsBody, links: ExoLinks, girth: float, modules: Mapping[str, Module]) -> None:
+    """Attaches the built-in exoskeleton to the pelvis: the back panel `exo_back` and the bodies of both legs.
 
     Args:
-        size: Wearer with its links.
+        pelvis: Body of the wearer.
+        links: Lengths.
+        girth: Thickness of trunk and limbs over that of the mean person.
         modules: Actuation modules by joint (`exoskeleton.modules`).
     """
-    text = Environment(undefined=StrictUndefined).from_string(mjcf("exoskeleton")).render(
-        links=size.exo, girth=size.girth, legs={side: leg_frame(size, side) for side in SIDES}, modules=modules,
-        cuffs=CUFF_SHARE, band=_band, xyz=lambda values: " ".join(map(str, values)),
-    )  # fmt: skip
-    return mujoco.MjSpec.from_string(text)
+    attach(pelvis, back_panel(links, girth), "exo_back")
+    for side in SIDES:
+        leg = leg_of(links, girth)
+        for joint, below, down in (("knee", "exo_thigh", links.thigh), ("hip", "exo_hip_rotation", links.hip5)):
+            if (module := modules.get(f"{joint}_{side}")) is not None:
+                _add_module(leg, joint, leg.body(below), down, module)
+        attach(pelvis, leg, EXO_LEG_BODIES[0], side=side)
 
 
-def _band(
-    middle: tuple[float, float, float], radii: tuple[float, float], half_width: float, parts: int
-) -> Iterator[dict[str, Array | list[float]]]:
-    """Flat boxes on an ellipse about the vertical: a strap around a limb or the trunk."""
-    angle = 2 * math.pi * (np.arange(parts + 1) + 0.5) / parts
-    ring = np.column_stack([radii[0] * np.cos(angle), radii[1] * np.sin(angle)]) / math.cos(math.pi / parts)
-    for a, b in pairwise(ring):
+def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
+    """The leaf `exo_back`, fitted."""
+    spec = leaf("exo_back")
+    panel = spec.body("exo_back")
+    moved, panel.ipos[0] = -links.hip6 - panel.ipos[0], -links.hip6
+    for name in ("exo_back_plate", "exo_back_box", "exo_bracket_l", "exo_bracket_r"):
+        spec.geom(name).pos[0] += moved
+    for side, y in (("l", links.hip1), ("r", -links.hip1)):
+        spec.geom(f"exo_bracket_{side}").pos[1] = y
+    _lay_strap(spec, "exo_back_strap", _WAIST, girth)
+    return spec
+
+
+def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
+    """The leaf `exo_leg`, a left leg, fitted."""
+    spec = leaf("exo_leg")
+    for name, offset in zip(EXO_LEG_BODIES, chain(links, "l")[0]):
+        spec.body(name).pos = offset
+    arm, beside = -links.hip6, links.hip2
+    spec.geom("exo_hip_hinge").fromto[[0, 3]] += arm - spec.geom("exo_hip_arm").fromto[0]
+    spec.geom("exo_hip_arm_out").fromto = [arm, 0, 0, arm, beside, links.hip3]
+    spec.geom("exo_hip_arm").fromto = [arm, beside, links.hip3, 0, beside, links.hip3]
+    spec.geom("exo_hip_rotor").fromto[[1, 4]] = beside
+    spec.geom("exo_ankle_hinge").fromto[[1, 4]] += beside - spec.geom("exo_stirrup").fromto[1]
+    spec.body("exo_hip_abduction").ipos[:2] = -0.6 * links.hip6, 0.6 * beside
+    spec.body("exo_thigh").ipos[2], spec.body("exo_shank").ipos[2] = -0.43 * links.thigh, -0.41 * links.shank
+    spec.body("exo_ankle").ipos[:2] = -0.4 * links.ankle1, 0.4 * links.ankle2
+    spec.geom("exo_stirrup").fromto[:3] = 0, beside, 0
+    for part, length in (("thigh", links.thigh), ("shank", links.shank)):
+        _fit_bar(spec, part, length, beside, girth)
+    return spec
+
+
+def _fit_bar(leg: mujoco.MjSpec, part: str, length: float, beside: float, girth: float) -> None:
+    """A bar beside a limb, and its cuff: a bracket bridges the clearance from the bar to the skin."""
+    band, down = _LIMB[part], CUFF_SHARE[part] * length
+    gap = beside - band.half_y * girth
+    bar, bracket, pad = (leg.geom(f"exo_{part}_{name}") for name in ("bar", "bracket", "pad"))
+    bar.pos[2], bar.size[2] = -0.5 * length, 0.5 * length
+    bracket.pos[1:], bracket.size[1] = (-0.5 * gap, -down), 0.5 * gap
+    pad.pos[1:] = -(gap - pad.size[1]), -down
+    _lay_strap(leg, f"exo_{part}_strap", band, girth, -beside, -down)
+
+
+def _lay_strap(
+    spec: mujoco.MjSpec, name: str, band: Band, girth: float, y: float = 0.0, z: float | None = None
+) -> None:
+    """Lays the flat boxes `name_0`, ... on an ellipse about the vertical: around a limb, or around the trunk."""
+    boxes = [geom for geom in spec.geoms if geom.name.startswith(f"{name}_")]
+    angle = 2 * math.pi * (np.arange(len(boxes) + 1) + 0.5) / len(boxes)
+    half_x, half_y = band.half_x * girth + band.clearance, band.half_y * girth + band.clearance
+    ring = np.column_stack([half_x * np.cos(angle), half_y * np.sin(angle)]) / math.cos(math.pi / len(boxes))
+    for box, (a, b) in zip(boxes, pairwise(ring)):
         at, along = 0.5 * (a + b), b - a
         yaw = 0.5 * math.atan2(along[1], along[0])
-        yield {
-            "pos": np.asarray(middle, dtype=float) + [*at, 0.0],
-            "size": [0.5 * float(np.hypot(*along)), 0.003, half_width],
-            "quat": [math.cos(yaw), 0.0, 0.0, math.sin(yaw)],
-        }
+        box.pos = [band.middle_x + at[0], y + at[1], box.pos[2] if z is None else z]
+        box.size[0] = 0.5 * float(np.hypot(*along))
+        box.quat = [math.cos(yaw), 0.0, 0.0, math.sin(yaw)]
+
+
+def _add_module(leg: mujoco.MjSpec, joint: str, above: mujoco.MjsBody, down: float, module: Module) -> None:
+    """Bolts a module to the link above its joint; the rotor turns with the joint, and the gear has friction."""
+    housing = leaf("exo_module")
+    body = housing.body("module")
+    body.mass, body.inertia = module.mass_kg, module.mass_kg * np.asarray(body.inertia)
+    attach(above, housing, "module", [0.0, _BESIDE_BAR_M, -down], prefix=f"exo_{joint}_")
+    hinge = leg.joint(f"exo_{joint}_flexion")
+    hinge.armature, hinge.frictionloss = module.reflected_inertia, module.friction_nm
+    hinge.damping[0] = module.viscous_nms
+    _limit(hinge, module)
+
+
+def _limit(hinge: mujoco.MjsJoint, module: Module) -> None:
+    """The most that a joint's motor gives."""
+    hinge.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
+    hinge.actfrcrange = [-module.torque_max_nm, module.torque_max_nm]
 
 
 def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, own: OwnExo) -> None:
@@ -62,9 +152,7 @@ def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, own: OwnExo) -> Non
             )  # fmt: skip
             hinge.damping[0] = link.damping
     for name, module in own.modules.items():
-        hinge = spec.joint(hinge_of(name))
-        hinge.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        hinge.actfrcrange = [-module.torque_max_nm, module.torque_max_nm]
+        _limit(spec.joint(hinge_of(name)), module)
 
 
 def _add(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsBody:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import mujoco
 
-from stridetwin.assets import mjcf
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
+from stridetwin.sim.wearer.leaves import leaf
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
@@ -26,10 +26,10 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
     """
     for foot, upper in UPPERS.items():
         spec.body(foot).add_body(name=upper)
-    for name, leaf, _, mount in visible(rig):
+    for name, part, _, mount in visible(rig):
         T = mount.T_body_sensor
         frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
-        frame.attach_body(mujoco.MjSpec.from_string(mjcf(leaf)).body(leaf), name.removesuffix(leaf), "")
+        frame.attach_body(leaf(part).body(part), name.removesuffix(part), "")
 
 
 def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
@@ -42,5 +42,5 @@ def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
     inside |= {topic for topic, imu in rig.imus.items() if imu.mount.body.startswith("exo_")}  # of an AHRS
     shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in inside]
     shown += [("sonar_pod", topic, s.mount) for topic, s in rig.others.items() if s.kind == "range"]
-    for i, (leaf, topic, mount) in enumerate(shown):
-        yield f"rig_{i}_{leaf}", leaf, topic, mount
+    for i, (part, topic, mount) in enumerate(shown):
+        yield f"rig_{i}_{part}", part, topic, mount

@@ -1,0 +1,153 @@
+"""A walk in MuJoCo's passive viewer, in real time.
+
+The window shows the scene of the walk (`scene_files.scene_spec`): its sensors' cameras can be looked through.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+import warnings
+from dataclasses import dataclass
+
+import glfw
+import mujoco
+import numpy as np
+from mujoco import viewer
+
+from stridetwin.sim.scene.scene_files import scene_spec
+from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.body import compile_model
+from stridetwin.sim.world.bystanders import pose as pose_crowd
+from stridetwin.streams.errors import StrideTwinError
+
+KEYS = {
+    "space": "pause",
+    "left, right": "1 s back, ahead",
+    "down, up": "slower, faster",
+    "home": "to the start",
+    "enter": "next camera",
+}
+"""Keys, and what they do; the window shows them."""
+_SPACE, _ENTER, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 257, 262, 263, 264, 265, 268  # GLFW's numbers
+_FRAME_S = 1 / 60
+_JUMP_S = 1.0
+_SLOWEST, _FASTEST = 1 / 16, 16.0
+FOLLOW = "follow the walker"
+
+
+@dataclass
+class Playhead:
+    """Where a playback is, and how the keys move it.
+
+    Attributes:
+        duration_s: Length of the walk.
+        cameras: Names of the cameras in turn.
+        time_s: Time in the walk.
+        speed: Of the walk over real time.
+        paused: Whether it stands still; at the end of the walk it does.
+        camera: Number of the camera.
+    """
+
+    duration_s: float
+    cameras: tuple[str, ...]
+    time_s: float = 0.0
+    speed: float = 1.0
+    paused: bool = False
+    camera: int = 0
+
+    def press(self, key: int) -> None:
+        """A key by GLFW's number; those without a meaning here have no effect."""
+        if key == _SPACE:
+            if self.paused and self.time_s >= self.duration_s:
+                self.time_s = 0.0
+            self.paused = not self.paused
+        elif key in (_LEFT, _RIGHT):
+            self._go(self.time_s + (_JUMP_S if key == _RIGHT else -_JUMP_S))
+        elif key in (_DOWN, _UP):
+            self.speed = min(max(self.speed * (2.0 if key == _UP else 0.5), _SLOWEST), _FASTEST)
+        elif key == _HOME:
+            self._go(0.0)
+        elif key == _ENTER:
+            self.camera = (self.camera + 1) % len(self.cameras)
+
+    def advance(self, elapsed_s: float) -> None:
+        """Time passes; the playback pauses at the end of the walk."""
+        if not self.paused:
+            self._go(self.time_s + self.speed * elapsed_s)
+            self.paused = self.time_s >= self.duration_s
+
+    def _go(self, time_s: float) -> None:
+        self.time_s = min(max(time_s, 0.0), self.duration_s)
+
+
+def check_display() -> None:
+    """Rejects a machine without a display, where MuJoCo's viewer would end the process.
+
+    Raises:
+        StrideTwinError: There is no display.
+    """
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        there = glfw.init()
+    if not there:
+        raise StrideTwinError("no display for MuJoCo's viewer: expected a screen, on Linux DISPLAY or WAYLAND_DISPLAY")
+
+
+def play(twin: Twin) -> None:
+    """Opens a window and plays a walk until the window is closed; call `check_display` first.
+
+    Raises:
+        StrideTwinError: No window can be opened.
+    """
+    model = compile_model(scene_spec(twin.config))
+    data = mujoco.MjData(model)
+    walk, pressed = twin.walk, queue.SimpleQueue[int]()
+    head = Playhead(walk.duration_s, (FOLLOW, *(model.camera(i).name for i in range(model.ncam))))
+    with _launched(model, data, pressed) as window:
+        shown, last = -1, time.monotonic()
+        while window.is_running():
+            start = time.monotonic()
+            while not pressed.empty():
+                head.press(pressed.get())
+            head.advance(start - last)
+            last = start
+            with window.lock():
+                if shown != head.camera:  # otherwise the mouse moves the view
+                    _look(window.cam, model, head)
+                    shown = head.camera
+                data.qpos, data.time = walk.moving(np.array([head.time_s]))[0][0], head.time_s
+                pose_crowd(model, data, twin.crowd, head.time_s)
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_camlight(model, data)
+            window.set_texts((None, None, *_words(head)))
+            window.sync()
+            time.sleep(max(_FRAME_S - (time.monotonic() - start), 0.0))
+
+
+def _launched(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.SimpleQueue[int]) -> viewer.Handle:
+    try:
+        return viewer.launch_passive(model, data, key_callback=pressed.put, show_left_ui=False, show_right_ui=False)
+    except RuntimeError as error:  # macOS without mjpython
+        raise StrideTwinError(f"MuJoCo's viewer: {error}") from error
+
+
+def _look(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> None:
+    if head.camera:
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, head.camera - 1
+        return
+    camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_TRACKING, -1
+    camera.trackbodyid = model.body("pelvis").id
+    camera.azimuth, camera.elevation, camera.distance = 140.0, -12.0, 4.0
+
+
+def _words(head: Playhead) -> tuple[str, str]:
+    """Two columns of text in a corner of the window."""
+    rows = (
+        ("time", f"{head.time_s:.1f} of {head.duration_s:.1f} s{', paused' if head.paused else ''}"),
+        ("speed", f"{head.speed:g} x real time"),
+        ("camera", head.cameras[head.camera]),
+        *KEYS.items(),
+    )
+    return "\n".join(row[0] for row in rows), "\n".join(row[1] for row in rows)
