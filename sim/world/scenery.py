@@ -100,8 +100,8 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
     """Textured faces of walkable solids; treads and landings get a pale strip along edges with a drop."""
     quads: list[Quad] = []
     for i, solid in enumerate(solids):
-        # where tops coincide, one face would shine through the other
-        painted = [corners(other)[4:] for other in solids[:i] if other.start == solid.start and other.end == solid.end]
+        # where tops coincide, one face would shine through the other; a loop comes back to its height within rounding
+        painted = [corners(other)[4:] for other in solids[:i] if _same_heights(other, solid)]
         low, high = (_NOSING_M * _falls(solid, end, surface) for end in (-1.0, 1.0))
         quads += _sides(solid, _SIDE)
         for start, end, material in (
@@ -112,6 +112,10 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
             if end > start:
                 quads += _top(solid, start, end, material, painted)
     return quads
+
+
+def _same_heights(one: Solid, other: Solid) -> bool:
+    return abs(one.start - other.start) < _TINY_M and abs(one.end - other.end) < _TINY_M
 
 
 def paint_box(box: Solid, material: str) -> list[Quad]:

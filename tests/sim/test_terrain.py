@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
+from stridetwin.sim.world.scenery import paint_slabs
 from stridetwin.sim.world.solids import Solid, SolidSet
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.sim.world.textures import PERIOD_M
@@ -257,3 +258,14 @@ def test_things_that_cannot_be_there_are_refused(kind, at_m, valid):
     segments = (Level(length_m=3.0), Ramp(angle_rad=0.1, rise_m=0.1), Level(length_m=1.0))
     with pytest.raises(ConfigError, match=valid):
         Terrain.from_route(Route(segments=segments, things=(Thing(kind=kind, at_m=at_m),)))
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16, 3e-10])
+def test_ground_that_a_loop_comes_back_to_is_painted_once(rounding):
+    """Two coincident pavings flicker, and a renderer with shadows adds their light."""
+    slabs = [
+        Solid.box(x=x, y=0.0, length=2.0, width=1.0, bottom=-0.1, top=top) for x, top in ((0.0, 0.0), (1.0, rounding))
+    ]
+    tops = [quad.corners for quad in paint_slabs(slabs, SolidSet(slabs, -0.05)) if np.ptp(quad.corners[:, 2]) < 1e-6]
+    area = sum(float(np.prod(np.ptp(top[:, :2], axis=0))) for top in tops)
+    assert area == pytest.approx(3.0)
