@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -25,7 +26,8 @@ def load(scenes: Sequence[Path], seconds: float, images: Path | None = None) -> 
     Args:
         scenes: The scenes' files.
         seconds: How long each is stepped.
-        images: Folder for two images of each, NAME.npy (2, H, W, 3) uint8: from outside, and by its first camera.
+        images: Folder for images of each, NAME.npy (3, H, W, 3) uint8: the person, the whole terrain, and what its
+            first camera sees (again the person without one).
 
     Raises:
         RuntimeError: The process failed; the message is its last line.
@@ -35,8 +37,9 @@ def load(scenes: Sequence[Path], seconds: float, images: Path | None = None) -> 
     assert spec.origin is not None
     words = [sys.executable, "-I", "-S", __file__, str(Path(spec.origin).parents[1]), str(seconds), *map(str, scenes)]
     done = subprocess.run(
-        words + (["--images", str(images)] if images else []), capture_output=True, text=True, check=False
-    )
+        words + (["--images", str(images)] if images else []), capture_output=True, text=True, check=False,
+        env={"MUJOCO_GL": "egl"} | os.environ,
+    )  # fmt: skip
     if done.returncode:
         raise RuntimeError((done.stderr.splitlines() or ["no output"])[-1])
     return list(json.loads(done.stdout))
@@ -51,11 +54,9 @@ def _measure(path: str, seconds: float, images: str | None) -> dict[str, Any]:
     mujoco.mj_resetDataKeyframe(model, data, model.keyframe("stand").id)
     mujoco.mj_forward(model, data)
     if images is not None:
-        free = mujoco.MjvCamera()
-        mujoco.mjv_defaultFreeCamera(model, free)
-        shots = []
         with mujoco.Renderer(model, _HEIGHT, _WIDTH) as renderer:
-            for camera in (free, 0) if model.ncam else (free,):
+            shots = []
+            for camera in _cameras(model, data):
                 renderer.update_scene(data, camera)
                 shots.append(renderer.render())
         np.save(Path(images) / f"{Path(path).stem}.npy", shots)
@@ -75,6 +76,21 @@ def _measure(path: str, seconds: float, images: str | None) -> dict[str, Any]:
         "warnings": int(sum(warning.number for warning in data.warning)),
         "finite": bool(np.isfinite(data.qpos).all()),
     }
+
+
+def _cameras(model: Any, data: Any) -> list[Any]:
+    import mujoco
+    import numpy as np
+
+    person, over = mujoco.MjvCamera(), mujoco.MjvCamera()
+    for camera in (person, over):
+        mujoco.mjv_defaultFreeCamera(model, camera)
+    ground = [i for i in range(model.ngeom) if model.geom(i).name.startswith("terrain_")]
+    reach = model.geom_rbound[ground, None]
+    low, high = (data.geom_xpos[ground] - reach).min(axis=0), (data.geom_xpos[ground] + reach).max(axis=0)
+    over.lookat, over.distance = (low + high) / 2, 0.6 * float(np.linalg.norm((high - low)[:2])) + 2.0
+    over.azimuth, over.elevation = 110.0, -45.0
+    return [person, over, 0 if model.ncam else person]
 
 
 def _main() -> None:

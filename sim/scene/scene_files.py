@@ -53,7 +53,9 @@ def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
     scale = spec.visual.map  # in extents
     scale.znear, scale.zfar, scale.shadowclip = NEAR_M / _PERSON_M, FAR_M / _PERSON_M, route_m / _PERSON_M
     view = getattr(spec.visual, "global")
-    view.azimuth, view.elevation, view.offwidth, view.offheight = 140.0, -12.0, 1920, 1080
+    # from the side in front; between walls from the front
+    view.azimuth, view.elevation = 180.0 if config.route.scenery == "corridor" else 140.0, -12.0
+    view.offwidth, view.offheight = 1920, 1080
     return spec
 
 

@@ -48,6 +48,7 @@ def launch(model, data, **how):
     window, press = real(model, data, **how), how["key_callback"]
 
     def drive():
+        # both are read while they change
         seen["moves"] = until(lambda: data.time > 0.3) and bool(abs(data.qpos[0] - data.time) < 0.5)
         press(32)
         time.sleep(0.5)
