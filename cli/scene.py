@@ -44,7 +44,7 @@ class SceneOptions(Options):
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
-    texture_px: Annotated[int, option("Edge of the textures, pixels: fewer make a smaller folder.", "N", _pixels)] = (
+    texture_px: Annotated[int, option("Edge of the textures, pixels: fewer make a smaller folder.", "PX", _pixels)] = (
         _LARGEST_PX
     )
     output: Annotated[Path, output_option("Folder to write; scenes of one wearer may share it.", "DIR")]

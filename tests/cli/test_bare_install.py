@@ -77,6 +77,8 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         ["list"],
         ["place", "shoe_sight", "-o", "x"],
         ["experiment", "assistance", "-o", "x"],
+        ["scene", "demo", "-o", "x"],
+        ["view", "demo", "--mujoco"],
         ["live", "--record", "x.mcap"],
     ]
     script = (
@@ -89,12 +91,13 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2]"
+    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2, 2, 2]"
     assert "\nshoe_sight " in done.stdout
     lines = done.stderr.splitlines()
     assert [line.partition(" is not installed; ")[2] for line in lines] == [
         "placements need the simulator: pip install 'stridetwin[twin]'",
         "experiments need the simulator: pip install 'stridetwin[closed-loop]'",
+        *["scenes need the simulator: pip install 'stridetwin[twin]'"] * 2,
         "live and send need it: pip install 'stridetwin[live]'",
     ]
     assert list(tmp_path.iterdir()) == []

@@ -44,6 +44,10 @@ READ = {
         "stridetwin run stair_up_down --seed 7 -o runs/stair",
         "stridetwin score runs/stair/recording.mcap --json",
     ],
+    "paints large textures, or needs a display; test_scene and test_playback_window do the same": [
+        "stridetwin scene stair_up_down -o scenes",
+        "stridetwin view stair_up_down --mujoco",
+    ],
     "many walks; campaign/ and gate/ do the same with few short ones": [
         "stridetwin generate stairs_and_ramps --workers 2 -o data",
         "stridetwin generate stairs_and_ramps --workers 2 -o data/stairs",
@@ -82,7 +86,7 @@ YOURS = {"gate.yaml", "mine.yaml", "stairs.yaml", "walk.yaml"}
 PLACES = {
     "SENSOR": "foot_camera", "PROBLEM": "shoe_sight",
     "SCENARIO": "level_20m", "CAMPAIGN": "stairs_and_ramps", "ESTIMATOR": "foot_ins", "NAME": "jao_simulation",
-    "KIND": "mcap", "F": "pelvis", "S": "mcap", "T": "/foot_l/imu", "FIRST": "7", "DIR": "runs",
+    "KIND": "mcap", "F": "pelvis", "S": "mcap", "T": "/foot_l/imu", "FIRST": "7", "DIR": "runs", "PX": "64",
 } | dict.fromkeys(["N", "K", "M", "PCT", "MS"], "2")  # fmt: skip
 """Examples of what usages leave to the reader; all other words may be anything."""
 
