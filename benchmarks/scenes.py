@@ -63,6 +63,8 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         for first in range(0, len(rows), ROWS):
             part = [(row["scene"], np.load(folder / f"{row['scene']}.npy")) for row in rows[first : first + ROWS]]
             cv2.imwrite(str(folder / f"sheet_{first // ROWS + 1}.png"), sheet(part))
+        for row in rows:
+            (folder / f"{row['scene']}.npy").unlink()
     return {"scenes": [row | {"difference": differences[row["scene"]]} for row in rows]}
 
 

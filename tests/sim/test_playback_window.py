@@ -44,6 +44,12 @@ def until(true):
     return true()
 
 
+def stands(data):
+    before = data.time
+    time.sleep(0.5)
+    return data.time == before
+
+
 def launch(model, data, **how):
     window, press = real(model, data, **how), how["key_callback"]
 
@@ -51,10 +57,8 @@ def launch(model, data, **how):
         # both are read while they change
         seen["moves"] = until(lambda: data.time > 0.3) and bool(abs(data.qpos[0] - data.time) < 0.5)
         press(32)
-        time.sleep(0.5)
+        seen["pauses"] = until(lambda: stands(data))
         stopped = data.time
-        time.sleep(0.5)
-        seen["pauses"] = data.time == stopped
         press(257)
         seen["follows"] = window.cam.trackbodyid == model.body("pelvis").id
         seen["through a camera"] = until(lambda: window.cam.fixedcamid == 0)
