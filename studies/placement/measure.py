@@ -1,17 +1,13 @@
-"""Scores of places on walks, by geometry or recordings, and the file that keeps them.
+"""Scores of places on walks, by geometry or recordings.
 
 All places share the walks: differences are paired.
 """
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
-import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -27,88 +23,13 @@ from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement import visibility
+from stridetwin.studies.placement.forecast import Forecast
 from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
+from stridetwin.studies.placement.rows import HIDDEN, Rows, key_of
 from stridetwin.studies.placement.scores import GEOMETRIC, Score
 from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, posed_walk
-
-ROWS = "rows.jsonl"
-HIDDEN = ".unfinished-"
-"""Name prefix of the folders of walks that are being recorded."""
-
-
-class Rows:
-    """Rows by key, in a file of JSON lines.
-
-    Args:
-        file: Is created if it does not exist.
-        resume: Keeps the rows of an earlier run; else the file starts empty.
-
-    Attributes:
-        found: Number of rows of an earlier run.
-    """
-
-    def __init__(self, file: Path, resume: bool) -> None:
-        self._file = file
-        self._rows = dict(_read(file)) if resume and file.exists() else {}
-        self.found = len(self._rows)
-        self._begun = False
-
-    def get(self, key: str) -> dict[str, Any] | None:
-        """The row of a key, None where there is none."""
-        return self._rows.get(key)
-
-    def add(self, rows: Iterable[tuple[str, dict[str, Any]]]) -> None:
-        """Appends rows to the file.
-
-        The first call rewrites the file, without rows that are not reused and without an incomplete last line.
-        """
-        if not self._begun:
-            with whole_file(self._file) as new:
-                new.write_text("".join(_line(key, row) for key, row in self._rows.items()), encoding="utf-8")
-            self._begun = True
-        with self._file.open("a", encoding="utf-8") as out:
-            for key, row in rows:
-                self._rows[key] = row
-                out.write(_line(key, row))
-
-
-def key_of(*what: Any) -> str:
-    """Digest of everything that determines a row."""
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Locks and creates a folder; removes the unfinished files of killed runs.
-
-    Raises:
-        StrideTwinError: Another placement uses the folder.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise StrideTwinError(f"{folder}: another placement uses it; expected a folder of its own") from None
-        for left in folder.glob(f"{HIDDEN}*"):
-            shutil.rmtree(left, ignore_errors=True)
-        yield
-
-
-def _line(key: str, row: dict[str, Any]) -> str:
-    return json.dumps({"key": key, **row}, sort_keys=True, allow_nan=False) + "\n"
-
-
-def _read(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            row = json.loads(text)
-            yield row.pop("key"), row
-        except (ValueError, KeyError, AttributeError):
-            continue  # the last line of a killed run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,12 +141,14 @@ class Measure:
         self._workers, self._progress = workers, progress
         self._posed: dict[str, PosedWalk | str] = {}
         self._names = [s.name for s in problem.scores if s.geometric]
+        self._forecast = Forecast(problem, rows.found, workers)
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
         """Scores of places on the walks of all scenarios with these seeds."""
         scores, walks = self._problem.scores, [(base, seed) for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
         failed: dict[int, str] = {}
+        self._progress(stage, 0.0)
         for first in range(0, len(places), _AT_ONCE):
             part = places[first : first + _AT_ONCE]
             visits = [visit for i, place in enumerate(part, first) for visit in self._visits(i, place, seeds)]
@@ -276,6 +199,7 @@ class Measure:
             except StrideTwinError as error:
                 row["failed"] = {"walk": str(error)}
             self._rows.add([(key, row)])
+            self._forecast.measured()
             progress(done / len(missing))
         return [self._rows.get(key) or {} for key in keys]
 
@@ -308,6 +232,7 @@ class Measure:
             self._rows.add([(key, {"walk": f"{jobs[key].name}, seed {jobs[key].seed}", **row})])
             if done == walks:
                 self._check_scores([self._rows.get(k) or {} for k in list(jobs)[:done]])
+            self._forecast.measured()
             progress(done / len(jobs))
         return [self._rows.get(key) or {} for key in keys]
 
