@@ -9,7 +9,7 @@ from datetime import timedelta
 from stridetwin.studies.placement.free import grid_size
 from stridetwin.studies.placement.problem_file import Problem
 
-_MANY = 1000  # walks that are announced before anything is measured
+_MANY_RECORDED, _MANY_POSED = 500, 50_000  # walks that are announced beforehand: some seconds, some 15 ms each
 _LONG_S = 600.0  # time left that is announced
 
 
@@ -33,7 +33,8 @@ class Forecast:
         # Of the first walk the kernels are compiled; of two per worker the rate is known.
         self._known_from, self._done, self._begun_s = 1 + 2 * workers, 0, 0.0
         self.size = f"{places} places on {walks} walk{'s' if walks > 1 else ''}"
-        if self._left > _MANY:
+        is_posed = all(score.geometric for score in problem.scores)
+        if self._left > (_MANY_POSED if is_posed else _MANY_RECORDED):
             _warn(f"{self.size}: {self._left} walks to measure; a coarser step, fewer seeds or a search take less")
 
     def measured(self) -> None:

@@ -151,7 +151,7 @@ def test_a_placement_that_is_refused_leaves_nothing(tmp_path):
 
 def test_a_long_placement_is_announced_before_and_after_its_first_walks(tmp_path, monkeypatch, capsys):
     node = PARTS | {"free": {"sensors.foot_imu.position_mm[0]": {"between": [-40, -20], "step": 0.1}}}
-    node |= {"set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}}
+    node |= {"set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}, "scores": ["foot_ins.end_error_m"]}
     asked = read_problem(problem(tmp_path, node))
     now = iter((0.0, 4.0))
     monkeypatch.setattr(forecast.time, "monotonic", lambda: next(now))
