@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.evaluation.gate.walk_scores import Job, score_walk
+from stridetwin.evaluation.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.scenarios.campaign.named_files import SCENARIOS
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
@@ -41,12 +42,14 @@ class Walk:
         scenario: Its plain data.
         seed: Seed of everything random in it.
         folder: The placement's folder.
+        estimators: Those that are scored; the walk has no other sensors than those that they read.
     """
 
     name: str
     scenario: dict[str, Any]
     seed: int
     folder: Path
+    estimators: frozenset[str]
 
 
 def recorded_scores(walk: Walk) -> dict[str, Any]:
@@ -59,8 +62,9 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
         with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:
             scenario = scenario_of(walk.scenario, walk.folder / SCENARIOS / f"{walk.name}.yaml")
             path = Path(name) / "walk.mcap"
-            record(make_twin(scenario, walk.seed), path, lambda *_: None)
-            row = score_walk(Job(name=walk.name, path=path, lenient=bool(scenario.config.faults)))
+            record(make_twin(_with_sensors_of(walk.estimators, scenario), walk.seed), path, lambda *_: None)
+            lenient = bool(scenario.config.faults)
+            row = score_walk(Job(name=walk.name, path=path, lenient=lenient, only=walk.estimators))
     except StrideTwinError as error:
         return {"estimators": {}, "failed": {"walk": " ".join(str(error).split())}}
     except OSError as error:
@@ -68,7 +72,22 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
     return {"estimators": row["estimators"], **({"failed": row["failed"]} if "failed" in row else {})}
 
 
+def _with_sensors_of(estimators: frozenset[str], scenario: Scenario) -> Scenario:
+    """The scenario with the sensors of those estimators that it feeds; all of its sensors if it feeds none."""
+    feeding = [name for name in estimators if _feeds(scenario, name)]
+    return with_sensors_for(scenario, feeding) if feeding else scenario
+
+
+def _feeds(scenario: Scenario, estimator: str) -> bool:
+    try:
+        return bool(sensors_of([estimator], scenario.config))
+    except StrideTwinError:
+        return False
+
+
 Progress = Callable[[str, float], None]
+POSED, RECORDED = "geometric", "recorded"
+"""Kinds of rows: scores of a posed walk, and of estimators on a recording."""
 _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
 _AT_ONCE = 200
 _MOST_WALKS = 64  # held in memory, some 20 MB each
@@ -106,6 +125,7 @@ class _Visit:
         seed: Seed of the walk.
         plain: Plain data of the scenario with the place.
         scenario: The scenario, or the error message.
+        needed: The same with no other sensors than those that the scored estimators read.
     """
 
     place: int
@@ -113,6 +133,7 @@ class _Visit:
     seed: int
     plain: dict[str, Any]
     scenario: Scenario | str
+    needed: Scenario | str
 
     @property
     def label(self) -> str:
@@ -121,8 +142,8 @@ class _Visit:
 
     def key(self, kind: str, *what: Any) -> str:
         """Key of its row: the whole configuration with its parts; equivalent places share it."""
-        scenario = self.scenario if isinstance(self.scenario, str) else repr(self.scenario.config)
-        return key_of(kind, scenario, self.seed, *what)
+        scenario = self.needed if kind == RECORDED else self.scenario
+        return key_of(kind, scenario if isinstance(scenario, str) else repr(scenario.config), self.seed, *what)
 
 
 class Measure:
@@ -141,6 +162,8 @@ class Measure:
         self._workers, self._progress = workers, progress
         self._posed: dict[str, PosedWalk | str] = {}
         self._names = [s.name for s in problem.scores if s.geometric]
+        names = [s.name for s in problem.scores if not s.geometric]
+        self._estimators = estimators_of(names, f"{problem.path}: scores")
         self._forecast = Forecast(problem, rows.found, workers)
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
@@ -176,13 +199,16 @@ class Measure:
                 scenario = scenario_of(plain, self._folder / SCENARIOS / f"{base.name}.yaml")
             except StrideTwinError as error:
                 scenario = " ".join(str(error).replace(f"{self._folder}/", "").split())
+            needed = scenario if isinstance(scenario, str) else _with_sensors_of(self._estimators, scenario)
             for seed in seeds:
-                yield _Visit(place=number, name=base.name, seed=seed, plain=plain, scenario=scenario)
+                yield _Visit(
+                    place=number, name=base.name, seed=seed, plain=plain, scenario=scenario, needed=needed
+                )  # fmt: skip
 
     def _look(self, visits: list[_Visit], progress: Callable[[float], None]) -> list[dict[str, Any]]:
         """Rows with the geometric scores of all visits."""
         seeing, version = vars(self._problem.seeing), _version(visibility.__name__)
-        keys = [v.key("geometric", self._names, seeing, version) for v in visits]
+        keys = [v.key(POSED, self._names, seeing, version) for v in visits]
         missing = {key: visit for key, visit in zip(keys, visits) if self._rows.get(key) is None}
         posed: Iterator[PosedWalk | str | None] = iter([None] * len(missing))
         if any(GEOMETRIC[name][0] for name in self._names):
@@ -222,9 +248,11 @@ class Measure:
     def _record(self, visits: list[_Visit], walks: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
         """Rows with the estimators' scores of all visits; each place has so many walks."""
         version = _version(__name__)
-        keys = [v.key("recorded", version) for v in visits]
+        keys = [v.key(RECORDED, version, sorted(self._estimators)) for v in visits]
         jobs = {
-            key: Walk(name=visit.name, scenario=visit.plain, seed=visit.seed, folder=self._folder)
+            key: Walk(
+                name=visit.name, scenario=visit.plain, seed=visit.seed, folder=self._folder, estimators=self._estimators
+            )
             for key, visit in zip(keys, visits)
             if self._rows.get(key) is None
         }

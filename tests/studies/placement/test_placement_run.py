@@ -10,6 +10,7 @@ from stridetwin.cli.main import main
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.studies.placement import forecast
 from stridetwin.studies.placement import measure as measuring
 from stridetwin.studies.placement.problem_file import read_problem
@@ -123,7 +124,7 @@ def test_a_score_that_no_estimator_reports_ends_the_run_with_the_first_place(tmp
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
-    with pytest.raises(StrideTwinError, match=r"no place has all that weigh, magic\.end_error_m: .*of this name"):
+    with pytest.raises(StrideTwinError, match=r"scores: .*invalid 'magic\.end_error_m': expected .*foot_ins"):
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "magic"), silent)
 
 
@@ -140,6 +141,24 @@ def test_a_folder_belongs_to_one_placement_which_only_resume_continues(tmp_path)
     assert {p: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.is_file()} == before
     more = run_placement(asked, replace(out, resume=True, walks=2), silent)
     assert len(more["walks"]) == 2
+
+
+def test_only_what_the_scores_need_is_simulated_and_estimated(tmp_path, monkeypatch):
+    node = PARTS | {"scores": ["foot_ins.end_error_m", "foot_weight_g"], "seeds": 1}
+    recorded, scored = [], []
+    score = measuring.score_walk
+
+    def recording(job):
+        recorded.append({t for t in Recording(job.path).topics if not t.startswith("/truth")})
+        row = score(job)
+        scored.append(set(row["estimators"]))
+        return row
+
+    monkeypatch.setattr(measuring, "score_walk", recording)
+    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    assert recorded == [{"/foot_l/imu", "/foot_r/imu"}] * 3  # the sonar makes no other walk of five places
+    assert scored == [{"foot_ins_l", "foot_ins_r"}] * 3
+    assert told["table"][0]["scores"]["foot_weight_g"]["mean"] > 100.0  # of every sensor of the place
 
 
 def test_a_placement_that_is_refused_leaves_nothing(tmp_path):
