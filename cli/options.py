@@ -62,6 +62,15 @@ BackendOption = Annotated[
 ]
 
 
+OnlyOption = Annotated[
+    list[str],
+    typer.Option(
+        metavar="NAME",
+        help="Run only this estimator, such as foot_ins, and simulate only the sensors that it reads; may be repeated.",
+    ),
+]
+
+
 def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], float]:
     def parser(text: str) -> float:
         try:

@@ -11,6 +11,7 @@ import typer
 
 from stridetwin.cli.console import table
 from stridetwin.cli.options import (
+    OnlyOption,
     Options,
     Outcome,
     Progress,
@@ -88,6 +89,7 @@ class ScoreOptions(Options):
         list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
     ]
     lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
+    only: OnlyOption = field(default_factory=list)
     workers: Annotated[int, option("Recordings at a time.", "N", count)] = 1
     estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
     estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
@@ -131,6 +133,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     from stridetwin.evaluation.gate.formatting import failures, junit, markdown
     from stridetwin.evaluation.gate.score_table import document_of, read_table, table_of
     from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
+    from stridetwin.evaluation.score_needs import estimators_of
     from stridetwin.report.history import append_history, history_line
     from stridetwin.streams.files import whole_file
 
@@ -143,7 +146,13 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     rules = Rules(level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0)
     if baseline is not None:
         check_level(baseline, rules)
-    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
+    own = _own(arguments)
+    if own and arguments.only:
+        raise StrideTwinError(
+            "--only chooses among built-in estimators: expected no --estimate, --estimator, --program"
+        )
+    only = estimators_of(arguments.only, "--only") if arguments.only else None
+    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": own, "only": only}
     jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")

@@ -110,7 +110,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     )
     result = run_placement(problem, options, progress)
     page = (options.folder / "placement.html").absolute().as_uri()
-    return Outcome(data=result, lines=[*_lines(result), f"page  {page}"])
+    return Outcome(data=result, lines=[*placement_lines(result), f"page  {page}"])
 
 
 def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
@@ -135,7 +135,7 @@ def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
     return problem
 
 
-def _lines(result: dict[str, Any]) -> list[str | Table]:
+def placement_lines(result: dict[str, Any]) -> list[str | Table]:
     """The table, and which differences in it are significant."""
     from stridetwin.studies.placement.page import said, said_value
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +13,7 @@ import typer
 
 from stridetwin.cli.options import (
     BackendOption,
+    OnlyOption,
     Outcome,
     Progress,
     WalkOptions,
@@ -26,6 +27,7 @@ from stridetwin.cli.score import score_tables
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
+    from stridetwin.scenarios.campaign.campaign_file import Campaign
     from stridetwin.scenarios.scenario_file import Scenario
 
 _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
@@ -40,6 +42,7 @@ class RunOptions(WalkOptions):
     ]
     seed: Annotated[int, option("Determines every byte.", "N", whole)] = 0
     backend: BackendOption = None
+    only: OnlyOption = field(default_factory=list)
     no_film: Annotated[bool, switch("--no-film", "Leave the film out of the report.")] = False
     output: Annotated[Path | None, output_option("Folder for the files (default runs/SCENARIO).", "DIR")] = None
 
@@ -52,6 +55,7 @@ class GenerateOptions(WalkOptions):
         str, typer.Argument(metavar="SCENARIO|CAMPAIGN", help="Name in the catalogue (see `list`), or a .yaml file.")
     ]
     seed: Annotated[int | None, option("Determines every byte (default 0, or the campaign's).", "N", whole)] = None
+    only: OnlyOption = field(default_factory=list)
     workers: Annotated[int | None, option("Campaign: walks at a time (default 1).", "N", count)] = None
     scheduler: Annotated[str | None, option("Campaign: walk on the workers of this Dask scheduler.", "ADDRESS")] = None
     subset: Annotated[int | None, option("Campaign: only the first K walks.", "K", count)] = None
@@ -75,6 +79,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
         progress,
         film=not arguments.no_film,
         backend=arguments.backend or "",
+        only=arguments.only,
     )
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
     report = (run.folder / "report.html").absolute().as_uri()
@@ -115,16 +120,16 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
     if arguments.scheduler is not None and not _SCHEDULER.fullmatch(arguments.scheduler):
         valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
         raise ConfigError("command line", "--scheduler", arguments.scheduler, valid)
-    folder = arguments.output
+    folder, campaign = arguments.output, read_campaign(path)
     options = Options(
         folder=folder,
         workers=arguments.workers or 1,
         scheduler=arguments.scheduler,
         seed=arguments.seed,
         subset=arguments.subset,
-        extra=Extra(physics=arguments.physics, cameras=not arguments.no_cameras),
+        extra=Extra(physics=arguments.physics, off=_off(campaign, arguments)),
     )
-    done = generate(read_campaign(path), options, progress)
+    done = generate(campaign, options, progress)
     walks, verdicts = done.manifest["walks"], done.verdicts
     hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
     data = {
@@ -143,11 +148,30 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
     return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=1 if verdicts[FAILED] else 0)
 
 
+def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
+    """Groups of sensors that the walks of a campaign do without."""
+    from stridetwin.scenarios.scenario_file import CAMERAS
+    from stridetwin.sim.parts.sensor_config import KIND
+
+    off = set(CAMERAS if arguments.no_cameras else ())
+    if arguments.only:
+        from stridetwin.evaluation.score_needs import estimators_of, sensors_of
+        from stridetwin.scenarios.campaign.extremes import base_scenarios
+
+        asked = estimators_of(arguments.only, "--only")
+        off |= set(KIND) - {group for base in base_scenarios(campaign) for group in sensors_of(asked, base.config)}
+    return tuple(group for group in KIND if group in off)
+
+
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
     from stridetwin.scenarios.record import make_twin, record
 
     scenario = _scenario(arguments)
+    if arguments.only:
+        from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
+
+        scenario = with_sensors_for(scenario, estimators_of(arguments.only, "--only"))
     seed = arguments.seed or 0
     twin = make_twin(scenario, seed)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -181,4 +205,5 @@ def _how_to_repeat(arguments: RunOptions) -> str:
     words += ["--no-cameras"] if arguments.no_cameras else []
     words += ["--no-film"] if arguments.no_film else []
     words += ["--backend", arguments.backend] if arguments.backend else []
+    words += [word for name in arguments.only for word in ("--only", name)]
     return shlex.join(words)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -195,15 +195,19 @@ class StepResult:
     scores: Scores
 
 
-def evaluate_every_step(recording: Recording) -> dict[str, StepResult]:
+def evaluate_every_step(recording: Recording, only: Container[str] | None = None) -> dict[str, StepResult]:
     """Every step estimator that the recording feeds, by name; none without true footprints.
+
+    Args:
+        recording: The recording.
+        only: Names of the estimators to run; None runs all.
 
     Raises:
         RecordingError: As `evaluate_steps`.
     """
     if FOOTPRINTS not in recording.topics:
         return {}
-    every = registry.estimators(STEPS)
+    every = {name: found for name, found in registry.estimators(STEPS).items() if only is None or name in only}
     return {name: evaluate_steps(recording, found) for name, found in every.items() if fed(found, recording)}
 
 

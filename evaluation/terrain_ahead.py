@@ -122,30 +122,45 @@ class Ahead:
     maps: Mapping[str, TerrainMap] = field(default_factory=dict)
 
 
-def all_estimates(recording: Recording, progress: Progress, backend: str = "") -> tuple[list[Estimate], Ahead | None]:
+def all_estimates(
+    recording: Recording, progress: Progress, backend: str = "", only: Container[str] | None = None
+) -> tuple[list[Estimate], Ahead | None]:
     """The path of every estimator that the recording feeds, and the result of `look_ahead` if an odometry is available.
 
     The paths of other estimators with cameras are computed in a parallel process, because they take as long.
+
+    Args:
+        recording: The recording.
+        progress: Receives the stage and its progress (0-1).
+        backend: Of the terrain map, see `Options.backend`.
+        only: Names of the estimators to run, such as `score_needs.estimators_of`; None runs all.
     """
     with ExitStack() as stack:
-        others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
-        if recording.is_mcap and two_see(recording):
+        others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False, only=only)
+        if recording.is_mcap and two_see(recording, only):
             pool = stack.enter_context(processes(1))
-            others = pool.submit(_others, recording.path, recording.lenient).result
-        leading = all_paths(recording, leads=True)
-        odometry = odometry_of(recording, leading)
-        ahead = look_ahead(recording, odometry, progress, backend) if odometry is not None else None
+            others = pool.submit(_others, recording.path, recording.lenient, only).result
+        leading = all_paths(recording, leads=True, only=only)
+        odometry = odometry_of(recording, leading) if is_map_or_modes_asked(only) else None
+        ahead = look_ahead(recording, odometry, progress, backend, only) if odometry is not None else None
         return others() + leading, ahead
 
 
-def _others(path: Path, lenient: bool) -> list[Estimate]:
-    return all_paths(Recording(path, lenient), leads=False)
+def _others(path: Path, lenient: bool, only: Container[str] | None) -> list[Estimate]:
+    return all_paths(Recording(path, lenient), leads=False, only=only)
 
 
-def two_see(recording: Recording) -> bool:
-    """Whether the recording feeds images to the odometry and to another path estimator."""
+def is_map_or_modes_asked(only: Container[str] | None) -> bool:
+    """Whether a map or mode estimator is among the estimators to run; None runs all."""
+    return only is None or any(name in only for kind in (MAP, MODES) for name in registry.estimators(kind))
+
+
+def two_see(recording: Recording, only: Container[str] | None = None) -> bool:
+    """Whether the recording feeds images to the odometry and to another path estimator of those to run."""
     seeing = set()
-    for found in registry.estimators(PATH).values():
+    for name, found in registry.estimators(PATH).items():
+        if only is not None and name not in only:
+            continue
         for options in fed(found, recording):
             streams = found.streams(recording.rig, options) if recording.has_rig else ()
             if any(s.kind is Image and s.topic in recording.topics for s in streams):
@@ -194,7 +209,9 @@ class _Watch:
         self.snapshots.append(_snapshot(grid, ground.estimate, alignment, heading))
 
 
-def _led_by(recording: Recording, odometry: Estimate, backend: str) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
+def _led_by(
+    recording: Recording, odometry: Estimate, backend: str, only: Container[str] | None
+) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
     """Mode estimators, then maps that none of these contains, with poses from an odometry; and all maps, by name."""
 
     def with_backend(found: Found, options: Options) -> Options:
@@ -204,7 +221,7 @@ def _led_by(recording: Recording, odometry: Estimate, backend: str) -> tuple[dic
         return {
             name: found(recording.rig, options=with_backend(found, replace(options, poses_of=odometry.frame)))
             for name, found in registry.estimators(kind).items()
-            if found not in but
+            if found not in but and (only is None or name in only)
             for options in fed(found, recording)
         }
 
@@ -215,14 +232,22 @@ def _led_by(recording: Recording, odometry: Estimate, backend: str) -> tuple[dic
     return predictors | alone, {name: terrain_map for name, terrain_map in maps.items() if terrain_map is not None}
 
 
-def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None, backend: str = "") -> Ahead:
-    """Runs every installed map and mode estimator that a recording feeds, with the poses of `odometry_of`.
+def look_ahead(
+    recording: Recording, odometry: Estimate, progress: Progress | None = None, backend: str = "",
+    only: Container[str] | None = None,
+) -> Ahead:  # fmt: skip
+    """Runs the map and mode estimators that a recording feeds, with the poses of `odometry_of`.
 
-    `backend` is that of the terrain map, see `Options.backend`.
+    Args:
+        recording: The recording.
+        odometry: The poses.
+        progress: Receives the stage and its progress (0-1).
+        backend: Of the terrain map, see `Options.backend`.
+        only: Names of the estimators to run, at least one of these; None runs all.
     """
     layout = terrain_layout(recording.metadata)
     assert layout is not None
-    led, maps = _led_by(recording, odometry, backend)
+    led, maps = _led_by(recording, odometry, backend, only)
     truth = true_path(recording, odometry.frame)
     poses = _trusted(odometry, truth)
     true = truth.at(poses.t_ns)

@@ -7,7 +7,7 @@ estimator is in its declaration (`estimators.base`).
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,14 +40,24 @@ def fed(found: Found, recording: Recording) -> list[Options]:
     Raises:
         ConfigError: The recording's metadata for the estimator is invalid.
     """
-    defaults, declaration = with_metadata(found, None, recording), found.declaration
-    variants = [defaults]
+    rig = recording.rig if recording.has_rig else Rig()
+    return [options for options, _ in feeding(found, with_metadata(found, None, recording), rig, recording.topics)]
+
+
+def feeding(
+    found: Found, defaults: Options, rig: Rig, topics: Container[str]
+) -> list[tuple[Options, tuple[Stream, ...]]]:
+    """Options and streams of each estimator instance that some topics can feed, see `fed`.
+
+    Raises:
+        ConfigError: The metadata in the options is invalid.
+    """
+    declaration, variants = found.declaration, [defaults]
     if declaration.per_foot:
         variants = [replace(defaults, foot=foot) for foot in FEET]
     elif declaration.mounts:
         variants = [replace(defaults, mount=mount) for mount in declaration.mounts]
-    rig = recording.rig if recording.has_rig else Rig()
-    feeding = []
+    instances = []
     for options in variants:
         try:
             streams = found.streams(rig, options)
@@ -55,18 +65,18 @@ def fed(found: Found, recording: Recording) -> list[Options]:
             raise
         except StrideTwinError:
             continue
-        if not missing(streams, recording):
-            feeding.append(options)
-    return feeding[:1] if declaration.mounts else feeding
+        if not missing(streams, topics):
+            instances.append((options, streams))
+    return instances[:1] if declaration.mounts else instances
 
 
-def missing(streams: Iterable[Stream], recording: Recording) -> list[str]:
-    """The topics of each required role that the recording lacks entirely, joined by "or"; poses come from elsewhere."""
+def missing(streams: Iterable[Stream], there: Container[str]) -> list[str]:
+    """The topics of each required role that are all missing, joined by "or"; poses come from elsewhere."""
     roles: dict[str, list[str]] = {}
     for stream in streams:
         if stream.required and stream.topic != POSES:
             roles.setdefault(stream.role, []).append(stream.topic)
-    return [" or ".join(topics) for topics in roles.values() if not any(topic in recording.topics for topic in topics)]
+    return [" or ".join(topics) for topics in roles.values() if not any(topic in there for topic in topics)]
 
 
 def paths(
@@ -103,12 +113,20 @@ def paths(
     return made
 
 
-def all_paths(recording: Recording, leads: bool | None = None) -> list[PathEstimate]:
-    """All paths that can be estimated from the recording; `leads` selects estimators by whether they feed others."""
+def all_paths(
+    recording: Recording, leads: bool | None = None, only: Container[str] | None = None
+) -> list[PathEstimate]:
+    """All paths that can be estimated from the recording.
+
+    Args:
+        recording: The recording.
+        leads: Selects estimators by whether they feed others.
+        only: Names of the estimators to run; None runs all.
+    """
     return [
         estimate
-        for found in registry.estimators("path").values()
-        if leads in (None, found.declaration.leads)
+        for name, found in registry.estimators("path").items()
+        if leads in (None, found.declaration.leads) and (only is None or name in only)
         for options in fed(found, recording)
         for estimate in paths(found, recording, options)
     ]
@@ -158,7 +176,7 @@ def _started(found: Found, recording: Recording, options: Options) -> tuple[Esti
 
 
 def _check(found: Found, streams: Sequence[Stream], recording: Recording) -> None:
-    if lacking := missing(streams, recording):
+    if lacking := missing(streams, recording.topics):
         raise RecordingError(f"{recording.path}: no topic {', '.join(lacking)}: {found.declaration.name} needs it")
 
 

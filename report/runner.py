@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.base import deprecated
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.path_scores import Scores
+from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
 from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
 from stridetwin.pipeline.step_files import predicted_steps, write_modes, write_steps
@@ -50,6 +51,7 @@ def run_scenario(
     *,
     film: bool = True,
     backend: str = "",
+    only: Collection[str] = (),
     pictures: bool | None = None,
 ) -> Run:
     """Simulates a walk, runs the estimators and scores them.
@@ -64,6 +66,8 @@ def run_scenario(
         progress: Receives the stage and its progress (0-1).
         film: The report has a film of the walk.
         backend: Of the terrain map, see `Options.backend`.
+        only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
+            and nothing else is estimated. Empty runs all.
         pictures: Deprecated name of `film`.
 
     Raises:
@@ -76,17 +80,20 @@ def run_scenario(
     if pictures is not None:
         deprecated("run_scenario(pictures=...)", "run_scenario(film=...)")
         film = pictures
+    asked = estimators_of(only) if only else None
+    if asked is not None:
+        scenario = with_sensors_for(scenario, asked)
     twin = make_twin(scenario, seed)
     with staged(folder) as out:
         record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
-        made, ahead = all_estimates(recording, progress, backend)
+        made, ahead = all_estimates(recording, progress, backend, asked)
         results = evaluate(recording, made)
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
-        steps = evaluate_every_step(recording)
+        steps = evaluate_every_step(recording, asked)
         for name, result_of_steps in steps.items():
             write_steps(result_of_steps.estimates, out / f"{name}.csv")
             scores[name] = result_of_steps.scores

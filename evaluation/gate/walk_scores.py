@@ -16,7 +16,7 @@ from stridetwin.evaluation.gate.own_estimators import OwnEstimator
 from stridetwin.evaluation.gate.score_table import EVERY
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.step_scores import evaluate_every_step
-from stridetwin.evaluation.terrain_ahead import look_ahead, odometry_of
+from stridetwin.evaluation.terrain_ahead import is_map_or_modes_asked, look_ahead, odometry_of
 from stridetwin.pipeline.run import all_paths
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED
@@ -39,6 +39,7 @@ class Job:
         lenient: Reads a damaged recording up to the damage.
         alignment: See `alignment.align`.
         own: Estimators that replace the built-in ones.
+        only: Names of the built-in estimators to run, see `score_needs.estimators_of`; None runs all.
         strict: A failing estimator aborts the job; else the others continue, and the table gives the reason.
     """
 
@@ -48,6 +49,7 @@ class Job:
     lenient: bool = False
     alignment: str = "start"
     own: Sequence[OwnEstimator] = ()
+    only: frozenset[str] | None = None
     strict: bool = False
 
 
@@ -120,16 +122,17 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
 
 
 def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
-    """Runs every estimator that the recording feeds; `scores` keeps those that finished before a failure."""
-    made = all_paths(recording)
+    """Runs the estimators that the recording feeds; `scores` keeps those that finished before a failure."""
+    made = all_paths(recording, only=job.only)
     scores |= {r.estimate.name: r.scores for r in evaluate(recording, made, job.alignment)}
-    scores |= {name: result.scores for name, result in evaluate_every_step(recording).items()}
+    scores |= {name: result.scores for name, result in evaluate_every_step(recording, job.only).items()}
     if not scores:
-        needs = [found.declaration.needs for found in registry.estimators().values() if found.declaration.needs]
+        asked = (e.declaration for name, e in registry.estimators().items() if job.only is None or name in job.only)
+        needs = [declaration.needs for declaration in asked if declaration.needs]
         raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {', or '.join(needs)}")
-    odometry = odometry_of(recording, made)
+    odometry = odometry_of(recording, made) if is_map_or_modes_asked(job.only) else None
     if odometry is not None:
-        scores |= look_ahead(recording, odometry, progress).scores
+        scores |= look_ahead(recording, odometry, progress, only=job.only).scores
 
 
 def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:

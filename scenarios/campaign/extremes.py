@@ -14,10 +14,24 @@ from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.named_files import FILES, SCENARIOS, Base, Variable, copy_files, parse_scenario
 from stridetwin.scenarios.campaign.people import Group
 from stridetwin.scenarios.campaign.plan import Extra, in_force, people, scenario_of
+from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 _MIDDLE = 0.5
 _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+
+
+def base_scenarios(campaign: Campaign) -> list[Scenario]:
+    """The campaign's scenarios as their files have them.
+
+    Raises:
+        StrideTwinError: One of them is invalid.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / SCENARIOS).mkdir()
+        copy_files(folder, campaign.own)
+        return [parse_scenario(folder, base.scenario) for base in campaign.bases]
 
 
 def check_extremes(campaign: Campaign, extra: Extra) -> None:

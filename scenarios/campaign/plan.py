@@ -49,7 +49,6 @@ def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, 
 
 _SEEDS = 1_000_000  # of one campaign: walk i of seed s has the seed s * _SEEDS + i
 _WALKS, _PEOPLE = 0, 1
-_CAMERAS = ("foot_camera", "head_camera")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,18 +72,17 @@ class Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Command-line overrides for every walk: other physics than the scenario's, and no cameras."""
+    """Command-line overrides for every walk: other physics than the scenario's, and groups of sensors that are off."""
 
     physics: str | None = None
-    cameras: bool = True
+    off: tuple[str, ...] = ()
 
     @property
     def places(self) -> Iterator[tuple[str | int, ...]]:
         """Fields of a scenario that it sets, after all others."""
         if self.physics is not None:
             yield ("physics",)
-        if not self.cameras:
-            yield from (("sensors", group) for group in _CAMERAS)
+        yield from (("sensors", group) for group in self.off)
 
 
 def people(campaign: Campaign) -> list[Any]:
@@ -163,9 +161,8 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
         scenario["person"] = deepcopy(person)
     if extra.physics is not None:
         scenario["physics"] = extra.physics
-    if not extra.cameras:
-        for group in _CAMERAS:
-            put(scenario, field_path(f"sensors.{group}", base.at), False, base.at)
+    for group in extra.off:
+        put(scenario, field_path(f"sensors.{group}", base.at), False, base.at)
     return scenario
 
 

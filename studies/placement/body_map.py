@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -32,6 +33,7 @@ _LEAST_M = 0.13
 _BEST_PX = 9
 _FAINT = 0.1
 _MANY = 150  # more dots than this are drawn smaller
+_RAY_M = 0.05  # from a sensor to the dot of a viewing direction
 _INK = (46, 28, 15)  # BGR
 _MOVED = ("position_mm", ".mount", ".board", "camera_mount")
 _SUN = (0.4, 0.3, 1.5)
@@ -54,12 +56,21 @@ class BodyImage:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Dot:
-    """A sensor position, and the best mean score of all places with it."""
+    """A sensor position or viewing direction, and the best mean score of all places with it.
+
+    Attributes:
+        body: The body that carries the sensor.
+        p_in_body: (3,) m, the position, or a point in the viewing direction from `origin`.
+        loss: The score as a loss.
+        board: Whether it is a board.
+        origin: (3,) m, the sensor's only position; None for a dot at a position.
+    """
 
     body: str
     p_in_body: Array
     loss: float
     board: bool
+    origin: Array | None = None
 
 
 def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, best: Place) -> BodyImage | None:
@@ -78,20 +89,27 @@ def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, 
               for body in bodies for turn in ((0.0, -8.0), (65.0, -32.0))[: 1 if len(bodies) > 2 else 2]]  # fmt: skip
     image = np.concatenate([*panels, _key(sign * span[0], sign * span[1], name)], axis=1)
     _, data = cv2.imencode(".png", image)
+    where = "Sensor positions: circles are cameras and IMUs, squares are boards"
+    if any(dot.origin is not None for dot in dots):
+        where += ", dots at the end of a line are viewing directions"
     words = (
-        f"Sensor positions: circles are cameras and IMUs, squares are boards. The colour is the best {name} found with "
-        "a sensor there; yellow is the best. The body shows the sensors of the best place."
+        f"{where}. The colour is the best {name} found with a sensor there; yellow is the best. The body shows the "
+        "sensors of the best place."
     )
     return BodyImage(png=data.tobytes(), words=words)
 
 
 def _dots(problem: Problem, folder: Path, searched: Measured, losses: Array) -> list[_Dot]:
-    """One dot per sensor and position, for sensors with several positions; worst first."""
+    """One dot per sensor and position, or viewing direction if there is one position; worst first.
+
+    Sensors with one of each have none.
+    """
     moving = [knob.name for free in problem.free if _moves(free) for knob in free.knobs]
     if not moving:
         return []
     known: dict[str, dict[str, tuple[Mount, bool]]] = {}
-    best: dict[tuple[str, str, str], _Dot] = {}
+    positions: dict[tuple[str, str, str], _Dot] = {}
+    directions: dict[tuple[str, str, str], _Dot] = {}
     for i in np.flatnonzero(np.isfinite(losses)).tolist():
         place = searched.places[i]
         key = json.dumps([place.values.get(name) for name in moving])
@@ -99,14 +117,21 @@ def _dots(problem: Problem, folder: Path, searched: Measured, losses: Array) -> 
             config = scenario_at(problem, problem.bases[0], place, folder).config
             known[key] = dict(_mounts(config))
         for name, (mount, board) in known[key].items():
-            at = json.dumps([mount.body, np.round(mount.T_body_sensor[:3, 3], 4).tolist()])
-            dot = _Dot(body=mount.body, p_in_body=mount.T_body_sensor[:3, 3], loss=float(losses[i]), board=board)
-            kept = best.get((name, mount.body, at))
-            if kept is None or dot.loss < kept.loss:
-                best[name, mount.body, at] = dot
-    names = [name for name, _, _ in best]
-    several = [dot for (name, _, _), dot in best.items() if names.count(name) > 1]
+            p, ahead = mount.T_body_sensor[:3, 3], mount.T_body_sensor[:3, 2]
+            dot = _Dot(body=mount.body, p_in_body=p, loss=float(losses[i]), board=board)
+            _keep_better(positions, name, dot)
+            _keep_better(directions, name, replace(dot, p_in_body=p + _RAY_M * ahead, origin=p))
+    moved, turned = (Counter(name for name, _, _ in dots) for dots in (positions, directions))
+    several = [dot for (name, _, _), dot in positions.items() if moved[name] > 1]
+    several += [dot for (name, _, _), dot in directions.items() if moved[name] == 1 < turned[name]]
     return sorted(several, key=lambda dot: -dot.loss)
+
+
+def _keep_better(best: dict[tuple[str, str, str], _Dot], name: str, dot: _Dot) -> None:
+    """Keeps the dot if it is the first of its sensor at this place, or better."""
+    at = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
+    if at not in best or dot.loss < best[at].loss:
+        best[at] = dot
 
 
 def _moves(free: Free) -> bool:
@@ -135,9 +160,10 @@ def _panel(
     """
     model, data = _standing(config, body)
     T = data.body(body)
-    points = np.array([d.p_in_body for d in dots]) @ T.xmat.reshape(3, 3).T + T.xpos
+    rotation = T.xmat.reshape(3, 3)
+    points = np.array([d.p_in_body for d in dots]) @ rotation.T + T.xpos
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
-    axis = T.xpos + T.xmat.reshape(3, 3) @ _within(model, body)
+    axis = T.xpos + rotation @ _within(model, body)
     out = (points - axis).mean(axis=0)[:2]
     facing = math.degrees(math.atan2(-out[1], -out[0]))
     azimuth, elevation = facing + view_deg[0], view_deg[1]
@@ -148,9 +174,13 @@ def _panel(
     with FilmCamera(model, _SIZE, _SIZE) as camera:
         view = camera.frame(data, lookat, azimuth, elevation, distance)
     image: Rgb = np.ascontiguousarray(view[..., ::-1])
-    uv = _pixels(points, lookat, azimuth, elevation, distance, _SIZE / 2 / math.tan(half))
+    focal = _SIZE / 2 / math.tan(half)
+    uv = _pixels(points, lookat, azimuth, elevation, distance, focal)
     colours = _colours(np.array([d.loss for d in dots]), *span)
-    for (u, v), colour, dot in zip(uv, colours, dots):
+    eyes = [d.p_in_body if d.origin is None else d.origin for d in dots]
+    from_uv = _pixels(np.array(eyes) @ rotation.T + T.xpos, lookat, azimuth, elevation, distance, focal)
+    for (u, v), (u0, v0), colour, dot in zip(uv, from_uv, colours, dots):
+        cv2.line(image, (round(u0), round(v0)), (round(u), round(v)), colour, 1, cv2.LINE_AA)
         size = _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4
         _mark(image, (u, v), size, colour, dot.board)
     return image

@@ -1,17 +1,13 @@
-"""Scores of places on walks, by geometry or recordings, and the file that keeps them.
+"""Scores of places on walks, by geometry or recordings.
 
 All places share the walks: differences are paired.
 """
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
-import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -20,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.evaluation.gate.walk_scores import Job, score_walk
+from stridetwin.evaluation.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.scenarios.campaign.named_files import SCENARIOS
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
@@ -27,88 +24,13 @@ from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement import visibility
+from stridetwin.studies.placement.forecast import Forecast
 from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
+from stridetwin.studies.placement.rows import HIDDEN, Rows, key_of
 from stridetwin.studies.placement.scores import GEOMETRIC, Score
 from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, posed_walk
-
-ROWS = "rows.jsonl"
-HIDDEN = ".unfinished-"
-"""Name prefix of the folders of walks that are being recorded."""
-
-
-class Rows:
-    """Rows by key, in a file of JSON lines.
-
-    Args:
-        file: Is created if it does not exist.
-        resume: Keeps the rows of an earlier run; else the file starts empty.
-
-    Attributes:
-        found: Number of rows of an earlier run.
-    """
-
-    def __init__(self, file: Path, resume: bool) -> None:
-        self._file = file
-        self._rows = dict(_read(file)) if resume and file.exists() else {}
-        self.found = len(self._rows)
-        self._begun = False
-
-    def get(self, key: str) -> dict[str, Any] | None:
-        """The row of a key, None where there is none."""
-        return self._rows.get(key)
-
-    def add(self, rows: Iterable[tuple[str, dict[str, Any]]]) -> None:
-        """Appends rows to the file.
-
-        The first call rewrites the file, without rows that are not reused and without an incomplete last line.
-        """
-        if not self._begun:
-            with whole_file(self._file) as new:
-                new.write_text("".join(_line(key, row) for key, row in self._rows.items()), encoding="utf-8")
-            self._begun = True
-        with self._file.open("a", encoding="utf-8") as out:
-            for key, row in rows:
-                self._rows[key] = row
-                out.write(_line(key, row))
-
-
-def key_of(*what: Any) -> str:
-    """Digest of everything that determines a row."""
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Locks and creates a folder; removes the unfinished files of killed runs.
-
-    Raises:
-        StrideTwinError: Another placement uses the folder.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise StrideTwinError(f"{folder}: another placement uses it; expected a folder of its own") from None
-        for left in folder.glob(f"{HIDDEN}*"):
-            shutil.rmtree(left, ignore_errors=True)
-        yield
-
-
-def _line(key: str, row: dict[str, Any]) -> str:
-    return json.dumps({"key": key, **row}, sort_keys=True, allow_nan=False) + "\n"
-
-
-def _read(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            row = json.loads(text)
-            yield row.pop("key"), row
-        except (ValueError, KeyError, AttributeError):
-            continue  # the last line of a killed run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,12 +42,14 @@ class Walk:
         scenario: Its plain data.
         seed: Seed of everything random in it.
         folder: The placement's folder.
+        estimators: Those that are scored; the walk has no other sensors than those that they read.
     """
 
     name: str
     scenario: dict[str, Any]
     seed: int
     folder: Path
+    estimators: frozenset[str]
 
 
 def recorded_scores(walk: Walk) -> dict[str, Any]:
@@ -138,8 +62,9 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
         with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:
             scenario = scenario_of(walk.scenario, walk.folder / SCENARIOS / f"{walk.name}.yaml")
             path = Path(name) / "walk.mcap"
-            record(make_twin(scenario, walk.seed), path, lambda *_: None)
-            row = score_walk(Job(name=walk.name, path=path, lenient=bool(scenario.config.faults)))
+            record(make_twin(_with_sensors_of(walk.estimators, scenario), walk.seed), path, lambda *_: None)
+            lenient = bool(scenario.config.faults)
+            row = score_walk(Job(name=walk.name, path=path, lenient=lenient, only=walk.estimators))
     except StrideTwinError as error:
         return {"estimators": {}, "failed": {"walk": " ".join(str(error).split())}}
     except OSError as error:
@@ -147,7 +72,22 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
     return {"estimators": row["estimators"], **({"failed": row["failed"]} if "failed" in row else {})}
 
 
+def _with_sensors_of(estimators: frozenset[str], scenario: Scenario) -> Scenario:
+    """The scenario with the sensors of those estimators that it feeds; all of its sensors if it feeds none."""
+    feeding = [name for name in estimators if _feeds(scenario, name)]
+    return with_sensors_for(scenario, feeding) if feeding else scenario
+
+
+def _feeds(scenario: Scenario, estimator: str) -> bool:
+    try:
+        return bool(sensors_of([estimator], scenario.config))
+    except StrideTwinError:
+        return False
+
+
 Progress = Callable[[str, float], None]
+POSED, RECORDED = "geometric", "recorded"
+"""Kinds of rows: scores of a posed walk, and of estimators on a recording."""
 _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
 _AT_ONCE = 200
 _MOST_WALKS = 64  # held in memory, some 20 MB each
@@ -185,6 +125,7 @@ class _Visit:
         seed: Seed of the walk.
         plain: Plain data of the scenario with the place.
         scenario: The scenario, or the error message.
+        needed: The same with no other sensors than those that the scored estimators read.
     """
 
     place: int
@@ -192,6 +133,7 @@ class _Visit:
     seed: int
     plain: dict[str, Any]
     scenario: Scenario | str
+    needed: Scenario | str
 
     @property
     def label(self) -> str:
@@ -200,8 +142,8 @@ class _Visit:
 
     def key(self, kind: str, *what: Any) -> str:
         """Key of its row: the whole configuration with its parts; equivalent places share it."""
-        scenario = self.scenario if isinstance(self.scenario, str) else repr(self.scenario.config)
-        return key_of(kind, scenario, self.seed, *what)
+        scenario = self.needed if kind == RECORDED else self.scenario
+        return key_of(kind, scenario if isinstance(scenario, str) else repr(scenario.config), self.seed, *what)
 
 
 class Measure:
@@ -220,12 +162,16 @@ class Measure:
         self._workers, self._progress = workers, progress
         self._posed: dict[str, PosedWalk | str] = {}
         self._names = [s.name for s in problem.scores if s.geometric]
+        names = [s.name for s in problem.scores if not s.geometric]
+        self._estimators = estimators_of(names, f"{problem.path}: scores")
+        self._forecast = Forecast(problem, rows.found, workers)
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
         """Scores of places on the walks of all scenarios with these seeds."""
         scores, walks = self._problem.scores, [(base, seed) for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
         failed: dict[int, str] = {}
+        self._progress(stage, 0.0)
         for first in range(0, len(places), _AT_ONCE):
             part = places[first : first + _AT_ONCE]
             visits = [visit for i, place in enumerate(part, first) for visit in self._visits(i, place, seeds)]
@@ -253,13 +199,16 @@ class Measure:
                 scenario = scenario_of(plain, self._folder / SCENARIOS / f"{base.name}.yaml")
             except StrideTwinError as error:
                 scenario = " ".join(str(error).replace(f"{self._folder}/", "").split())
+            needed = scenario if isinstance(scenario, str) else _with_sensors_of(self._estimators, scenario)
             for seed in seeds:
-                yield _Visit(place=number, name=base.name, seed=seed, plain=plain, scenario=scenario)
+                yield _Visit(
+                    place=number, name=base.name, seed=seed, plain=plain, scenario=scenario, needed=needed
+                )  # fmt: skip
 
     def _look(self, visits: list[_Visit], progress: Callable[[float], None]) -> list[dict[str, Any]]:
         """Rows with the geometric scores of all visits."""
         seeing, version = vars(self._problem.seeing), _version(visibility.__name__)
-        keys = [v.key("geometric", self._names, seeing, version) for v in visits]
+        keys = [v.key(POSED, self._names, seeing, version) for v in visits]
         missing = {key: visit for key, visit in zip(keys, visits) if self._rows.get(key) is None}
         posed: Iterator[PosedWalk | str | None] = iter([None] * len(missing))
         if any(GEOMETRIC[name][0] for name in self._names):
@@ -276,6 +225,7 @@ class Measure:
             except StrideTwinError as error:
                 row["failed"] = {"walk": str(error)}
             self._rows.add([(key, row)])
+            self._forecast.measured()
             progress(done / len(missing))
         return [self._rows.get(key) or {} for key in keys]
 
@@ -298,9 +248,11 @@ class Measure:
     def _record(self, visits: list[_Visit], walks: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
         """Rows with the estimators' scores of all visits; each place has so many walks."""
         version = _version(__name__)
-        keys = [v.key("recorded", version) for v in visits]
+        keys = [v.key(RECORDED, version, sorted(self._estimators)) for v in visits]
         jobs = {
-            key: Walk(name=visit.name, scenario=visit.plain, seed=visit.seed, folder=self._folder)
+            key: Walk(
+                name=visit.name, scenario=visit.plain, seed=visit.seed, folder=self._folder, estimators=self._estimators
+            )
             for key, visit in zip(keys, visits)
             if self._rows.get(key) is None
         }
@@ -308,6 +260,7 @@ class Measure:
             self._rows.add([(key, {"walk": f"{jobs[key].name}, seed {jobs[key].seed}", **row})])
             if done == walks:
                 self._check_scores([self._rows.get(k) or {} for k in list(jobs)[:done]])
+            self._forecast.measured()
             progress(done / len(jobs))
         return [self._rows.get(key) or {} for key in keys]
 

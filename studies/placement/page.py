@@ -68,12 +68,11 @@ def said_value(values: Mapping[str, Any], name: str) -> str:
 
 
 def said(interval: Mapping[str, float | None] | None) -> str:
-    """A mean with its interval."""
+    """A mean with its interval, where it has one and walks differ."""
     if interval is None:
         return "-"
-    if interval["low"] is None:
-        return f"{interval['mean']:.4g}"
-    return f"{interval['mean']:.4g} ({interval['low']:.4g} to {interval['high']:.4g})"
+    mean, *ends = (None if interval[key] is None else f"{interval[key]:.4g}" for key in ("mean", "low", "high"))
+    return str(mean) if None in ends or set(ends) == {mean} else f"{mean} ({ends[0]} to {ends[1]})"
 
 
 def value_map(problem: Problem, searched: Measured, losses: Array) -> str:

@@ -17,9 +17,10 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import body_map
-from stridetwin.studies.placement.measure import ROWS, Measure, Measured, Progress, Rows, held
+from stridetwin.studies.placement.measure import Measure, Measured, Progress
 from stridetwin.studies.placement.page import placement_page
 from stridetwin.studies.placement.problem_file import Place, Problem, check_ends, format_value, plain_of
+from stridetwin.studies.placement.rows import ROWS, Rows, check_request, held, keep_request
 from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.placement.significance import compared, front, in_words, intervals
 
@@ -65,11 +66,14 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
         StrideTwinError: Any usage error.
     """
     problem, folder = options.of(problem), options.folder
+    request = _request(problem)
     with held(folder):
+        check_request(folder, request, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)
         copy_files(folder, problem.own)
         check_ends(problem, folder)
-        rows = Rows(folder / ROWS, options.resume)
+        keep_request(folder, request)
+        rows = Rows(folder / ROWS)
         measure = Measure(problem, folder, rows, options.workers, progress)
         searched = _searched(problem, measure)
         losses = _means(searched.losses(problem.scores))
@@ -81,6 +85,16 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
         result = _result(problem, searched, losses, final)
         _write(problem, folder, searched, losses, shown, result)
     return result
+
+
+def _request(problem: Problem) -> dict[str, Any]:
+    """What identifies a placement; another number of walks or a larger budget continues it."""
+    return {
+        "placement": problem.description,
+        "scenarios": [plain_of(problem, base, Place()) for base in problem.bases],
+        "free": [[k.name, k.low, k.high, k.step, list(k.values)] for k in problem.knobs],
+        "scores": [[score.name, score.weight] for score in problem.scores],
+    }
 
 
 def _searched(problem: Problem, measure: Measure) -> Measured:

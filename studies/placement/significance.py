@@ -1,4 +1,8 @@
-"""Significance of differences between places, paired by walk, because all places have the same walks."""
+"""Significance of differences between places, paired by walk, because all places have the same walks.
+
+Means of few walks have Student's intervals, those of more walks intervals by bootstrap-t: a few values have too few
+distinct resamples.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,17 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.special import stdtr, stdtrit
 
 from stridetwin.evaluation.gate.bootstrap import Tested, holm, paired
 from stridetwin.streams.samples import Array
 
 LEVEL = 0.05
 _LEAST_OF_INTERVAL = 3
+_FEW = 8  # walks, below which a bootstrap is not used
+_COVERAGE = 0.95
 LEAST_WALKS = 5
-"""Fewer walks have too few resamples for any significance."""
+"""With fewer walks nothing is called significant."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +30,7 @@ class Interval:
 
     Attributes:
         mean: NaN if missing.
-        low, high: 95 % interval by bootstrap-t over walks; None if there are too few walks.
+        low, high: 95 % interval over walks; None of one or two walks.
     """
 
     mean: float
@@ -38,7 +45,7 @@ class Pair:
     Attributes:
         first, second: Their numbers.
         difference: Mean loss of the second one minus that of the first.
-        low, high: Its 95 % interval, not corrected; None if there are too few walks.
+        low, high: Its 95 % interval, not corrected; None of one or two walks.
         p: Probability of so large a difference by chance, corrected for the number of pairs (Holm).
         significant: Whether it is significant.
     """
@@ -57,18 +64,31 @@ def intervals(values: Array) -> list[Interval]:
     whole = np.isfinite(values).all(axis=0)
     found = [Interval(mean=float(np.mean(column))) for column in values.T]
     if len(values) > 1 and whole.any():
-        ends = _ends(values[:, whole], paired(values[:, whole]))
+        ends = _ends(_tested(values[:, whole]), len(values))
         for i, (low, high) in zip(np.flatnonzero(whole).tolist(), ends):
             found[i] = Interval(mean=found[i].mean, low=low, high=high)
     return found
 
 
-def _ends(values: Array, tested: Tested) -> list[tuple[float | None, float | None]]:
-    """Intervals of (W, C) columns; None for two walks, or if nearly all walks agree and one end diverges."""
-    spread = np.ptp(values, axis=0) * (1.0 + 1e-9)
-    fair = (tested.mean - tested.low <= spread) & (tested.high - tested.mean <= spread)
-    fair &= len(values) >= _LEAST_OF_INTERVAL
-    return [(float(a), float(b)) if ok else (None, None) for a, b, ok in zip(tested.low, tested.high, fair)]
+def _tested(values: Array) -> Tested:
+    """Tests of the means of (W, C) columns."""
+    count = len(values)
+    if count >= _FEW:
+        return paired(values)
+    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(count)
+    half = float(stdtrit(count - 1, 0.5 + _COVERAGE / 2.0)) * error
+    below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))  # equal values have no spread
+    return Tested(
+        count=np.full(len(mean), count), mean=mean, low=mean - half, high=mean + half, p_above=1.0 - below,
+        p_below=below,
+    )  # fmt: skip
+
+
+def _ends(tested: Tested, walks: int) -> list[tuple[float | None, float | None]]:
+    """Intervals of C means over so many walks."""
+    if walks < _LEAST_OF_INTERVAL:
+        return [(None, None)] * len(tested.mean)
+    return list(zip(tested.low.tolist(), tested.high.tolist()))
 
 
 def compared(losses: Array) -> list[Pair]:
@@ -82,8 +102,8 @@ def compared(losses: Array) -> list[Pair]:
     if losses.shape[1] < 2 or not pairs:
         return []
     changes = np.column_stack([losses[b] - losses[a] for a, b in pairs])
-    tested = paired(changes)
-    ends = _ends(changes, tested)
+    tested = _tested(changes)
+    ends = _ends(tested, len(changes))
     p = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below)))
     enough = losses.shape[1] >= LEAST_WALKS
     return [

@@ -1,5 +1,6 @@
 """What the benchmark injects: into sensors alone, the same each time, and something each time."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from benchmarks import gate
 from benchmarks.gate import FOOT, REGRESSIONS, Spoilt, injected
+from stridetwin.estimators import foot_ins
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.streams.samples import Block, Imu
 
@@ -56,3 +58,8 @@ def test_its_walks_are_those_of_a_campaign_with_the_seed_that_is_asked_for(monke
     monkeypatch.setattr(gate, "generate", generate)
     assert gate.walks(tmp_path, 1000, 30) == [tmp_path / "walks_1000" / "walks" / "a.mcap"]
     assert (asked[0].seed, asked[0].subset) == (1000, 30)
+
+
+def test_a_line_that_is_replaced_occurs_once_in_the_sources():
+    for file, old, _ in (r.source for r in REGRESSIONS if r.source):
+        assert (Path(str(foot_ins.__file__)).parent / file).read_text(encoding="utf-8").count(old) == 1

@@ -11,7 +11,7 @@ from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
-from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.scenarios.scenario_file import CAMERAS, catalogue
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
 
@@ -109,7 +109,7 @@ def test_a_value_goes_to_all_of_its_places_and_short_forms_open(tmp_path):
     text = SMALL.replace("  gait.speed_mps:", "  'gait.gaze.yaw_deg, gait.gaze.pitch_deg':").replace(
         "[0.9, 1.2]", "[1, 9]"
     )
-    walks = plan(read_campaign(write(tmp_path, text)), Extra(cameras=False, physics="dynamic"))
+    walks = plan(read_campaign(write(tmp_path, text)), Extra(off=CAMERAS, physics="dynamic"))
     for walk in walks:
         (angle,) = {v for name, v in walk.values.items() if name.startswith("gait")}
         assert walk.scenario["gait"]["gaze"] == {"yaw_deg": angle, "pitch_deg": angle}

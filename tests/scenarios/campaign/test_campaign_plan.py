@@ -9,6 +9,7 @@ from small_campaign import write
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
 from stridetwin.scenarios.campaign.plan import Extra, cube, people, plan
+from stridetwin.scenarios.scenario_file import CAMERAS
 
 
 def test_sobol_keeps_its_first_points_and_a_latin_hypercube_has_one_in_each_layer():
@@ -166,7 +167,7 @@ def test_a_replaced_variable_is_not_listed_and_a_partly_replaced_one_is(tmp_path
     for walk in plan(campaign, Extra()):
         assert ("gait.speed_mps" in walk.values) == (walk.base == "stair_up_down")
         assert {"texture, gait.gaze", "physics", "sensors.head_camera.part"} < walk.values.keys()
-    asked = plan(campaign, Extra(physics="kinematic", cameras=False))
+    asked = plan(campaign, Extra(physics="kinematic", off=CAMERAS))
     for walk, one in zip(asked, plan(campaign, Extra())):
         assert one.values.keys() - walk.values.keys() == {"physics", "sensors.head_camera.part"}
         assert walk.values.items() <= one.values.items()

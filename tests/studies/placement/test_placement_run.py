@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -9,9 +10,11 @@ from stridetwin.cli.main import main
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.studies.placement import forecast
 from stridetwin.studies.placement import measure as measuring
-from stridetwin.studies.placement.measure import ROWS, held
 from stridetwin.studies.placement.problem_file import read_problem
+from stridetwin.studies.placement.rows import ROWS, held
 from stridetwin.studies.placement.run import Options, run_placement
 
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
@@ -64,7 +67,7 @@ def test_the_command_prints_a_table_and_writes_its_files(tmp_path, capsys):
     assert {row["label"] for row in told["table"]} > {"as it is"}
     assert all(c["significant"] for c in told["comparisons"] if c["difference"] > 0)
     assert any("is not significant" in words for words in told["words"])  # as it is: the same as one of the places
-    assert {p.name for p in out.iterdir()} >= set(FILES)
+    assert {p.name for p in out.iterdir()} == {*FILES, "request.json", "scenarios"}
     assert "http" not in (out / "placement.html").read_text().replace("http://www.w3.org", "")
     config = load_scenario(str(out / "scenarios" / "best_steps.yaml")).config
     assert "sonar" not in config.sensors
@@ -80,7 +83,7 @@ def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monk
 
     def killed(stage, share):
         calls.append(share)
-        if len(calls) == 12:
+        if len(calls) == 13:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -104,6 +107,7 @@ def test_two_workers_come_to_the_same_bytes_and_a_place_is_shown_on_the_shoe(tmp
     assert found[0]["tried"] == 8
     assert found[0]["table"][0]["scores"]["visibility_pct"]["mean"] > 20
     assert "too few" in found[0]["words"][0]
+    assert "on the body" in (tmp_path / "1" / "placement.html").read_text().lower()
     assert found[0]["pareto"]
 
 
@@ -120,18 +124,72 @@ def test_a_score_that_no_estimator_reports_ends_the_run_with_the_first_place(tmp
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
-    with pytest.raises(StrideTwinError, match=r"no place has all that weigh, magic\.end_error_m: .*of this name"):
-        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    with pytest.raises(StrideTwinError, match=r"scores: .*invalid 'magic\.end_error_m': expected .*foot_ins"):
+        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "magic"), silent)
 
 
-def test_a_run_that_is_refused_leaves_the_rows_of_the_one_before(tmp_path):
+def test_a_folder_belongs_to_one_placement_which_only_resume_continues(tmp_path):
     out = Options(folder=tmp_path / "out")
-    run_placement(read_problem(problem(tmp_path, PARTS | {"seeds": 1})), out, silent)
-    before = (tmp_path / "out" / ROWS).read_bytes()
+    asked = read_problem(problem(tmp_path, PARTS | {"seeds": 1}))
+    run_placement(asked, out, silent)
+    before = {p: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.is_file()}
+    with pytest.raises(StrideTwinError, match="out: holds a placement: expected --resume to continue it"):
+        run_placement(asked, out, silent)
+    other = read_problem(problem(tmp_path, PARTS | {"placement": "Other parts", "scores": ["foot_weight_g"]}))
+    with pytest.raises(StrideTwinError, match="holds another placement, 'Parts by weight'"):
+        run_placement(other, replace(out, resume=True), silent)
+    assert {p: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.is_file()} == before
+    more = run_placement(asked, replace(out, resume=True, walks=2), silent)
+    assert len(more["walks"]) == 2
+
+
+def test_only_what_the_scores_need_is_simulated_and_estimated(tmp_path, monkeypatch):
+    node = PARTS | {"scores": ["foot_ins.end_error_m", "foot_weight_g"], "seeds": 1}
+    recorded, scored = [], []
+    score = measuring.score_walk
+
+    def recording(job):
+        recorded.append({t for t in Recording(job.path).topics if not t.startswith("/truth")})
+        row = score(job)
+        scored.append(set(row["estimators"]))
+        return row
+
+    monkeypatch.setattr(measuring, "score_walk", recording)
+    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    assert recorded == [{"/foot_l/imu", "/foot_r/imu"}] * 3  # the sonar makes no other walk of five places
+    assert scored == [{"foot_ins_l", "foot_ins_r"}] * 3
+    assert told["table"][0]["scores"]["foot_weight_g"]["mean"] > 100.0  # of every sensor of the place
+
+
+def test_a_placement_that_is_refused_leaves_nothing(tmp_path):
     node = PARTS | {"free": {"camera_mount": {"choice": ["head", "knee"]}}}
     with pytest.raises(StrideTwinError, match="'knee'"):
-        run_placement(read_problem(problem(tmp_path, node)), out, silent)
-    assert before == (tmp_path / "out" / ROWS).read_bytes() != b""
+        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_long_placement_is_announced_before_and_after_its_first_walks(tmp_path, monkeypatch, capsys):
+    node = PARTS | {"free": {"sensors.foot_imu.position_mm[0]": {"between": [-40, -20], "step": 0.1}}}
+    node |= {"set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}, "scores": ["foot_ins.end_error_m"]}
+    asked = read_problem(problem(tmp_path, node))
+    now = iter((0.0, 4.0))
+    monkeypatch.setattr(forecast.time, "monotonic", lambda: next(now))
+    found = forecast.Forecast(asked, found=6, workers=1)
+    assert "202 places on 6 walks: 1206 walks to measure" in capsys.readouterr().err
+    for _ in range(3):
+        found.measured()
+    assert "about 0:40:00 h left; Ctrl-C stops it, and --resume continues" in capsys.readouterr().err
+    few = read_problem(problem(tmp_path, PARTS))
+    forecast.Forecast(few, found=0, workers=1)
+    assert capsys.readouterr().err == ""
+
+
+def test_viewing_directions_of_a_sensor_with_one_position_are_shown_on_the_body(tmp_path):
+    free = {"sensors.foot_camera.mount.faces_deg[0]": {"between": [0, 60], "step": 30}}
+    asked = read_problem(problem(tmp_path, SIGHT | {"free": free, "seeds": 1}))
+    told = run_placement(asked, Options(folder=tmp_path / "out"), silent)
+    assert "body.png" in told["files"]
+    assert "viewing directions" in (tmp_path / "out" / "placement.html").read_text()
 
 
 def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):

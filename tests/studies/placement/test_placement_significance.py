@@ -32,7 +32,24 @@ def test_intervals_hold_their_mean_and_there_is_none_of_one_walk_or_where_a_walk
     assert whole.low < 2.0 < whole.high
     assert np.isnan(broken.mean)
     assert intervals(values[:1])[0].low is None
-    assert intervals(np.array([[0.0], [0.0], [0.0], [0.0], [0.0], [0.3]]))[0].low is None  # one walk alone differs
+
+
+@pytest.mark.parametrize("walks", [3, 4, 5, 6, 8, 12])
+def test_few_walks_have_an_interval_even_if_one_alone_differs(walks):
+    differing = np.zeros((walks, 1))
+    differing[-1] = 0.3
+    equal = np.full((walks, 1), 98.5)
+    (found,) = intervals(differing)
+    assert -0.5 < found.low < found.mean < found.high < 0.8
+    assert intervals(equal)[0].low == pytest.approx(98.5) == intervals(equal)[0].high
+
+
+def test_what_is_significant_has_an_interval_without_zero():
+    rng = np.random.default_rng(5)
+    walks = rng.normal(0.0, 1.0, 5)
+    (pair,) = compared(np.array([walks, walks + 1.0 + rng.normal(0.0, 0.1, 5)]))
+    assert pair.significant
+    assert 0.0 < pair.low < 1.0 < pair.high
 
 
 def test_no_place_of_the_front_is_beaten():
