@@ -23,7 +23,7 @@ from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import Progress
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.formats.opening import opened
 from stridetwin.streams.recording.reader import Recording
 
@@ -117,6 +117,8 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
         try:
             _built_in(recording, job, scores, progress)
         except Exception as error:
+            if was_interrupted(error):
+                raise KeyboardInterrupt from error
             _record_failure(job, failed, EVERY, error)
     return {**row, "failed": failed} if failed else row
 
