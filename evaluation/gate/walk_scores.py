@@ -19,7 +19,7 @@ from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import is_map_or_modes_asked, look_ahead, odometry_of
 from stridetwin.pipeline.run import all_paths
 from stridetwin.scenarios.campaign import manifest
-from stridetwin.scenarios.campaign.walk import ACCEPTED
+from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import Progress
@@ -89,6 +89,10 @@ def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
         ) from None
     if not jobs:
         raise StrideTwinError(f"{folder}: contains no accepted walk")
+    unlisted = {file.name for file in (folder / RECORDINGS).glob("*.mcap")} - {job.path.name for job in jobs}
+    if unlisted:
+        words = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
+        print(f"stridetwin: warning: {folder / RECORDINGS}: {words}", file=sys.stderr)
     return jobs
 
 
@@ -142,7 +146,6 @@ def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exceptio
         raise error
     words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
     failed[name] = " ".join(words.replace(f"{job.path}: ", "").split())
-    print(f"stridetwin: warning: {job.path}: {name}: {failed[name]}", file=sys.stderr)
 
 
 def _digest(path: Path) -> str:
