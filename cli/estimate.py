@@ -84,6 +84,10 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     found = registry.estimator(arguments.estimator)
     if arguments.mesh and found.declaration.kind != MAP:
         raise StrideTwinError(f"--mesh goes with {goes_with(lambda d: d.kind == MAP)}")
+    if arguments.poses and found.declaration.kind not in (MAP, MODES):
+        raise StrideTwinError(f"--poses goes with {goes_with(lambda d: d.kind in (MAP, MODES))}")
+    if arguments.exoskeleton and found.declaration.kind != STEPS:
+        raise StrideTwinError(f"--exoskeleton goes with {goes_with(lambda d: d.kind == STEPS)}")
     options = options_of(arguments, found.declaration)
     write = {PATH: _paths, STEPS: _steps, MAP: _terrain, MODES: _modes}[found.declaration.kind]
     files, rows, lines = write(arguments, found, options, progress)

@@ -17,7 +17,7 @@ import typer
 from stridetwin.cli import COMMANDS, Command, Options, Outcome
 from stridetwin.cli.console import Console, show
 from stridetwin.cli.options import Progress, check_outputs
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.files import asked_name
 
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
@@ -79,7 +79,9 @@ def _run(call: Call, console: Console) -> int:
         return _failed(
             console, f"{asked_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
         )
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if not was_interrupted(error):
+            raise
         return _failed(console, "stopped") + 128
     console.close()
     try:

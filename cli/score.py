@@ -23,12 +23,12 @@ from stridetwin.cli.options import (
     share,
     switch,
 )
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stridetwin.evaluation.gate.compare import Comparison
+    from stridetwin.evaluation.gate.compare import Comparison, Rules
     from stridetwin.evaluation.gate.formatting import Failure
     from stridetwin.evaluation.gate.own_estimators import OwnEstimator
     from stridetwin.evaluation.path_scores import Scores
@@ -106,11 +106,21 @@ class ScoreOptions(Options):
     frame: Annotated[str, option("Frame that these three estimate.")] = "foot_l/imu"
     align: Annotated[Literal["start", "yaw", "se3"], option("Alignment of paths with the truth.")] = "start"
     baseline: Annotated[Path | None, option("An earlier `score --json`; exit 1 if a score is worse.", "FILE")] = None
-    least: Annotated[float, option("Ignore smaller changes: % of an error, points of a share.", "PCT", share)] = 1.0
+    least: Annotated[
+        float | None,
+        option("--baseline: ignore smaller changes, % of an error, points of a share (default 1).", "PCT", share),
+    ] = None
     false_alarms: Annotated[
-        float, option("Percentage of comparisons in which a score may seem worse by chance.", "PCT", probability)
-    ] = 1.0
-    tolerance: Annotated[float, option("How much worse means of few walks may be, %.", "PCT", share)] = 10.0
+        float | None,
+        option(
+            "--baseline: percentage of comparisons in which a score may seem worse by chance (default 1).",
+            "PCT",
+            probability,
+        ),
+    ] = None
+    tolerance: Annotated[
+        float | None, option("--baseline: how much worse means of few walks may be, % (default 10).", "PCT", share)
+    ] = None
     junit: Annotated[Path | None, option("Write the comparison as JUnit XML.", "FILE")] = None
     markdown: Annotated[Path | None, option("Write the comparison for a pull request.", "FILE")] = None
     history: Annotated[Path | None, option("Append a line with means and verdict (.jsonl).", "FILE")] = None
@@ -129,7 +139,7 @@ class HistoryOptions(Options):
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.evaluation.evaluate import summary
-    from stridetwin.evaluation.gate.compare import Rules, check_level, compare_scores
+    from stridetwin.evaluation.gate.compare import check_level, compare_scores
     from stridetwin.evaluation.gate.formatting import failures, junit, markdown
     from stridetwin.evaluation.gate.score_table import document_of, read_table, table_of
     from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
@@ -137,20 +147,12 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     from stridetwin.report.history import append_history, history_line
     from stridetwin.streams.files import whole_file
 
-    for name in ("junit", "markdown"):
-        if getattr(arguments, name) and not arguments.baseline:
-            raise StrideTwinError(f"--{name} reports changes: expected --baseline as well")
-    if arguments.history and not arguments.label:
-        raise StrideTwinError("--history needs the --label of this version, such as a commit")
+    _check_options(arguments)
     baseline = read_table(arguments.baseline) if arguments.baseline else None
-    rules = Rules(level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0)
+    rules = _rules(arguments)
     if baseline is not None:
         check_level(baseline, rules)
     own = _own(arguments)
-    if own and arguments.only:
-        raise StrideTwinError(
-            "--only chooses among built-in estimators: expected no --estimate, --estimator, --program"
-        )
     only = estimators_of(arguments.only, "--only") if arguments.only else None
     settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": own, "only": only}
     jobs = jobs_of(arguments.recordings, **settings)
@@ -179,11 +181,39 @@ def printed(
     means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
 ) -> list[str | Table]:
     """What `score` prints: means over some walks, failures, and the changes from the baseline."""
+    from stridetwin.evaluation.gate.formatting import failed_lines
+
     lines = score_tables(means)
     if walks > 1:
         lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
-    lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
+    lines += failed_lines(failed)
     return lines + ([] if comparison is None else _changes(comparison, failed))
+
+
+def _check_options(arguments: ScoreOptions) -> None:
+    """Refuses options that would have no effect, and a label that no file can hold."""
+    from stridetwin.evaluation.gate.score_table import is_text
+
+    for name in ("least", "false_alarms", "tolerance", "junit", "markdown"):
+        if getattr(arguments, name) is not None and arguments.baseline is None:
+            raise StrideTwinError(f"--{name.replace('_', '-')} is about changes: expected --baseline as well")
+    if arguments.history and not arguments.label:
+        raise StrideTwinError("--history needs the --label of this version, such as a commit")
+    if arguments.label is not None and not arguments.history:
+        raise StrideTwinError("--label names a version in a history: expected --history as well")
+    if arguments.label is not None and not is_text(arguments.label):
+        raise ConfigError("command line", "--label", arguments.label, "text in UTF-8")
+    if arguments.only and (arguments.estimate or arguments.estimator or arguments.program):
+        raise StrideTwinError("--only selects built-in estimators: expected no --estimate, --estimator, --program")
+
+
+def _rules(arguments: ScoreOptions) -> Rules:
+    """The rules of the comparison, with the defaults where an option is not given."""
+    from stridetwin.evaluation.gate.compare import Rules
+
+    given = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
+    shares = {name: value / 100.0 for name, value in given.items() if value is not None}
+    return Rules(**shares) if arguments.least is None else Rules(**shares, least=arguments.least)
 
 
 def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:

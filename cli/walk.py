@@ -139,13 +139,19 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
         "made": done.made,
         "accepted": verdicts[ACCEPTED],
         "rejected": dict(done.reasons),
+        "empty_parts": done.empty_parts,
         "hours": hours,
         "manifest": str(folder / manifest.NAME),
         "card": str(folder / manifest.CARD_NAME),
     }
     lines = [f"{folder}: {verdicts[ACCEPTED]} of {len(walks)} walks, {hours:.2f} h ({done.made} generated now)"]
     lines += [f"  rejected, {kind}: {count}" for kind, count in sorted(done.reasons.items())]
-    return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=1 if verdicts[FAILED] else 0)
+    if verdicts[ACCEPTED] == 0:
+        lines.append("WARNING: no walk was accepted")
+    elif done.empty_parts:
+        lines.append(f"WARNING: no accepted walk in {', '.join(done.empty_parts)}: expected more walks, or fewer parts")
+    code = 1 if verdicts[FAILED] or not verdicts[ACCEPTED] else 0
+    return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=code)
 
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:

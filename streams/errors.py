@@ -14,6 +14,14 @@ class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
 
 
+def was_interrupted(error: BaseException) -> bool:
+    """Whether an exception, or one that caused it, is a Ctrl-C: compiled functions report it as a SystemError."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    return cause is not None
+
+
 class Missing:
     """The value of a key that is required and not there."""
 

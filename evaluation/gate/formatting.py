@@ -32,6 +32,17 @@ def failures(rows: Sequence[Mapping[str, Any]]) -> list[Failure]:
     ]
 
 
+def failed_lines(failed: Sequence[Failure]) -> list[str]:
+    """One line per reason, with the first of the walks that it concerns."""
+    walks: dict[tuple[str, str], list[str]] = {}
+    for x in failed:
+        walks.setdefault((x.estimator, x.why), []).append(x.walk)
+    return [
+        f"FAILED {names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {estimator}: {why}"
+        for (estimator, why), names in walks.items()
+    ]
+
+
 def cells(line: Line) -> list[str]:
     """A line's cells, by `HEAD`."""
     values = [f"{value:.4g}" if value is not None else "-" for value in (line.baseline, line.now)]

@@ -15,6 +15,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import traceback
 from abc import ABC, abstractmethod
@@ -26,13 +27,15 @@ from typing import Any
 
 from stridetwin.evaluation.evaluate import Estimate
 from stridetwin.pipeline.run import pose_of
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Trajectory, trajectory_of
 
 TRUTH = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception
+_HOME = Path(__file__).resolve().parents[2]
+_STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason."""
 
@@ -204,8 +207,29 @@ def _code_of_others(where: str) -> Iterator[None]:
     except (StrideTwinError, KeyboardInterrupt):
         raise
     except BaseException as error:
+        if was_interrupted(error):
+            raise KeyboardInterrupt from error
         words = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
-        raise StrideTwinError(f"{where}: {words.encode('utf-8', 'backslashreplace').decode()}") from error
+        text = f"{where}: {words}{_place(error)}"
+        raise StrideTwinError(text.encode("utf-8", "backslashreplace").decode()) from error
+
+
+def _place(error: BaseException) -> str:
+    """File, line and function of the user's code in which an exception arose, such as ` (mine.py:12, in update)`.
+
+    The user's code is the innermost that belongs neither to this project nor to an installed package.
+    """
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
+    own = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME) and not _is_installed(f.filename)]
+    if not own:
+        return ""
+    file, here = Path(own[-1].filename), Path.cwd()
+    shown = file.relative_to(here) if file.is_relative_to(here) else file
+    return f" ({shown}:{own[-1].lineno}, in {own[-1].name})"
+
+
+def _is_installed(filename: str) -> bool:
+    return "site-packages" in filename or filename.startswith(_STANDARD_LIBRARY)
 
 
 def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:

@@ -19,11 +19,11 @@ from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import is_map_or_modes_asked, look_ahead, odometry_of
 from stridetwin.pipeline.run import all_paths
 from stridetwin.scenarios.campaign import manifest
-from stridetwin.scenarios.campaign.walk import ACCEPTED
+from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import Progress
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.formats.opening import opened
 from stridetwin.streams.recording.reader import Recording
 
@@ -89,6 +89,10 @@ def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
         ) from None
     if not jobs:
         raise StrideTwinError(f"{folder}: contains no accepted walk")
+    unlisted = {file.name for file in (folder / RECORDINGS).glob("*.mcap")} - {job.path.name for job in jobs}
+    if unlisted:
+        words = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
+        print(f"stridetwin: warning: {folder / RECORDINGS}: {words}", file=sys.stderr)
     return jobs
 
 
@@ -117,6 +121,8 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
         try:
             _built_in(recording, job, scores, progress)
         except Exception as error:
+            if was_interrupted(error):
+                raise KeyboardInterrupt from error
             _record_failure(job, failed, EVERY, error)
     return {**row, "failed": failed} if failed else row
 
@@ -140,7 +146,6 @@ def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exceptio
         raise error
     words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
     failed[name] = " ".join(words.replace(f"{job.path}: ", "").split())
-    print(f"stridetwin: warning: {job.path}: {name}: {failed[name]}", file=sys.stderr)
 
 
 def _digest(path: Path) -> str:

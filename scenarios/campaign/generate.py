@@ -18,7 +18,9 @@ from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.request import claim, request
 from stridetwin.scenarios.campaign.walk import (
+    ACCEPTED,
     HIDDEN,
     RECORDINGS,
     REJECTED,
@@ -45,7 +47,7 @@ class Options:
         workers: Number of processes, one walk at a time each.
         scheduler: Address of a Dask scheduler, whose workers generate the walks instead.
         seed: Replaces the campaign's.
-        subset: Number of walks, from the first; None takes all.
+        subset: Number of walks, from the first; None takes all. Further walks that the folder has are kept.
         extra: Overrides for every walk.
     """
 
@@ -68,6 +70,17 @@ class Done:
     def verdicts(self) -> Counter[str]:
         """Number of walks by status."""
         return Counter(walk["status"] for walk in self.manifest["walks"])
+
+    @property
+    def empty_parts(self) -> list[str]:
+        """Parts of the splits without an accepted walk, such as `test (by person)`."""
+        accepted = [walk["split"] for walk in self.manifest["walks"] if walk["status"] == ACCEPTED]
+        return [
+            f"{part} (by {by})"
+            for by in self.manifest["splits"]
+            for part in self.manifest["shares"]
+            if not any(split[by] == part for split in accepted)
+        ]
 
     @property
     def reasons(self) -> Counter[str]:
@@ -95,9 +108,12 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
             key=key_of(walk, own, made_by),
             versions=made_by,
         )
-        for walk in plan(campaign, options.extra)[: options.subset]
+        for walk in plan(campaign, options.extra)
     ]
     with _held(options.folder):
+        claim(options.folder, request(campaign, options.extra, own), (job.walk.name for job in jobs))
+        # walks beyond a subset that are there already stay in the manifest
+        jobs = [job for i, job in enumerate(jobs) if _is_asked(i, options) or job.place(ROWS, ".json").exists()]
         found = {job.walk.name: _kept(job) for job in jobs}
         rows = {name: row for name, row in found.items() if row.get("status")}
         missing = [job for job in jobs if job.walk.name not in rows]
@@ -116,6 +132,10 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
             with whole_file(options.folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return Done(manifest=content, made=len(missing))
+
+
+def _is_asked(number: int, options: Options) -> bool:
+    return options.subset is None or number < options.subset
 
 
 def _kept(job: Job) -> dict[str, Any]:
@@ -158,5 +178,7 @@ def _held(folder: Path) -> Iterator[None]:
             raise StrideTwinError(f"{folder}: another process generates walks there: expected another folder") from None
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
         (folder / HIDDEN).mkdir(exist_ok=True)
-        yield
-        shutil.rmtree(folder / HIDDEN, ignore_errors=True)
+        try:
+            yield
+        finally:
+            shutil.rmtree(folder / HIDDEN, ignore_errors=True)

@@ -156,6 +156,7 @@ def _files(manifest: Mapping[str, Any]) -> Iterator[str]:
     yield "| `scenarios/` | the scenario file of each walk |"
     if manifest["files"]:
         yield "| `files/` | parts, exoskeletons and meshes that the scenarios name |"
+    yield "| `request.json` | campaign, seed and options that the folder belongs to |"
     yield "| `rows/` | the rows of the manifest, from which `generate` resumes |"
 
 

@@ -26,7 +26,7 @@ from stridetwin.scenarios.record import record, twin_class
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.config import Person, TwinConfig
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
@@ -92,6 +92,8 @@ def make(job: Job) -> dict[str, Any]:
     except StrideTwinError:
         raise
     except Exception as error:
+        if was_interrupted(error):
+            raise KeyboardInterrupt from error
         return failed(job, f"{type(error).__name__}: {error}")
 
 

@@ -310,5 +310,50 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
 def test_the_command_prints_one_object(one, home, capsys):
     assert main(["generate", str(home / "small.yaml"), "--subset", "2", "-o", str(one), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert (result["campaign"], result["walks"], result["made"], result["accepted"]) == ("small", 2, 0, 2)
-    assert len(json.loads((one / "manifest.json").read_text())["walks"]) == 2
+    assert (result["campaign"], result["walks"], result["made"], result["accepted"]) == ("small", 3, 0, 3)
+    assert len(json.loads((one / "manifest.json").read_text())["walks"]) == 3  # nothing in the folder is unlisted
+
+
+def test_a_folder_belongs_to_one_request(one, campaign, home, tmp_path, capsys):
+    folder = tmp_path / "two"
+    shutil.copytree(one, folder)
+    before = told(folder)
+    path = str(write(tmp_path / "own"))
+    for arguments, words in (
+        (
+            ["--seed", "4"],
+            "of another request (seed 3, not 4): expected the same request to resume, or another folder",
+        ),
+        (["--only", "foot_ins"], "has walks of another request (off none, not foot_camera"),
+        (["--physics", "dynamic"], "has walks of another request (physics as in the scenario, not dynamic)"),
+    ):
+        assert main(["generate", path, *arguments, "-o", str(folder)]) == 2
+        assert words in capsys.readouterr().err
+    for old, new, words in (
+        ("[0.9, 1.2]", "[0.9, 1.3]", "its campaign file had other contents"),
+        ("walks: 3", "walks: 2", "has 1 walks beyond those asked for, from walk_00002 on"),
+    ):
+        assert main(["generate", str(write(tmp_path / "own", SMALL.replace(old, new))), "-o", str(folder)]) == 2
+        assert words in capsys.readouterr().err
+    assert told(folder) == before
+
+
+def test_a_campaign_that_keeps_nothing_exits_1_and_empty_parts_are_named(tmp_path, capsys):
+    text = SMALL.replace("walks: 3", "walks: 1")
+    path = str(write(tmp_path, text))
+    assert main(["generate", path, "-o", str(tmp_path / "out")]) == 0
+    assert "WARNING: no accepted walk in validation (by person), test (by person)" in capsys.readouterr().out
+    Path(path).write_text(f"{text}quality: {{help_pct: 0}}\n")
+    row = tmp_path / "out" / "rows" / "walk_00000.json"
+    row.write_text(json.dumps(json.loads(row.read_text()) | {"help_mean_pct": 1.0}))
+    assert main(["generate", path, "-o", str(tmp_path / "out")]) == 1
+    assert "WARNING: no walk was accepted" in capsys.readouterr().out
+
+
+def test_ctrl_c_inside_compiled_code_stops_the_campaign(campaign, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise SystemError("CPUDispatcher returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(campaign_walk, "record", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        campaign_walk.make(jobs_of(campaign, tmp_path)[0])
