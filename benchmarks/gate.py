@@ -8,7 +8,7 @@ walks of ten seconds without cameras (`benchmarks.speed.campaign`) from this see
   worse. Its size is measured by the composite of its errors, and by their means, over these walks.
 - unchanged on `--fresh` groups of `--group` other walks: anything that the gate calls worse is a false alarm.
 
-The widest 95 % interval of a score over all of these comparisons is given in %.
+The widest 95 % interval of a relative change over all of these comparisons is given as the factor between its ends.
 
 Walks and scores stay in the folder and are reused by the next run.
 """
@@ -300,7 +300,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     same = walks(folder, arguments.seed, arguments.walks)
     as_it_is = table(same, None, folder)
     cases: list[dict[str, Any]] = []
-    widest = 0.0
+    widest = 1.0
     for how in REGRESSIONS:
         comparison = _against(as_it_is, table(same, how, folder), rules)
         widest = max(widest, _widest(comparison))
@@ -325,7 +325,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     fresh = walks(folder, arguments.seed + 1, arguments.fresh * arguments.group) if arguments.fresh else []
     groups = [fresh[i : i + arguments.group] for i in range(0, len(fresh) - arguments.group + 1, arguments.group)]
     comparisons = [_against(as_it_is, table(group, None, folder), rules) for group in groups]
-    summary["intervals"] = {"widest_pct": max([widest, *map(_widest, comparisons)])}
+    summary["intervals"] = {"widest_factor": max([widest, *map(_widest, comparisons)])}
     alarms = [comparison.regressions for comparison in comparisons]
     if groups:
         summary["unchanged"] = {
@@ -339,10 +339,11 @@ def measure(arguments: Namespace) -> dict[str, Any]:
 
 
 def _widest(comparison: Comparison) -> float:
-    """The largest distance of an end of a score's interval from its change, in % or percentage points."""
-    ends = [(line.change, line.low, line.high) for line in comparison.lines]
-    return max((max(high - change, change - low) for change, low, high in ends
-                if change is not None and low is not None and high is not None), default=0.0)  # fmt: skip
+    """The largest factor between the ends of a relative change's interval."""
+    ends = [(line.low, line.high) for line in comparison.lines if not line.in_points]
+    return max(
+        ((100.0 + high) / (100.0 + low) for low, high in ends if low is not None and high is not None), default=1.0
+    )
 
 
 def _against(baseline: Sequence[dict[str, Any]], now: Sequence[dict[str, Any]], rules: Rules) -> Comparison:
