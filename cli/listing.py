@@ -20,21 +20,21 @@ class ListOptions(Options):
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.estimators.registry import descriptions
-    from stridetwin.scenarios.campaign.campaign_file import campaigns
-    from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue
-    from stridetwin.scenarios.scenario_model import FAULTS
+    from stridetwin.scenarios.built_in import campaigns, catalogue, problems
+    from stridetwin.sim.config import PHYSICS, TwinConfig
+    from stridetwin.sim.faults.catalogue import FAULTS
     from stridetwin.sim.parts.library import kind_of, library, part
+    from stridetwin.sim.parts.sensor_config import KIND
     from stridetwin.sim.wearer.anthropometry import PEOPLE
     from stridetwin.streams.yaml_file import read_yaml
     from stridetwin.studies.catalogue import STUDIES
-    from stridetwin.studies.placement.problem_file import problems
 
     parts = {name: part(name) for name in library()}
     data: dict[str, Any] = {
         "scenarios": {name: read_yaml(path)["description"] for name, path in catalogue().items()},
         "campaigns": {name: read_yaml(path)["campaign"] for name, path in campaigns().items()},
         "placements": {name: read_yaml(path)["placement"] for name, path in problems().items()},
-        "sensors": list(SENSORS),
+        "sensors": list(KIND),
         "estimators": descriptions(),
         "experiments": {name: study.description for name, study in STUDIES.items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
@@ -47,7 +47,8 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         lines += [table(data[title].items(), title=title.capitalize(), text_columns=2), ""]
     kinds = [(name, kind_of(p), p.description) for name, p in parts.items()]
     people = [(name, p.sex, f"{p.height_m:.3g} m", f"{p.mass_kg:.3g} kg") for name, p in PEOPLE.items()]
-    lines += ["Sensors", ", ".join(SENSORS), ""]
+    sensors = [name if name in TwinConfig.sensors else f"{name} (off by default)" for name in KIND]
+    lines += ["Sensors", ", ".join(sensors), ""]
     lines += [table(kinds, title="Parts (NAME-ideal: the part without errors)", text_columns=3), ""]
     lines += ["Faults", ", ".join(sorted(FAULTS)), "", table(people, title="People", text_columns=2)]
     return Outcome(data=data, lines=lines)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.scenario_model import PHYSICS as PHYSICS
+from stridetwin.scenarios.built_in import catalogue as catalogue
 from stridetwin.scenarios.scenario_model import ScenarioFile
+from stridetwin.sim.config import PHYSICS as PHYSICS
 from stridetwin.sim.config import Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.faults.faults import check_faults
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
-from stridetwin.sim.world.obstacles import check_things
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError
 from stridetwin.streams.validation import suggest, validated
@@ -33,12 +32,6 @@ class Scenario:
     description: str
     config: TwinConfig
     notes: tuple[str, ...] = ()
-
-
-def catalogue() -> dict[str, Path]:
-    """The built-in scenarios, name to file, sorted by name."""
-    folder = Path(str(resources.files("stridetwin.scenarios"))) / "catalogue"
-    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 
 
 def load_scenario(name: str) -> Scenario:
@@ -113,6 +106,8 @@ def _every(*checks: Callable[[], None]) -> None:
 
 
 def _check_things(path: Path, route: Route) -> None:
+    from stridetwin.sim.world.obstacles import check_things  # compiled functions, so imported when it is needed
+
     try:
         check_things(route.things, lay_out(route))
     except ConfigError as error:

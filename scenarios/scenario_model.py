@@ -18,6 +18,7 @@ from stridetwin.sim.config import (
     LANES_MAX,
     LIGHT_RANGE,
     PATTERNS,
+    PHYSICS,
     SCENERIES,
     TEXTURES,
     THINGS,
@@ -33,19 +34,8 @@ from stridetwin.sim.config import (
     Thing,
     Turn,
 )
-from stridetwin.sim.faults.faults import Fault, LooseStrap
-from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
-from stridetwin.sim.faults.sample_faults import (
-    ClockJump,
-    DeadCell,
-    Dropout,
-    Freeze,
-    Late,
-    Nan,
-    OutOfOrder,
-    Repeat,
-    Saturation,
-)
+from stridetwin.sim.faults.catalogue import FAULTS
+from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
@@ -66,14 +56,6 @@ from stridetwin.streams.fields import (
     whole,
     words,
 )
-
-PHYSICS = ("kinematic", "dynamic")
-FAULTS: dict[str, type[Fault]] = {
-    kind.kind: kind
-    for kind in (
-        Dropout, Freeze, Repeat, Nan, Late, OutOfOrder, ClockJump, Saturation, DeadCell, Occlusion, LensDirt, LooseStrap
-    )
-}  # fmt: skip
 
 
 class _Model(BaseModel):

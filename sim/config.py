@@ -14,6 +14,7 @@ from stridetwin.sim.parts.sensor_config import KIND, SensorConfig
 from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
 
 SIDES = ("l", "r")
+PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
 SPEED_RANGE_MPS = (0.05, 2.1)
 ASYMMETRY_MAX = 0.4

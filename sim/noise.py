@@ -10,7 +10,6 @@ import zlib
 from typing import Self
 
 import numpy as np
-from scipy.signal import lfilter
 
 from stridetwin.streams.samples import Array
 
@@ -81,6 +80,8 @@ class Wander:
 
     def draw(self, n: int) -> Array:
         """(n, K) biases of the next samples."""
+        from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
+
         white = self._noise.normal(1.0, (n, len(_TIMES_S) + 1, self._count))
         walked = self._walked + np.cumsum(white[:, -1] * self._walk, axis=0)
         total = walked.copy()

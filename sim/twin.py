@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
 from stridetwin.sim.composition import compose
-from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
+from stridetwin.sim.config import PHYSICS, SIDES, Dynamics, TwinConfig
 from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.plan import Plan, plan_control
 from stridetwin.sim.dynamics.simulate import Simulation
@@ -40,7 +40,6 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
 
 CHUNK_S = 2.0
-PHYSICS = ("kinematic", "dynamic")
 _FILM_SMOOTHING_S = 0.6
 _STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE = range(5)  # streams of random numbers of a walk
 

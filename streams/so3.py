@@ -7,7 +7,6 @@ NumPy alone. The compiled counterparts work on one rotation at a time: `estimato
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.samples import Array
 
@@ -52,6 +51,8 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
 
 def between(R_a: Array, R_b: Array, share: Array) -> Array:
     """(N, 3, 3) rotations on the shortest path from one (3, 3) matrix to another, at (N,) shares of it."""
+    from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
+
     rotation = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
     return R_a @ Rotation.from_rotvec(share[:, None] * rotation).as_matrix()
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from stridetwin.scenarios.built_in import campaigns as campaigns
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.campaign.people import Group, GroupInFile
@@ -121,12 +121,6 @@ class CampaignFile(BaseModel):
     set: dict[str, DistributionInFile] = {}
     quality: Quality = Quality()
     splits: Splits = Splits()
-
-
-def campaigns() -> dict[str, Path]:
-    """The built-in campaigns, name to file, sorted by name."""
-    folder = Path(str(resources.files("stridetwin.scenarios.campaign"))) / "catalogue"
-    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 
 
 def find_campaign(name: str) -> Path | None:

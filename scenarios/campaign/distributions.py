@@ -24,7 +24,6 @@ from pydantic import (
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
-from scipy.special import ndtr, ndtri
 
 from stridetwin.streams.fields import TAG, number, refused, whole
 
@@ -162,6 +161,8 @@ class Normal(Distribution):
 
     def at(self, u: float) -> float:
         """The number at a quantile."""
+        from scipy.special import ndtr, ndtri  # takes long to import, and only a draw needs it
+
         (mean, sd), (low, high) = self.normal, self.within
         first, last = ndtr((low - mean) / sd), ndtr((high - mean) / sd)
         return _clamped(mean + sd * float(ndtri(first + u * (last - first))), self.within)

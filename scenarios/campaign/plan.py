@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.distributions import weighted_index
@@ -39,6 +38,8 @@ def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, 
     """
     if 0 in (count, dimensions):
         return np.zeros((count, dimensions))
+    from scipy.stats import qmc  # takes long to import, and only a plan needs it
+
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
     if sampling == "sobol":
         points = qmc.Sobol(dimensions, rng=rng).random_base2(math.ceil(math.log2(count)))[:count]

@@ -20,7 +20,6 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import DEG, MM, number, text
-from stridetwin.streams.recording.ros_samples import block_of
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import (
     Actuator,
@@ -146,6 +145,10 @@ def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
     if some and isinstance(some[0].item, IMAGES):
         yield from some
     elif some:
+        from stridetwin.streams.recording.ros_samples import (
+            block_of,  # imported late, so that a scenario is read without it
+        )
+
         block = block_of([a.item for a in some if isinstance(a.item, Sample)])
         yield Arrival(item=block, log_ns=np.array([a.log_ns for a in some], np.int64))
 

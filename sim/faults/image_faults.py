@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -95,7 +94,9 @@ class LensDirt(_ImageFault):
         else:
             blurred = _blurred(image, _coarse(self.size, height), self.size * height / 2)
             each = math.prod(image.shape[2:])
-            _smear(corrupted.reshape(-1, each), blurred.reshape(-1, each), *dirt)
+            from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
+
+            smear(corrupted.reshape(-1, each), blurred.reshape(-1, each), *dirt)
         return corrupted
 
 
@@ -141,22 +142,6 @@ def _blurred(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.
     small = cv2.resize(image, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)
     return np.asarray(cv2.copyMakeBorder(blurred, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
-
-
-@numba.njit(cache=True)
-def _smear(
-    image: NDArray[np.uint8], blurred: NDArray[np.uint8], places: NDArray[np.int32], clear: NDArray[np.float32],
-    corners: NDArray[np.int32], shares: NDArray[np.float32], width: int,
-) -> None:  # fmt: skip
-    """Blends the blurred image into an image, both as rows of (N, C) pixels; other arguments as in `_Dirt`."""
-    for k in range(len(places)):
-        at, first, share = places[k], corners[k], shares[k]
-        for c in range(image.shape[1]):
-            mixed = clear[k] * np.float32(image[at, c]) + np.float32(0.5)
-            mixed += share[0] * np.float32(blurred[first, c]) + share[1] * np.float32(blurred[first + 1, c])
-            mixed += share[2] * np.float32(blurred[first + width, c])
-            mixed += share[3] * np.float32(blurred[first + width + 1, c])
-            image[at, c] = np.uint8(mixed)
 
 
 @lru_cache(maxsize=16)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, SonarPart
@@ -61,6 +60,8 @@ def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
 
 
 def _off(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
+    from scipy.spatial.transform import Rotation  # imported late, so that a scenario is read without it
+
     draw = {name: _noise(camera.topic, name, seed) for name in ("rotation", "position", "intrinsics", "offset")}
     error = np.eye(4)
     error[:3, :3] = Rotation.from_rotvec(draw["rotation"].normal(sd.rotation_rad, 3)).as_matrix()

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.kinematics.track import Track
@@ -52,6 +51,8 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
 
     def _error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
         """(N, 3) rotation vectors in the world."""
+        from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
+
         part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)
         step = (part.tilt_still + (part.tilt_moving - part.tilt_still) * moving) * math.sqrt(1 - self._keep**2)
         tilt, self._tilt = lfilter([1.0], [1.0, -self._keep], step[:, None] * white[:, :2], axis=0, zi=self._tilt)

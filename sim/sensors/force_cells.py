@@ -6,7 +6,6 @@ import math
 
 import numba
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt
 
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
@@ -36,6 +35,8 @@ class ForceCells:
     """
 
     def __init__(self, part: ForceCellPart, count: int, rate_hz: float, noise: Noise) -> None:
+        from scipy.signal import butter  # takes long to import, so only when a sensor filters
+
         self._part, self._noise = part, noise
         self._gain = 1 + noise.normal(part.gain, count)
         self._keep = [math.exp(-1 / (rate_hz * tau)) for tau in _CREEP_S]
@@ -47,6 +48,8 @@ class ForceCells:
 
     def read(self, load: Array) -> Array:
         """(N, count) measured force, N, for the next true loads (N, count), N."""
+        from scipy.signal import sosfilt
+
         measured = self._loop(self._creep(self._gain * load))
         measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
         if any(self._part.curve):
@@ -57,6 +60,8 @@ class ForceCells:
         return measured
 
     def _creep(self, load: Array) -> Array:
+        from scipy.signal import lfilter
+
         total = load.copy()
         for i, keep in enumerate(self._keep):
             late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], load, axis=0, zi=self._crept[i])

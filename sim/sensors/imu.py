@@ -10,7 +10,6 @@ import math
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt, sosfilt_zi
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.kinematics.quaternions import (
@@ -218,6 +217,8 @@ class _LowPass:
         self._sos, self.delay_s = None, 0.0
         self._state: Array | None = None
         if cut_hz < 0.45 * rate_hz:
+            from scipy.signal import butter  # takes long to import, so only when a sensor filters
+
             self._sos = butter(2, cut_hz, fs=rate_hz, output="sos")
             # delay for slow motion; the bilinear transform makes it shorter than the analogue filter's
             self.delay_s = math.sqrt(2) / (2.0 * rate_hz * math.tan(math.pi * cut_hz / rate_hz))
@@ -225,6 +226,8 @@ class _LowPass:
     def __call__(self, x: Array) -> Array:
         if self._sos is None:
             return x
+        from scipy.signal import sosfilt, sosfilt_zi
+
         if self._state is None:
             self._state = sosfilt_zi(self._sos) * x[0]
         y, self._state = sosfilt(self._sos, x, zi=self._state)

@@ -9,12 +9,12 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
+from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.field_paths import field_path, put
 from stridetwin.scenarios.campaign.named_files import (
@@ -150,12 +150,6 @@ class PlacementFile(BaseModel):
     seeing: Seeing = Seeing()
     method: _Method = None
     confirm: Confirm | None = None
-
-
-def problems() -> dict[str, Path]:
-    """The placements that come with the project, name to file, sorted by name."""
-    folder = Path(str(resources.files("stridetwin.studies.placement"))) / "catalogue"
-    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 
 
 def find_problem(name: str) -> Path:

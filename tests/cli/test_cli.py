@@ -115,6 +115,21 @@ def test_list_names_scenarios_estimators_and_sensors(capsys):
     code, out, err = call(capsys, "list")
     assert (code, err) == (0, "")
     assert all(word in out for word in ("stair_up_down", "stairs_and_ramps", "foot_ins", "head_camera", "ADIS16485"))
+    assert "exo_imu (off by default)" in out
+
+
+@pytest.mark.parametrize(
+    ("start", "unused"),
+    [
+        ("from stridetwin.cli.main import main; main(['list'])", {"mujoco", "numba", "scipy"}),
+        ("import stridetwin.sim.twin", {"scipy.signal", "scipy.stats"}),
+        ("import stridetwin.scenarios.scenario_file", {"numba", "scipy"}),
+    ],
+)
+def test_what_is_slow_to_import_is_imported_when_it_is_needed(start, unused):
+    code = f"import sys; {start}; sys.exit(', '.join({unused} & set(sys.modules)) or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_generate_writes_a_recording_alone(simulator, capsys, tmp_path):
