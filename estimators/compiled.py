@@ -21,9 +21,8 @@ SUPPORTED = ((0, 61), (0, 69))
 INTERNALS = (
     ("numba._dynfunc", "make_function"),
     ("numba.core.caching", "IndexDataCacheFile"),
-    ("numba.core.codegen", "JITCodeLibrary._get_module_for_linking"),
-    ("numba.core.codegen", "JITCodeLibrary.finalize"),
-    ("numba.core.compiler", "Compiler.define_pipelines"),
+    ("numba.core.codegen", "JITCodeLibrary._optimize_final_module"),
+    ("numba.core.codegen", "JITCodeLibrary._finalize_final_module"),
     ("numba.core.codegen", "JITCodeLibrary._finalize_dynamic_globals"),
     ("numba.core.compiler", "CompilerBase"),
     ("numba.core.compiler", "DefaultPassBuilder.define_nopython_pipeline"),
@@ -55,17 +54,17 @@ def is_supported(version: str) -> bool:
 
 _SO3 = Path(__file__).with_name("so3.py")
 _WITH_INTERNALS = is_supported(numba.__version__) and not missing_internals()
-_ENTRY: dict[str, Any] = {}
+_NO_C: dict[str, Any] = {}
 INSIDE: dict[str, Any] = {}
 """Options of a function that Python never calls: its arguments are not taken apart, and LLVM sees it only as a part of
-what calls it (`part_compiler`). Otherwise every function is optimised and made machine code again for each one further
-out; that was half of the compilation."""
+what calls it. Otherwise every function is optimised and made machine code again for each one further out; that was
+half of the compilation."""
 
 if _WITH_INTERNALS:
-    from stridetwin.estimators.part_compiler import EntryCompiler, PartCompiler
+    from stridetwin.estimators.part_compiler import PartCompiler
 
-    _ENTRY |= {"no_cfunc_wrapper": True, "pipeline_class": EntryCompiler}
-    INSIDE |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
+    _NO_C["no_cfunc_wrapper"] = True
+    INSIDE |= {"no_cpython_wrapper": True, "pipeline_class": PartCompiler, **_NO_C}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -87,7 +86,7 @@ def cached(*folders: Path, **options: Any) -> Callable[[F], F]:
     stamp = digest_of_sources(*folders)
 
     def compiled(function: F) -> F:
-        made: Any = njit(cache=True, **{**_ENTRY, **options})(getattr(function, "py_func", function))
+        made: Any = njit(cache=True, **{**_NO_C, **options})(getattr(function, "py_func", function))
         if _WITH_INTERNALS:
             made._cache._cache_file._source_stamp = stamp
         return cast(F, made)
