@@ -17,8 +17,9 @@ SEED ?= 1000
 demo: $(READY)
 	$(BIN)/stridetwin run demo --seed $(SEED) -o $(DEMO)
 
+# threads of linear algebra would wait for each other: each process has one core
 test: $(READY)
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(READY)
 	$(BIN)/ruff check .
