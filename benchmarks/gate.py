@@ -215,7 +215,8 @@ def injected(how: Regression) -> type[FootIns]:
             super().__init__(*arguments, **options)
             for name, factor in (how.parameters or {}).items():
                 value = getattr(self._parameters, name)
-                self._parameters = self._parameters._replace(**{name: factor * value})
+                self._parameters = self._parameters.copy()
+                self._parameters[name] = factor * value
 
     return Injected
 

@@ -1,4 +1,4 @@
-"""Rotations, SO(3), for compiled code: a rotation is a (3, 3) matrix or a unit quaternion (4,) (Hamilton, w x y z).
+"""Rotations, SO(3), for compiled code: a rotation is a (3, 3) matrix.
 
 `hat`, `exp`, `log` and the Jacobians as in Solà, Deray and Atchuthan 2018 (A micro Lie theory).
 """
@@ -74,45 +74,6 @@ def right_jacobian_inverse(v: Array) -> Array:
     if t < 1e-4:
         return _series(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
     return _series(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
-
-
-@njit(**INSIDE)
-def quat_exp(x: float, y: float, z: float) -> Array:
-    """Unit quaternion (4,) of the rotation vector (x, y, z), rad."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    q = np.empty(4)
-    q[0] = math.cos(0.5 * angle)
-    s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
-    q[1], q[2], q[3] = s * x, s * y, s * z
-    return q
-
-
-@njit(**INSIDE)
-def product(a: Array, b: Array) -> Array:
-    """Unit quaternion (4,) of a ⊗ b, normalised."""
-    c = np.empty(4)
-    c[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    c[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    c[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    c[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
-    return c / math.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] + c[3] * c[3])
-
-
-@njit(**INSIDE)
-def rotation_matrix(q: Array) -> Array:
-    """(3, 3) matrix of the unit quaternion (4,)."""
-    w, x, y, z = q
-    R = np.empty((3, 3))
-    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    R[0, 1] = 2.0 * (x * y - w * z)
-    R[0, 2] = 2.0 * (x * z + w * y)
-    R[1, 0] = 2.0 * (x * y + w * z)
-    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    R[1, 2] = 2.0 * (y * z - w * x)
-    R[2, 0] = 2.0 * (x * z - w * y)
-    R[2, 1] = 2.0 * (y * z + w * x)
-    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return R
 
 
 @njit(error_model="numpy", **INSIDE)

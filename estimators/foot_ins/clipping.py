@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.quaternions import (
+    conjugate,
+    plus,
+    product,
+    put_quaternion,
+    quaternion,
+    rotation_matrix,
+    vec3,
+)
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
@@ -16,11 +24,11 @@ from stridetwin.estimators.foot_ins.state import (
     RING,
     VELOCITY,
     Memory,
+    force_of,
+    rate_of,
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
-from stridetwin.estimators.so3 import product, rotation_matrix
-from stridetwin.streams.samples import Array
 
 
 @njit(**INSIDE)
@@ -39,29 +47,29 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     sample. Without this, the foot sinks a little at every landing, up stairs and down.
     """
     first = 0
-    hidden = np.zeros((RING, 6))
     for channel in range(6):
-        first = max(first, _peak(memory, parameters, channel, hidden))
+        first = max(first, _peak(memory, parameters, channel))
     memory.clock[RESTORED] = first
     if first == 0:
         return
-    x = memory.nominal
-    p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
-    moved = memory.restored
+    x, moved, gravity = memory.nominal, memory.restored, parameters.gravity_mps2
+    p, v = vec3(x, POSITION), vec3(x, VELOCITY)
     for back in range(first + 1):
         i = ring_row(memory, back)
-        moved[back] = x[:GYRO_BIAS]
-        propagate_state(
-            memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2
-        )
+        for k in range(GYRO_BIAS):
+            moved[back, k] = x[k]
+        propagate_state(x, rate_of(memory, i), force_of(memory, i), -_dt(memory, i), gravity)
     for back in range(first, -1, -1):
         i = ring_row(memory, back)
-        memory.ring[i] += hidden[back]  # later reads of the ring include the peak
-        propagate_state(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
-        moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
-        moved[back, ATTITUDE + 1 :] *= -1.0
-        moved[back, ATTITUDE:] = product(x[ATTITUDE:GYRO_BIAS], moved[back, ATTITUDE:])
-    shift(memory.covariance, memory.row, x[POSITION : POSITION + 3] - p, x[VELOCITY : VELOCITY + 3] - v)
+        for channel in range(6):
+            memory.ring[i, channel] += memory.hidden[back, channel]  # later reads of the ring include the peak
+            memory.hidden[back, channel] = 0.0
+        propagate_state(x, rate_of(memory, i), force_of(memory, i), _dt(memory, i), gravity)
+        for k in range(ATTITUDE):
+            moved[back, k] = x[k] - moved[back, k]
+        before = quaternion(moved[back], ATTITUDE)
+        put_quaternion(product(quaternion(x, ATTITUDE), conjugate(before)), moved[back], ATTITUDE)
+    shift(memory.covariance, memory.row, plus(vec3(x, POSITION), -1.0, p), plus(vec3(x, VELOCITY), -1.0, v))
 
 
 @njit(**INSIDE)
@@ -91,8 +99,8 @@ def _range(parameters: KernelParameters, channel: int) -> float:
 
 
 @njit(**INSIDE)
-def _peak(memory: Memory, parameters: KernelParameters, channel: int, hidden: Array) -> int:
-    """Writes the hidden part of one channel's peak into `hidden` (RING, 6), the newest sample first.
+def _peak(memory: Memory, parameters: KernelParameters, channel: int) -> int:
+    """Writes the hidden part of one channel's peak into `memory.hidden`.
 
     Returns the number of samples since the peak began; 0 if none has just ended.
     """
@@ -104,27 +112,28 @@ def _peak(memory: Memory, parameters: KernelParameters, channel: int, hidden: Ar
     if known <= 0.0 or fill < 6 or abs(last) < limit:
         return 0
     sign = 1.0 if last > 0.0 else -1.0
-    end = 2
-    while end < fill - 3 and sign * memory.ring[ring_row(memory, end), channel] >= limit:
+    end, top = 2, 0.0
+    while end < fill - 3 and _sample(memory, end, channel, sign) >= limit:
+        top += _sample(memory, end, channel, sign)
         end += 1
-    x = np.empty(end + 2)
-    for back in range(end + 2):
-        x[back] = sign * memory.ring[ring_row(memory, back), channel]
+    x0, x1 = _sample(memory, 0, channel, sign), _sample(memory, 1, channel, sign)
+    x_end, x_before = _sample(memory, end, channel, sign), _sample(memory, end + 1, channel, sign)
     span = (memory.ring_t_ns[ring_row(memory, 0)] - memory.ring_t_ns[ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
-    rise, fall = (x[end] - x[end + 1]) / dt, (x[1] - x[0]) / dt
-    if max(x[0], x[1], x[end]) >= limit:
+    rise, fall = (x_end - x_before) / dt, (x1 - x0) / dt
+    if max(x0, x1, x_end) >= limit:
         return 0
     if end - 2 < least:
-        to_world = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])
-        if channel < 3 or sign * to_world[2, channel - 3] < parameters.landing_cosine_min:
+        up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
+        if channel < 3 or sign * up[channel - 3] < parameters.landing_cosine_min:
             return 0
-        hidden[2:end, channel] = sign * parameters.impact_excess * known
+        for back in range(2, end):
+            memory.hidden[back, channel] = sign * parameters.impact_excess * known
         return end
     if min(rise, fall) <= 0.0 or span > parameters.peak_max_s:
         return 0
-    top = x[2:end].mean()
-    before, after = min((top - x[end]) / rise, dt), min((top - x[1]) / fall, dt)
+    top /= end - 2
+    before, after = min((top - x_end) / rise, dt), min((top - x1) / fall, dt)
     length = (end - 1) * dt - before - after
     if length <= 0.0:
         return 0
@@ -132,5 +141,11 @@ def _peak(memory: Memory, parameters: KernelParameters, channel: int, hidden: Ar
     flatter = 1.0 / (1.0 + (dt + before + after) / length)
     for back in range(2, end):
         u = min(max(((end - back) * dt - before) / length, 0.0), 1.0)
-        hidden[back, channel] = sign * flatter * length * u * (1.0 - u) * (rise * (1.0 - u) + fall * u)
+        memory.hidden[back, channel] = sign * flatter * length * u * (1.0 - u) * (rise * (1.0 - u) + fall * u)
     return end
+
+
+@njit(**INSIDE)
+def _sample(memory: Memory, back: int, channel: int, sign: float) -> float:
+    """A channel of the sample `back` samples older than the newest, times a sign."""
+    return sign * memory.ring[ring_row(memory, back), channel]

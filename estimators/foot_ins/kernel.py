@@ -13,6 +13,7 @@ from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.quaternions import Vec3, vec3
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -28,6 +29,7 @@ from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     EMPTY,
     IGNORED,
+    NOMINAL,
     PHASE,
     T_KNOWN,
     T_LAST,
@@ -41,7 +43,7 @@ _called = cached(Path(__file__).parent)
 
 
 @njit(**INSIDE)
-def possible(parameters: KernelParameters, rate: Array, force: Array) -> bool:
+def possible(parameters: KernelParameters, rate: Vec3, force: Vec3) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
     for i in range(3):
@@ -51,9 +53,7 @@ def possible(parameters: KernelParameters, rate: Array, force: Array) -> bool:
 
 
 @njit(**INSIDE)
-def take(
-    memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
-) -> tuple[int, float, float]:
+def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float, float]:
     """Takes a sample (rad/s, m/s²) into the ring and, until the filter is aligned, into the alignment.
 
     Returns:
@@ -84,7 +84,7 @@ def take(
 
 
 @njit(**INSIDE)
-def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array) -> tuple[int, float]:
+def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float]:
     """Takes one sample (rad/s, m/s²), the mean over the interval that ends at `t_ns`, into the memory.
 
     Returns:
@@ -110,9 +110,11 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
 
 
 @njit(**INSIDE)
-def note_pose_covariance(memory: Memory, covariance: Array) -> None:
-    """Writes the foot's (6, 6) of position (m) and attitude (rad), world axes, into `covariance`."""
+def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
+    """Writes the nominal state (20,), and the (6, 6) covariance of position (m) and attitude (rad), world axes."""
     P, o = memory.covariance, memory.row
+    for i in range(NOMINAL):
+        state[i] = memory.nominal[i]
     for i in range(3):
         for j in range(3):
             covariance[i, j] = P[o + D_POSITION + i, o + D_POSITION + j]
@@ -140,6 +142,5 @@ def run(
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):
-        phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
-        state[k] = memory.nominal
-        note_pose_covariance(memory, covariance[k])
+        phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))
+        note_estimate(memory, state[k], covariance[k])

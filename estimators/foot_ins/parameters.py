@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import namedtuple
-from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.rig import ImuCalibration
@@ -159,12 +161,17 @@ class FootInsParameters:
 if TYPE_CHECKING:
     KernelParameters = FootInsParameters
 else:
-    KernelParameters = namedtuple("KernelParameters", [f.name for f in fields(FootInsParameters)])
-    KernelParameters.__doc__ = "`FootInsParameters` for one sensor, as the compiled kernel takes them."
+    KernelParameters = np.record
+
+
+def as_record(values: Mapping[str, float]) -> Any:
+    """Numbers under their names, as one argument of a compiled function."""
+    dtype = np.dtype([(name, type(value)) for name, value in values.items()], align=True)
+    return np.rec.array([tuple(values.values())], dtype=dtype)[0]
 
 
 def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None) -> KernelParameters:
-    """The kernel's parameters: these, with the sensor's own noise and limits if its calibration has them."""
+    """The kernel's parameters, by name in one record: these, with the noise and limits of the calibration."""
     values = {name: float(value) for name, value in asdict(parameters).items()}
     if calibration is not None:
         for name, density in (
@@ -181,4 +188,4 @@ def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None
         values["accel_range_mps2"] = calibration.accelerometer_range or values["accel_range_mps2"]
     if values["accel_range_mps2"] == 0.0:
         values["accel_limit_noise_mps2_rthz"] = values["accel_extreme_noise_mps2_rthz"]
-    return KernelParameters(**values)
+    return as_record(values)

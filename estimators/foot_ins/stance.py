@@ -4,11 +4,33 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.kalman import (
+    clear,
+    correct,
+    gated_update,
+    normalized_innovation,
+    spread_measurements,
+)
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.quaternions import (
+    Mat3,
+    Vec3,
+    cross,
+    dot,
+    plus,
+    product,
+    put_quaternion,
+    put_vec3,
+    quat_exp,
+    quaternion,
+    rotate,
+    rotation_matrix,
+    transposed,
+    vec3,
+)
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -34,22 +56,26 @@ from stridetwin.estimators.foot_ins.state import (
     T_STOOD,
     VELOCITY,
     Memory,
+    force_of,
+    rate_of,
     ring_row,
 )
-from stridetwin.estimators.foot_ins.strapdown import correct, shift
-from stridetwin.estimators.so3 import hat, product, quat_exp, rotation_matrix
+from stridetwin.estimators.foot_ins.strapdown import shift
 from stridetwin.streams.samples import Array
+
+_UNIT: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @njit(**INSIDE)
-def append_sample(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
+def append_sample(memory: Memory, t_ns: int, rate: Vec3, force: Vec3) -> None:
     """Appends one sample (rad/s, m/s²) to the ring."""
     head = (memory.clock[HEAD] + 1) % RING
     memory.clock[HEAD] = head
     memory.clock[FILL] = min(memory.clock[FILL] + 1, RING)
     memory.ring_t_ns[head] = t_ns
-    memory.ring[head, :3] = rate
-    memory.ring[head, 3:] = force
+    for i in range(3):
+        memory.ring[head, i] = rate[i]
+        memory.ring[head, 3 + i] = force[i]
 
 
 @njit(**INSIDE)
@@ -62,20 +88,19 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
     """
     newest = memory.ring_t_ns[ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
-    bx, by, bz = memory.nominal[GYRO_BIAS], memory.nominal[GYRO_BIAS + 1], memory.nominal[GYRO_BIAS + 2]
-    n = 0
-    rate2 = force2 = fx = fy = fz = 0.0
+    bias = vec3(memory.nominal, GYRO_BIAS)
+    n, rate2, force2, mean = 0, 0.0, 0.0, (0.0, 0.0, 0.0)
     for back in range(memory.clock[FILL]):
         i = ring_row(memory, back)
         if newest - memory.ring_t_ns[i] >= span and back > 0:
             break
-        s = memory.ring[i]
-        rate2 += (s[0] - bx) ** 2 + (s[1] - by) ** 2 + (s[2] - bz) ** 2
-        force2 += s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
-        fx, fy, fz = fx + s[3], fy + s[4], fz + s[5]
+        rate, force = plus(rate_of(memory, i), -1.0, bias), force_of(memory, i)
+        rate2 += dot(rate, rate)
+        force2 += dot(force, force)
+        mean = plus(mean, 1.0, force)
         n += 1
     g = parameters.gravity_mps2
-    spread2 = force2 / n - 2.0 * g * math.sqrt(fx * fx + fy * fy + fz * fz) / n + g * g
+    spread2 = force2 / n - 2.0 * g * math.sqrt(dot(mean, mean)) / n + g * g
     return max(spread2, 0.0) / parameters.accel_scale_mps2**2 + rate2 / n / parameters.gyro_scale_radps**2
 
 
@@ -100,22 +125,27 @@ def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) 
     """
     x, P, o = memory.nominal, memory.covariance, memory.row + D_CONTACT
     kept = math.exp(-dt / parameters.contact_s)
-    x[CONTACT : CONTACT + 3] *= kept
-    P[o : o + 3] *= kept
-    P[:, o : o + 3] *= kept
-    P[o : o + 3, o : o + 3] += (1.0 - kept * kept) * across_sole(memory, parameters.contact_sd_m**2)
+    for i in range(3):
+        x[CONTACT + i] *= kept
+        for j in range(P.shape[0]):
+            P[o + i, j] *= kept
+            P[j, o + i] *= kept
+    add_across_sole(memory, (1.0 - kept * kept) * parameters.contact_sd_m**2)
 
 
 @njit(**INSIDE)
-def across_sole(memory: Memory, variance: float) -> Array:
-    """(3, 3) covariance of a point of the sole, sensor frame: `variance` in every direction across the lever arm."""
-    down = memory.lever / max(math.sqrt(memory.lever @ memory.lever), 1e-9)
-    return variance * (np.eye(3) - np.outer(down, down))
+def add_across_sole(memory: Memory, variance: float) -> None:
+    """Adds to the covariance of the stationary point: `variance` in every direction across the lever arm."""
+    P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
+    down = plus((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
+    for i in range(3):
+        for j in range(3):
+            P[o + i, o + j] += variance * (_UNIT[i][j] - down[i] * down[j])
 
 
 @njit(**INSIDE)
 def zero_velocity_update(
-    memory: Memory, parameters: KernelParameters, rate: Array, dt: float, stationary_speed_sd: float
+    memory: Memory, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
 ) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
@@ -136,86 +166,78 @@ def zero_velocity_update(
     `innovation_gate` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a diverged filter recovers
     within some samples of stance.
     """
-    x = memory.nominal
-    R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
-    w = R @ (rate - x[GYRO_BIAS : GYRO_BIAS + 3])
-    r = R @ (memory.lever + x[CONTACT : CONTACT + 3])
-    u = hat(w) @ r
-    H = np.zeros((3, STATES))
-    H[:, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
-    H[:, D_ATTITUDE : D_ATTITUDE + 3] = hat(x[VELOCITY : VELOCITY + 3])
-    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = hat(r) @ R
-    H[:, D_CONTACT : D_CONTACT + 3] = hat(w) @ R
+    x, work = memory.nominal, memory.work
+    R = rotation_matrix(quaternion(x, ATTITUDE))
+    v = vec3(x, VELOCITY)
+    w = rotate(R, plus(rate, -1.0, vec3(x, GYRO_BIAS)))
+    r = rotate(R, plus(vec3(memory.lever, 0), 1.0, vec3(x, CONTACT)))
     shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
-    W = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
-    H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
-    memory.nis[0] += normalized_innovation(_own_covariance(memory), shared * H, shared * z) ** 2 / 3.0
+    whitening = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
+    clear(work, 3)
+    axes = transposed(R)
+    for i in range(3):
+        _put_column(work.jacobian, D_VELOCITY + i, rotate(whitening, _UNIT[i]))
+        _put_column(work.jacobian, D_ATTITUDE + i, rotate(whitening, cross(v, _UNIT[i])))
+        _put_column(work.jacobian, D_GYRO_BIAS + i, rotate(whitening, cross(r, axes[i])))
+        _put_column(work.jacobian, D_CONTACT + i, rotate(whitening, cross(w, axes[i])))
+    slip = plus(v, 1.0, cross(w, r))
+    put_vec3(rotate(whitening, plus((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
+    gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    memory.nis[0] += normalized_innovation(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
     memory.nis[1] += 1.0
-    _gated_update(memory, H, z, parameters.innovation_gate)
-
-
-@njit(**INSIDE)
-def _gated_update(memory: Memory, H: Array, z: Array, innovation_gate: float) -> None:
-    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `innovation_gate`.
-
-    See docs/foot_ins.md (11).
-    """
-    inflation = max(1.0, normalized_innovation(_own_covariance(memory), H, z) / innovation_gate)
-    for i in range(len(z)):
-        correct(memory.covariance, memory.error, memory.row, H[i] / inflation, z[i] / inflation, 1.0)
     inject(memory)
 
 
 @njit(**INSIDE)
-def _own_covariance(memory: Memory) -> Array:
-    """(19, 19) covariance of the foot alone."""
-    o = memory.row
-    return np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
+def _put_column(H: Array, column: int, v: Vec3) -> None:
+    """Writes a vector into the first three rows of a column."""
+    H[0, column], H[1, column], H[2, column] = v
 
 
 @njit(**INSIDE)
-def normalized_innovation(P: Array, H: Array, z: Array) -> float:
-    """Normalised innovation: length of z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
-    return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(len(z)), z))
+def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
+    """Inverse square root of speed_sd² I + lever_sd² (|w|² I - w wᵀ)."""
+    w2 = dot(w, w)
+    across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
+    k = (1.0 / speed_sd - across) / max(w2, 1e-12)
+    return (
+        (across + k * w[0] * w[0], k * w[0] * w[1], k * w[0] * w[2]),
+        (k * w[1] * w[0], across + k * w[1] * w[1], k * w[1] * w[2]),
+        (k * w[2] * w[0], k * w[2] * w[1], across + k * w[2] * w[2]),
+    )
 
 
 @njit(**INSIDE)
-def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
-    """(3, 3) inverse square root of speed_sd² I + lever_sd² (|w|² I - w wᵀ)."""
-    w2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
-    along, across = 1.0 / speed_sd, 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
-    return across * np.eye(3) + (along - across) / max(w2, 1e-12) * np.outer(w, w)
-
-
-@njit(**INSIDE)
-def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
+def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
     A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity_update`.
     """
-    sd = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt)
-    H = np.zeros((3, STATES))
-    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = np.eye(3) / sd
-    z = (rate - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3]) / sd
-    _gated_update(memory, H, z, parameters.innovation_gate)
+    sd, work = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt), memory.work
+    clear(work, 3)
+    for i in range(3):
+        work.jacobian[i, D_GYRO_BIAS + i] = 1.0 / sd
+        work.innovation[i] = (rate[i] - memory.nominal[GYRO_BIAS + i]) / sd
+    gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    inject(memory)
 
 
 @njit(**INSIDE)
 def inject(memory: Memory) -> None:
     """Moves the foot's own error into its nominal state, in place."""
-    x = memory.nominal
-    error = memory.error[memory.row : memory.row + STATES]
+    x, error, o = memory.nominal, memory.error, memory.row
     for i in range(3):
-        x[POSITION + i] += error[D_POSITION + i]
-        x[VELOCITY + i] += error[D_VELOCITY + i]
-        x[GYRO_BIAS + i] += error[D_GYRO_BIAS + i]
-        x[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
-        x[CONTACT + i] += error[D_CONTACT + i]
-    x[FLOOR] += error[D_FLOOR]
-    rotation = quat_exp(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
-    x[ATTITUDE : ATTITUDE + 4] = product(rotation, x[ATTITUDE : ATTITUDE + 4])
-    shift(memory.covariance, memory.row, error[D_POSITION : D_POSITION + 3], error[D_VELOCITY : D_VELOCITY + 3])
-    error[:] = 0.0
+        x[POSITION + i] += error[o + D_POSITION + i]
+        x[VELOCITY + i] += error[o + D_VELOCITY + i]
+        x[GYRO_BIAS + i] += error[o + D_GYRO_BIAS + i]
+        x[ACCEL_BIAS + i] += error[o + D_ACCEL_BIAS + i]
+        x[CONTACT + i] += error[o + D_CONTACT + i]
+    x[FLOOR] += error[o + D_FLOOR]
+    rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
+    put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
+    shift(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
+    for i in range(STATES):
+        error[o + i] = 0.0
 
 
 @njit(**INSIDE)
@@ -238,24 +260,25 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
         return
     if clock[LANDED] == STANDING or (t_ns - clock[T_STOOD]) * 1e-9 < parameters.stand_s:
         return
-    x, P, o = memory.nominal, memory.covariance, memory.row
-    r = rotation_matrix(x[ATTITUDE : ATTITUDE + 4]) @ memory.lever
-    h = np.zeros(STATES)  # of the sole's height above the floor
+    x, P, o, work = memory.nominal, memory.covariance, memory.row, memory.work
+    r = rotate(rotation_matrix(quaternion(x, ATTITUDE)), vec3(memory.lever, 0))
+    clear(work, 1)
+    h = work.jacobian[0]  # of the sole's height above the floor
     h[D_POSITION + 2], h[D_ATTITUDE], h[D_ATTITUDE + 1], h[D_FLOOR] = 1.0, r[1], -r[0], -1.0
     height = x[POSITION + 2] + r[2]
     known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
     flat = math.hypot(r[0], r[1]) <= parameters.level_tilt_rad * parameters.lever_arm_m
-    own = np.ascontiguousarray(P[o : o + STATES, o : o + STATES])
-    variance = h @ own @ h + parameters.floor_sd_m**2
-    possible = abs(step) < min(parameters.level_step_m, parameters.innovation_gate * math.sqrt(variance))
+    spread_measurements(P, work, o, 1)
+    step_sd = math.sqrt(work.spread[0, 0] + parameters.floor_sd_m**2)
+    possible = abs(step) < min(parameters.level_step_m, parameters.innovation_gate * step_sd)
     if known and flat and possible:
-        correct(P, memory.error, o, h, -step, parameters.floor_sd_m**2)
+        correct(P, memory.error, work.gain, o, h, -step, parameters.floor_sd_m**2)
         inject(memory)
         return
     x[FLOOR] = height
     h[D_FLOOR] = 0.0
-    row = h @ np.ascontiguousarray(P[o : o + STATES])
-    P[o + D_FLOOR] = row
-    P[:, o + D_FLOOR] = row
-    P[o + D_FLOOR, o + D_FLOOR] = h @ own @ h
+    spread_measurements(P, work, o, 1)
+    for j in range(P.shape[0]):
+        P[o + D_FLOOR, j] = P[j, o + D_FLOOR] = work.gain[j]
+    P[o + D_FLOOR, o + D_FLOOR] = work.spread[0, 0]

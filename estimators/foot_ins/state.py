@@ -9,6 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.kalman import Workspace, workspace
+from stridetwin.estimators.foot_ins.quaternions import Vec3
 from stridetwin.streams.samples import Array
 
 # Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
@@ -58,6 +60,8 @@ class Memory(NamedTuple):
         extreme: (6,) largest magnitude of each channel so far.
         nis: (2,) over all zero-velocity updates: sum of the normalised innovation squared, per degree of freedom;
             and their number.
+        hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
+        work: Of one update of the 19 states.
     """
 
     nominal: Array
@@ -75,18 +79,22 @@ class Memory(NamedTuple):
     peak: Array
     extreme: Array
     nis: Array
+    hidden: Array
+    work: Workspace
 
 
 def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
     """Memory of a foot at the origin without samples; its own filter, or `row` and following of a larger one (n, n)."""
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
+    covariance = np.zeros((STATES, STATES)) if covariance is None else covariance
     return Memory(
-        nominal=nominal, covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
+        nominal=nominal, covariance=covariance,
         error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
         force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), extreme=np.zeros(6), nis=np.zeros(2),
+        hidden=np.zeros((RING, 6)), work=workspace(len(covariance), STATES),
     )  # fmt: skip
 
 
@@ -94,3 +102,15 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
 def ring_row(memory: Memory, back: int) -> int:
     """Row of the ring's sample that is `back` samples older than the newest."""
     return (memory.clock[HEAD] - back) % RING
+
+
+@njit(**INSIDE)
+def rate_of(memory: Memory, row: int) -> Vec3:
+    """Angular rate of the ring's row, rad/s."""
+    return memory.ring[row, 0], memory.ring[row, 1], memory.ring[row, 2]
+
+
+@njit(**INSIDE)
+def force_of(memory: Memory, row: int) -> Vec3:
+    """Specific force of the ring's row, m/s²."""
+    return memory.ring[row, 3], memory.ring[row, 4], memory.ring[row, 5]

@@ -307,14 +307,12 @@ class FootToFoot:
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     def _expected(self, foot: int, t_ns: int) -> Expected | None:
-        known, p, R, covariance, p_before, R_before = kernel.predict_board(
-            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns
-        )
-        if not known:
-            return None
-        T, T_before = np.eye(4), np.eye(4)
-        T[:3, :3], T[:3, 3], T_before[:3, :3], T_before[:3, 3] = R, p, R_before, p_before
-        return Expected(T_camera_board=T, covariance=covariance, T_before=T_before)
+        T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
+        known = kernel.predict_board(
+            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns, T,
+            covariance, T_before,
+        )  # fmt: skip
+        return Expected(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
 
     def _foot(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
         if sample.topic not in known:

@@ -11,8 +11,20 @@ from numpy.typing import NDArray
 from stridetwin.estimators import foot_ins
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.clipping import is_clipped
-from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
+from stridetwin.estimators.foot_ins.kernel import note_estimate, possible, step
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.quaternions import (
+    Mat3,
+    Vec3,
+    cross,
+    plus,
+    put_matrix,
+    quaternion,
+    rotate,
+    rotation_matrix,
+    transposed,
+    vec3,
+)
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     D_ATTITUDE,
@@ -23,31 +35,36 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
+from stridetwin.estimators.foot_ins.strapdown import mirror, transpose_rows
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.published import published_step, relative_position_update
-from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED, board_in_camera, board_update, sonar_update
+from stridetwin.estimators.foot_to_foot.relative_updates import (
+    UNUSED,
+    board_in_camera,
+    board_update,
+    predict_pose,
+    sonar_update,
+)
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
-from stridetwin.estimators.so3 import rotation_matrix
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)
 
 
 @njit(**INSIDE)
-def in_inertial_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tuple[Array, Array]:
+def in_inertial_world(memory: Memory, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
     """The sample (rad/s, m/s²) in a world without rotation: minus the Earth's rate and the Coriolis force.
 
     Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
     """
-    w, v = earth, memory.nominal[VELOCITY : VELOCITY + 3]
-    coriolis = np.array([w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]])
-    to_sensor = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]).T
-    return rate - to_sensor @ earth, force - to_sensor @ (2.0 * coriolis)
+    coriolis = cross(earth, vec3(memory.nominal, VELOCITY))
+    to_sensor = transposed(rotation_matrix(quaternion(memory.nominal, ATTITUDE)))
+    return plus(rate, -1.0, rotate(to_sensor, earth)), plus(force, -2.0, rotate(to_sensor, coriolis))
 
 
 @njit(**INSIDE)
-def apply_gyro_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
+def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int, max_gap_s: float) -> None:
     """Propagates a foot's scale error into its attitude error up to `t_ns`: δθ -= R diag(ω) δs dt.
 
     See docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two
@@ -59,18 +76,20 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: f
     s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
     if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= max_gap_s or pair.covariance[s, s] == 0.0:
         return
-    D = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]) * (rate * dt)
-    _add_scale_error(pair.covariance, a, s, D)
-    _add_scale_error(pair.covariance.T, a, s, D)
+    R = rotation_matrix(quaternion(memory.nominal, ATTITUDE))
+    _add_scale_error(pair.covariance, a, s, R, rate, dt)
+    transpose_rows(pair.covariance, a, 3)
+    _add_scale_error(pair.covariance, a, s, R, rate, dt)
+    mirror(pair.covariance, a, 3)
 
 
 @njit(**INSIDE)
-def _add_scale_error(M: Array, a: int, s: int, D: Array) -> None:
-    """Attitude rows from `a` on minus D times the scale rows from `s` on, in place."""
+def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -> None:
+    """Attitude rows from `a` on minus R diag(ω) dt times the scale rows from `s` on, in place."""
     for j in range(M.shape[1]):
-        s0, s1, s2 = M[s, j], M[s + 1, j], M[s + 2, j]
+        turned = rotate(R, (rate[0] * M[s, j], rate[1] * M[s + 1, j], rate[2] * M[s + 2, j]))
         for i in range(3):
-            M[a + i, j] -= D[i, 0] * s0 + D[i, 1] * s1 + D[i, 2] * s2
+            M[a + i, j] -= turned[i] * dt
 
 
 @_called
@@ -91,13 +110,14 @@ def run(
         state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
     """
-    last = -1
+    last, earth = -1, vec3(pair.earth, 0)
     for k in range(len(events.t_ns)):
-        kind, t_ns, f, row = events.kind[k], events.t_ns[k], events.foot[k], events.row[k]
+        kind, t_ns, f, row = events.kind[k], events.t_ns[k], int(events.foot[k]), events.row[k]
         if kind == IMU:
             memory = pair.feet[f]
-            rate = (1.0 - pair.scales[f]) * events.rate[row]
-            rate, force = in_inertial_world(memory, pair.earth, rate, events.force[row])
+            rate, scales = vec3(events.rate[row], 0), vec3(pair.scales[f], 0)
+            rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
+            rate, force = in_inertial_world(memory, earth, rate, vec3(events.force[row], 0))
             if possible(feet[f], rate, force):
                 apply_gyro_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
             if parameters.published:
@@ -111,36 +131,58 @@ def run(
             if not parameters.published and (is_clipped(pair.feet[0], feet[0]) or is_clipped(pair.feet[1], feet[1])):
                 figure[k] = UNUSED
             elif kind == OBSERVATION:
-                m = events.numbers[row]
-                points, rays, sd = events.points[row, :m], events.rays[row, :m], events.ray_sd[row, :m]
-                figure[k] = board_update(pair, feet[f], parameters, f, t_ns, points, rays, sd)
+                m, points, rays, sd = events.numbers[row], events.points[row], events.rays[row], events.ray_sd[row]
+                figure[k] = board_update(pair, feet[f], parameters, f, t_ns, m, points, rays, sd)
             elif kind == RELATIVE:
-                relative, sd = events.relative[row], events.relative_sd[row]
+                relative, sd = vec3(events.relative[row], 0), events.relative_sd[row]
                 figure[k] = relative_position_update(pair, feet[f], parameters, f, t_ns, relative, sd)
             else:
                 figure[k] = sonar_update(pair, feet[f], parameters, f, t_ns, events.distance[row])
         if last >= 0:
-            memory = pair.feet[events.foot[last]]
-            state[last] = memory.nominal
-            note_pose_covariance(memory, covariance[last])
+            note_estimate(pair.feet[int(events.foot[last])], state[last], covariance[last])
 
 
 @_called
 def predict_board(
-    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
-) -> tuple[bool, Array, Array, Array, Array, Array]:
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int, T: Array,
+    covariance: Array, T_before: Array,
+) -> bool:  # fmt: skip
     """Predicted pose of the other foot's board in a foot's camera, at `t_ns` on the camera's clock and earlier.
 
+    Args:
+        pair: State of both feet.
+        foot: Parameters of the foot with the camera.
+        parameters: Parameters of both.
+        camera: Foot that carries the camera.
+        t_ns: Middle of the exposure.
+        earlier_ns: How much earlier the earlier pose is.
+        T: (3, 4) out: rotation, camera <- board, and position, m.
+        covariance: (6, 6) out: of position (m) and rotation vector (rad), camera axes.
+        T_before: (3, 4) out: the earlier pose.
+
     Returns:
-        Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the earlier pose.
+        Whether it is known.
     """
-    board, gravity, late = 1 - camera, foot.gravity_mps2, parameters.max_delay_s + 1e-9 * earlier_ns
-    then_ns, lead = t_ns + round(1e9 * pair.late[camera]), parameters.max_lead_s
-    a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s, lead)
-    b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s, lead)
-    p, R, G = board_in_camera(pair, camera, a, b)
-    a_0 = rewind(pair.feet[camera], gravity, then_ns - earlier_ns, late, lead)
-    b_0 = rewind(pair.feet[board], gravity, then_ns - earlier_ns, late, lead)
-    p_0, R_0, _ = board_in_camera(pair, camera, a_0, b_0)
-    known = a.known and b.known and a_0.known and b_0.known
-    return known, p, R, G @ pair.covariance @ G.T, p_0, R_0
+    then_ns = t_ns + round(1e9 * pair.late[camera])
+    known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)
+    known = _predict_pose(pair, foot, parameters, camera, then_ns, 0.0, T)
+    predict_pose(pair)
+    for i in range(6):
+        for j in range(6):
+            covariance[i, j] = pair.board.covariance[i, j]
+    return known and known_before
+
+
+@njit(**INSIDE)
+def _predict_pose(
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_s: float, T: Array
+) -> bool:
+    """Writes the pose (3, 4) at `t_ns` on the clock of the IMUs, `earlier_s` before the usual; whether it is known."""
+    gravity, delay_s, lead_s = foot.gravity_mps2, parameters.max_delay_s + earlier_s, parameters.max_lead_s
+    a = rewind(pair.feet[camera], gravity, t_ns, delay_s, lead_s)
+    b = rewind(pair.feet[1 - camera], gravity, t_ns, delay_s, lead_s)
+    p, R = board_in_camera(pair, camera, a, b)
+    put_matrix(R, T, 0, 0)
+    for i in range(3):
+        T[i, 3] = p[i]
+    return a.known and b.known

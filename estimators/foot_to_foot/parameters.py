@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
-from stridetwin.estimators.foot_ins.parameters import FootInsParameters
+import numpy as np
+
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters, as_record
 from stridetwin.streams.errors import check_numbers
 
 GROUPS = ("foot", "tracking", "exchange")
@@ -177,17 +178,15 @@ if TYPE_CHECKING:
         """The parameters of both methods."""
 
         published: bool = False
-        _fields: ClassVar[tuple[str, ...]] = ()
+
 else:
-    _NAMES = [
-        f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name not in GROUPS
-    ]
-    PairParameters = namedtuple("PairParameters", ["published", *dict.fromkeys(_NAMES)])
-    PairParameters.__doc__ = """Parameters of either method as the compiled kernel takes them; 0 those of the other."""
+    PairParameters = np.record
+
+_NAMES = [f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name not in GROUPS]
 
 
 def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairParameters:
-    """Parameters for the kernel."""
-    values: dict[str, Any] = dict.fromkeys(PairParameters._fields, 0.0)
-    values |= {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name not in GROUPS}
-    return PairParameters(**values | {"published": isinstance(parameters, PublishedParameters)})
+    """Parameters of either method, by name in one record, as the compiled kernel takes them; 0 those of the other."""
+    values: dict[str, Any] = dict.fromkeys(_NAMES, 0.0)
+    values |= {f.name: float(getattr(parameters, f.name)) for f in fields(parameters) if f.name not in GROUPS}
+    return as_record({"published": isinstance(parameters, PublishedParameters), **values})

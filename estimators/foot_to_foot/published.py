@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.kalman import clear, correct
 from stridetwin.estimators.foot_ins.kernel import take
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.quaternions import Vec3, dot, plus, rotate
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
@@ -26,12 +27,11 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
     ring_row,
 )
-from stridetwin.estimators.foot_ins.strapdown import correct, predict
+from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED
 from stridetwin.estimators.foot_to_foot.rewind import rewind
-from stridetwin.estimators.foot_to_foot.state import ALL_STATES, Pair, inject_all
-from stridetwin.streams.samples import Array
+from stridetwin.estimators.foot_to_foot.state import Pair, inject_all
 
 
 @njit(**INSIDE)
@@ -40,22 +40,34 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
 
     See docs/foot_to_foot.md (10).
     """
+    gyro = accel = 0.0
+    for channel in range(6):
+        if channel < 3:
+            gyro += _variance(memory, parameters.window_s, channel)
+        else:
+            accel += _variance(memory, parameters.window_s, channel)
+    return gyro / parameters.gyro_spread_radps**2 + accel / parameters.accel_spread_mps2**2
+
+
+@njit(**INSIDE)
+def _variance(memory: Memory, window_s: float, channel: int) -> float:
+    """Variance of one channel over the last `window_s`."""
     newest = memory.ring_t_ns[ring_row(memory, 0)]
-    n, total, squares = 0, np.zeros(6), np.zeros(6)
+    n, total, squares = 0, 0.0, 0.0
     for back in range(memory.clock[FILL]):
         i = ring_row(memory, back)
-        if (newest - memory.ring_t_ns[i]) * 1e-9 >= parameters.window_s and back > 1:
+        if (newest - memory.ring_t_ns[i]) * 1e-9 >= window_s and back > 1:
             break
-        total += memory.ring[i]
-        squares += memory.ring[i] ** 2
+        value = memory.ring[i, channel]
+        total += value
+        squares += value * value
         n += 1
-    spread = squares / n - (total / n) ** 2
-    return spread[:3].sum() / parameters.gyro_spread_radps**2 + spread[3:].sum() / parameters.accel_spread_mps2**2
+    return squares / n - (total / n) ** 2
 
 
 @njit(**INSIDE)
 def published_step(
-    memory: Memory, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Array, force: Array
+    memory: Memory, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float]:
     """Takes one sample of a foot; arguments and results as of `foot_ins.kernel.step`."""
     phase, dt, _ = take(memory, foot, t_ns, rate, force)
@@ -64,19 +76,19 @@ def published_step(
     predict(memory, foot, rate, force, dt)
     if variances(memory, parameters) >= parameters.threshold:
         return TRACKING, math.inf
-    h = np.zeros(STATES)
     for i in range(3):
-        h[:] = 0.0
+        clear(memory.work, 1)
+        h = memory.work.jacobian[0]
         h[D_VELOCITY + i] = 1.0
-        z = -memory.nominal[VELOCITY + i]
-        correct(memory.covariance, memory.error, memory.row, h, z, parameters.zero_velocity_sd_mps**2)
+        z, variance = -memory.nominal[VELOCITY + i], parameters.zero_velocity_sd_mps**2
+        correct(memory.covariance, memory.error, memory.work.gain, memory.row, h, z, variance)
     inject(memory)
     return TRACKING, parameters.zero_velocity_sd_mps
 
 
 @njit(**INSIDE)
 def relative_position_update(
-    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, p_other_in_imu: Array,
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, p_other_in_imu: Vec3,
     sd: float,
 ) -> float:  # fmt: skip
     """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
@@ -93,12 +105,13 @@ def relative_position_update(
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
     if not (a.known and b.known):
         return UNUSED
-    z = a.R @ p_other_in_imu - (b.p - a.p)
-    h = np.zeros(ALL_STATES)
+    z = plus(rotate(a.R, p_other_in_imu), -1.0, plus(b.p, -1.0, a.p))
+    variance = sd**2 + parameters.relative_position_sd_m**2
     for i in range(3):
-        h[:] = 0.0
+        clear(pair.work, 1)
+        h = pair.work.jacobian[0]
         h[STATES * (1 - camera) + D_POSITION + i] = 1.0
         h[STATES * camera + D_POSITION + i] = -1.0
-        correct(pair.covariance, pair.error, 0, h, z[i], sd**2 + parameters.relative_position_sd_m**2)
+        correct(pair.covariance, pair.error, pair.work.gain, 0, h, z[i], variance)
     inject_all(pair)
-    return math.sqrt(z @ z) / sd
+    return math.sqrt(dot(z, z)) / sd

@@ -4,18 +4,40 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.kalman import (
+    back_substitute,
+    clear,
+    correct,
+    gated_update,
+    normalized_innovation,
+    spread_measurements,
+)
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.stance import normalized_innovation
+from stridetwin.estimators.foot_ins.quaternions import (
+    Mat3,
+    Vec3,
+    cross,
+    dot,
+    matrix_product,
+    plus,
+    put_matrix,
+    put_vec3,
+    quat_exp,
+    quaternion,
+    rotate,
+    rotation_matrix,
+    rows_cross,
+    scaled,
+    transposed,
+    vec3,
+)
 from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
-from stridetwin.estimators.foot_ins.strapdown import correct
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
-from stridetwin.estimators.foot_to_foot.rewind import PastState, cross, rewind
+from stridetwin.estimators.foot_to_foot.rewind import PastState, rewind
 from stridetwin.estimators.foot_to_foot.state import (
-    ALL_STATES,
     BOARD,
     CAMERA,
     CLOCKS,
@@ -23,10 +45,10 @@ from stridetwin.estimators.foot_to_foot.state import (
     MOUNTS,
     NEVER,
     OBSERVATIONS,
+    BoardWorkspace,
     Pair,
     inject_all,
 )
-from stridetwin.estimators.so3 import quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 UNUSED = -1.0  # the normalised innovation of an unused measurement
@@ -34,8 +56,8 @@ UNUSED = -1.0  # the normalised innovation of an unused measurement
 
 @njit(**INSIDE)
 def board_update(
-    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, points_in_board: Array,
-    rays: Array, ray_sd: Array,
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, m: int,
+    points_in_board: Array, rays: Array, ray_sd: Array,
 ) -> float:  # fmt: skip
     """Update with the image of the other foot's board.
 
@@ -53,7 +75,8 @@ def board_update(
         parameters: Of both feet.
         camera: Foot that carries the camera.
         t_ns: Middle of the exposure, on the camera's clock.
-        points_in_board: (M, 3) m, M ≥ 4.
+        m: Number of points, ≥ 4: the first rows of the following.
+        points_in_board: (M, 3) m.
         rays: (M, 2) normalised image coordinates of the points, x right, y down.
         ray_sd: (M,) standard deviation of each coordinate.
 
@@ -67,146 +90,213 @@ def board_update(
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
     walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
-    p, R, G = board_in_camera(pair, camera, a, b)
-    by_clock = G[:, CLOCKS + camera]
-    predicted = G @ pair.covariance @ G.T + walked * np.outer(by_clock, by_clock)
-    m = len(points_in_board)
+    p, R = board_in_camera(pair, camera, a, b)
+    work, board, P = pair.work, pair.board, pair.covariance
+    predict_pose(pair)
+    for i in range(6):
+        for j in range(6):
+            by_clock = work.jacobian[i, CLOCKS + camera] * work.jacobian[j, CLOCKS + camera]
+            board.covariance[i, j] += walked * by_clock
     # An error of a foot's rotation since the exposure moves all points alike.
-    rotated = foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
-    sd = np.sqrt(ray_sd**2 + m * rotated)
+    rotated = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
-    ahead, T, z, alone = _reduced_measurement(parameters, p, R, predicted, points_in_board, rays, sd, shared)
+    ahead, alone = reduce_measurement(parameters, board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
     if not ahead:
         return UNUSED
-    pair.covariance[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
-    H, z = (T / (alone * shared)) @ G, z / (alone * shared)
-    length = normalized_innovation(pair.covariance, H, z)
-    pair.nis[OBSERVATIONS, 0] += normalized_innovation(pair.covariance, shared * H, shared * z) ** 2 / 6.0
+    P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
+    _measure_states(pair, 1.0 / (alone * shared))
+    length = gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
+    pair.nis[OBSERVATIONS, 0] += normalized_innovation(work, 6, 1.0 / (shared * shared)) ** 2 / 6.0
     pair.nis[OBSERVATIONS, 1] += 1.0
-    inflation = max(1.0, length / parameters.observation_gate)
-    for i in range(6):
-        correct(pair.covariance, pair.error, 0, H[i] / inflation, z[i] / inflation, 1.0)
     inject_all(pair)
     pair.seen[camera] = t_ns
     return length
 
 
 @njit(**INSIDE)
-def _reduced_measurement(
-    parameters: PairParameters, p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array,
-    ray_sd: Array, shared: float,
-) -> tuple[bool, Array, Array, float]:  # fmt: skip
+def predict_pose(pair: Pair) -> None:
+    """Writes the covariance of the pose of `board_in_camera`, G P Gᵀ, into `pair.board`."""
+    spread_measurements(pair.covariance, pair.work, 0, 6)
+    for i in range(6):
+        for j in range(i + 1):
+            pair.board.covariance[i, j] = pair.board.covariance[j, i] = pair.work.spread[i, j]
+
+
+@njit(**INSIDE)
+def _measure_states(pair: Pair, weight: float) -> None:
+    """Replaces the derivatives G of the pose by `weight` T G, those of the measurement T of the pose."""
+    T, G, column = pair.board.reduced.jacobian, pair.work.jacobian, pair.work.solved
+    for j in range(G.shape[1]):
+        for i in range(6):
+            column[i] = G[i, j]
+            G[i, j] = 0.0
+        for i in range(6):
+            for k in range(6):
+                G[i, j] += weight * T[i, k] * column[k]
+    for i in range(6):
+        pair.work.innovation[i] = weight * pair.board.reduced.innovation[i]
+
+
+@njit(**INSIDE)
+def reduce_measurement(
+    parameters: PairParameters, board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array,
+    ray_sd: Array, rotated: float, shared: float,
+) -> tuple[bool, float]:  # fmt: skip
     """An image's linear measurement of the difference of the board's pose from the predicted one.
 
     See docs/foot_to_foot.md (6).
 
     A badly predicted pose is far from where the rays' Jacobian holds: a board that is a quarter nearer is
     overcorrected. So the rays are linearised again at the updated board pose until it converges (iterated Kalman
-    filter; Jazwinski 1970, 9.7, in the six dimensions that matter). `shared` is the factor by which the noise grows as
-    observations share their error.
+    filter; Jazwinski 1970, 9.7, in the six dimensions that matter). `rotated` is a variance common to all rays, and
+    `shared` the factor by which the noise grows as observations share their error.
+
+    Writes the derivatives T (6, 6) by the pose and the innovations z (6,), both in standard deviations of the rays,
+    into `board.reduced`.
 
     Returns:
-        Whether the board is in front of the camera; (6, 6) derivatives by the pose; (6,) innovations, both in standard
-        deviations of the rays; misfit, at least 1, by which these are too small.
+        Whether the board is in front of the camera; misfit, at least 1, by which T and z are too small.
     """
-    u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: estimated minus predicted pose
-    for i in range(int(parameters.relinearizations)):
-        q = quat_exp(u[3], u[4], u[5])
-        A, ahead = _rows(parameters, p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
-        if not ahead:
-            return i > 0, T, z, alone
-        triangle = np.linalg.qr(A)[1]
-        T = np.ascontiguousarray(triangle[:6, :6])
-        z = triangle[:6, 6] + T @ u
-        alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * len(rays) - 6))
+    work, C, triangle = board.reduced, board.covariance, board.triangle
+    T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
+    for i in range(6):
+        u[i] = 0.0  # estimated minus predicted pose
+    for turn in range(int(parameters.relinearizations)):
+        R_now = matrix_product(rotation_matrix(quat_exp(u[3], u[4], u[5])), R)
+        if not _triangulate(
+            parameters, board, plus(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated
+        ):
+            return turn > 0, alone
+        alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
+        for i in range(6):
+            z[i] = triangle[i, 6]
+            for j in range(6):
+                T[i, j] = triangle[i, j]
+                z[i] += T[i, j] * u[j]
         noise = alone * shared
-        gain = covariance @ T.T @ np.linalg.inv(T @ covariance @ T.T + noise**2 * np.eye(6))
-        before, u = u, gain @ z
-        moved = T @ (u - before)
-        if moved @ moved < (parameters.settled_sd * noise) ** 2:
+        # u <- C Tᵀ (T C Tᵀ + noise² 1)⁻¹ z
+        spread_measurements(C, work, 0, 6)
+        normalized_innovation(work, 6, noise * noise)
+        back_substitute(work, 6)
+        for j in range(6):
+            work.gain[j] = 0.0
+            for i in range(6):
+                work.gain[j] += T[i, j] * work.solved[i]
+        moved2 = 0.0
+        for i in range(6):
+            change[i] = -u[i]
+            u[i] = 0.0
+            for j in range(6):
+                u[i] += C[i, j] * work.gain[j]
+            change[i] += u[i]
+        for i in range(6):
+            moved = 0.0
+            for j in range(6):
+                moved += T[i, j] * change[j]
+            moved2 += moved * moved
+        if moved2 < (parameters.settled_sd * noise) ** 2:
             break
-    return True, T, z, alone
+    return True, alone
 
 
 @njit(**INSIDE)
-def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tuple[Array, Array, Array]:
+def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tuple[Vec3, Mat3]:
     """Pose of the other foot's board in a foot's camera, and how it depends on the state.
 
-    See docs/foot_to_foot.md (1), (2). `a` is the past state of the foot with the camera, `b` that of the other.
+    See docs/foot_to_foot.md (1), (2). `a` is the past state of the foot with the camera, `b` that of the other. The
+    derivatives G (6, n) of the position (m) and of the rotation vector (rad), in camera axes, with regard to the error
+    state, are written into `pair.work.jacobian`.
 
     Returns:
-        (3,) m; (3, 3) camera <- board; (6, n) derivatives of the position (m) and of the rotation vector (rad), in
-        camera axes, with regard to the error state.
+        Position, m; rotation, camera <- board.
     """
-    board = 1 - camera
+    board, G = 1 - camera, pair.work.jacobian
     mount_a, mount_b = pair.mounts[CAMERA + camera], pair.mounts[BOARD + board]
-    R_c, R_m = rotation_matrix(mount_a[3:]), rotation_matrix(mount_b[3:])
-    arm = b.R @ mount_b[:3]
-    d = b.p + arm - a.p  # from a's IMU to the board, world
-    in_imu = a.R.T @ d
-    to_camera = np.ascontiguousarray((a.R @ R_c).T)  # camera <- world
-    out = np.ascontiguousarray(R_c.T)  # camera <- a's IMU
-    R_camera_b = to_camera @ b.R  # camera <- b's IMU
+    R_c, R_m = rotation_matrix(quaternion(mount_a, 3)), rotation_matrix(quaternion(mount_b, 3))
+    arm = rotate(b.R, vec3(mount_b, 0))
+    d = plus(plus(b.p, 1.0, arm), -1.0, a.p)  # from a's IMU to the board, world
+    from_camera = plus(rotate(transposed(a.R), d), -1.0, vec3(mount_a, 0))  # from a's camera to the board, a's IMU
+    to_camera = transposed(matrix_product(a.R, R_c))  # camera <- world
+    out = transposed(R_c)  # camera <- a's IMU
+    R_camera_b = matrix_product(to_camera, b.R)  # camera <- b's IMU
 
-    G = np.zeros((6, ALL_STATES))
-    by_a, by_b = cross(to_camera, d), -cross(to_camera, arm)
-    _pose_columns(G, STATES * camera, -to_camera, by_a, a)
-    _pose_columns(G, STATES * board, to_camera, by_b, b)
-    G[:3, CLOCKS + camera] = to_camera @ (b.v - a.v) + by_a @ a.rate + by_b @ b.rate
-    G[3:, CLOCKS + camera] = to_camera @ (b.rate - a.rate)
-    c = MOUNTS + 6 * (CAMERA + camera)
-    G[:3, c : c + 3] = -out
-    G[:3, c + 3 : c + 6] = cross(out, in_imu - mount_a[:3])
-    G[3:, c + 3 : c + 6] = -out
-    m = MOUNTS + 6 * (BOARD + board)
-    G[:3, m : m + 3] = R_camera_b
-    G[3:, m + 3 : m + 6] = R_camera_b
-    return out @ (in_imu - mount_a[:3]), R_camera_b @ R_m, G
+    clear(pair.work, 6)
+    by_a, by_b = rows_cross(to_camera, d), scaled(-1.0, rows_cross(to_camera, arm))
+    _put_pose_columns(G, STATES * camera, scaled(-1.0, to_camera), by_a, a)
+    _put_pose_columns(G, STATES * board, to_camera, by_b, b)
+    rates = plus(rotate(by_a, a.rate), 1.0, rotate(by_b, b.rate))
+    p_rate = plus(rotate(to_camera, plus(b.v, -1.0, a.v)), 1.0, rates)
+    R_rate = rotate(to_camera, plus(b.rate, -1.0, a.rate))
+    for i in range(3):
+        G[i, CLOCKS + camera], G[3 + i, CLOCKS + camera] = p_rate[i], R_rate[i]
+    c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)
+    put_matrix(scaled(-1.0, out), G, 0, c)
+    put_matrix(rows_cross(out, from_camera), G, 0, c + 3)
+    put_matrix(scaled(-1.0, out), G, 3, c + 3)
+    put_matrix(R_camera_b, G, 0, m)
+    put_matrix(R_camera_b, G, 3, m + 3)
+    return rotate(out, from_camera), matrix_product(R_camera_b, R_m)
 
 
 @njit(**INSIDE)
-def _pose_columns(G: Array, o: int, to_camera: Array, by_attitude: Array, past: PastState) -> None:
+def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past: PastState) -> None:
     """Writes a foot's columns of G: those of its pose at that time, in terms of its newest state.
 
     See docs/foot_to_foot.md (3).
 
     δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × displacement: the force acts in the rotated direction.
     """
-    G[:3, o + D_POSITION : o + D_POSITION + 3] = to_camera
-    G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -past.age * to_camera
-    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(to_camera, past.displacement)
-    G[:3, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = past.age * (by_attitude @ past.R)
-    G[3:, o + D_ATTITUDE : o + D_ATTITUDE + 3] = to_camera
-    G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = past.age * (to_camera @ past.R)
+    by_displacement = rows_cross(to_camera, past.displacement)
+    put_matrix(to_camera, G, 0, o + D_POSITION)
+    put_matrix(scaled(-past.age, to_camera), G, 0, o + D_VELOCITY)
+    for i in range(3):
+        put_vec3(plus(by_attitude[i], -1.0, by_displacement[i]), G[i], o + D_ATTITUDE)
+    put_matrix(scaled(past.age, matrix_product(by_attitude, past.R)), G, 0, o + D_GYRO_BIAS)
+    put_matrix(to_camera, G, 3, o + D_ATTITUDE)
+    put_matrix(scaled(past.age, matrix_product(to_camera, past.R)), G, 3, o + D_GYRO_BIAS)
 
 
 @njit(**INSIDE)
-def _rows(
-    parameters: PairParameters, p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array
-) -> tuple[Array, bool]:
-    """(2M, 7) derivatives of the rays by the board's pose in the camera, and innovations, in standard deviations.
+def _triangulate(
+    parameters: PairParameters, board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array,
+    ray_sd: Array, rotated: float,
+) -> bool:  # fmt: skip
+    """Writes the triangle of the derivatives (2M, 6) of the rays by the board's pose in the camera, and innovations.
 
-    See docs/foot_to_foot.md (4).
-
-    Also whether the board is in front of the camera.
+    See docs/foot_to_foot.md (4). Both are in standard deviations. False if the board is not in front of the camera.
     """
-    A = np.empty((2 * len(rays), 7))
-    J = np.zeros((2, 3))
-    for i in range(len(rays)):
-        arm = R @ points_in_board[i]
-        x, y, depth = p[0] + arm[0], p[1] + arm[1], p[2] + arm[2]
+    row = board.row
+    for i in range(7):
+        for j in range(7):
+            board.triangle[i, j] = 0.0
+    for i in range(m):
+        arm = rotate(R, vec3(points_in_board[i], 0))
+        x, y, depth = plus(p, 1.0, arm)
         if not depth > parameters.board_depth_min_m:
-            return A, False
-        x, y = x / depth, y / depth
-        scale = 1.0 / (depth * ray_sd[i])
-        J[0, 0], J[0, 2] = scale, -x * scale
-        J[1, 1], J[1, 2] = scale, -y * scale
-        A[2 * i : 2 * i + 2, :3] = J
-        A[2 * i : 2 * i + 2, 3:6] = -cross(J, arm)
-        A[2 * i, 6] = (rays[i, 0] - x) / ray_sd[i]
-        A[2 * i + 1, 6] = (rays[i, 1] - y) / ray_sd[i]
-    return A, True
+            return False
+        x, y, sd = x / depth, y / depth, math.sqrt(ray_sd[i] ** 2 + rotated)
+        scale = 1.0 / (depth * sd)
+        for k in range(2):
+            by_point = (scale, 0.0, -x * scale) if k == 0 else (0.0, scale, -y * scale)
+            put_vec3(by_point, row, 0)
+            put_vec3(cross(arm, by_point), row, 3)
+            row[6] = (rays[i, k] - (x if k == 0 else y)) / sd
+            _add_row(board.triangle, row)
+    return True
+
+
+@njit(**INSIDE)
+def _add_row(triangle: Array, row: Array) -> None:
+    """Adds a row to those of which a triangle is the R of the QR decomposition, by Givens rotations; uses up `row`."""
+    for k in range(len(row)):
+        size = math.sqrt(triangle[k, k] ** 2 + row[k] ** 2)
+        if row[k] != 0.0 and size > 0.0:
+            c, s = triangle[k, k] / size, row[k] / size
+            for j in range(k, len(row)):
+                above, below = triangle[k, j], row[j]
+                triangle[k, j] = c * above + s * below
+                row[j] = c * below - s * above
 
 
 @njit(**INSIDE)
@@ -225,36 +315,40 @@ def sonar_update(
     Returns:
         Length of the innovation in standard deviations, or UNUSED.
     """
-    if not parameters.published and (t_ns - pair.seen.max()) * 1e-9 < parameters.sonar_after_s:
+    since_s = (t_ns - max(pair.seen[0], pair.seen[1])) * 1e-9
+    if not parameters.published and since_s < parameters.sonar_after_s:
         return UNUSED
-    other = 1 - sonar
+    other, work = 1 - sonar, pair.work
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
-    arm_a, arm_b = a.R @ pair.sonars[sonar], b.R @ pair.echoes[other]
-    d = b.p + arm_b - a.p - arm_a
-    size = math.sqrt(d @ d)
+    arm_a, arm_b = rotate(a.R, vec3(pair.sonars[sonar], 0)), rotate(b.R, vec3(pair.echoes[other], 0))
+    d = plus(plus(b.p, 1.0, arm_b), -1.0, plus(a.p, 1.0, arm_a))
+    size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
         return UNUSED
-    to = np.ascontiguousarray((d / (size * parameters.range_sd_m)).reshape(1, 3))
-    H = np.zeros((1, ALL_STATES))
+    none = 0.0, 0.0, 0.0
+    to = plus(none, 1.0 / (size * parameters.range_sd_m), d)
+    clear(work, 1)
+    h = work.jacobian[0]
     of_a, of_b = STATES * sonar, STATES * other
-    H[:, of_a + D_POSITION : of_a + D_POSITION + 3] = -to
-    H[:, of_b + D_POSITION : of_b + D_POSITION + 3] = to
+    put_vec3(plus(none, -1.0, to), h, of_a + D_POSITION)
+    put_vec3(to, h, of_b + D_POSITION)
     if not parameters.published:
-        H[:, of_a + D_ATTITUDE : of_a + D_ATTITUDE + 3] = cross(to, arm_a)
-        H[:, of_b + D_ATTITUDE : of_b + D_ATTITUDE + 3] = -cross(to, arm_b)
-    z = np.array([(distance - size) / parameters.range_sd_m])
-    length = normalized_innovation(pair.covariance, H, z)
+        put_vec3(cross(to, arm_a), h, of_a + D_ATTITUDE)
+        put_vec3(cross(arm_b, to), h, of_b + D_ATTITUDE)
+    work.innovation[0] = (distance - size) / parameters.range_sd_m
+    spread_measurements(pair.covariance, work, 0, 1)
+    length = normalized_innovation(work, 1, 1.0)
     if parameters.published:
-        used, inflation = abs(distance - size) < parameters.max_range_misfit_m, 1.0
+        used, variance = abs(distance - size) < parameters.max_range_misfit_m, 1.0
     else:
         echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.observation_correlation_s)
-        used, inflation = length < parameters.range_gate, math.sqrt(parameters.observation_correlation_s / echo_s)
+        used, variance = length < parameters.range_gate, parameters.observation_correlation_s / echo_s
     if not used:
         return UNUSED
     pair.heard[sonar] = t_ns
     pair.nis[ECHOES, 0] += length**2
     pair.nis[ECHOES, 1] += 1.0
-    correct(pair.covariance, pair.error, 0, H[0] / inflation, z[0] / inflation, 1.0)
+    correct(pair.covariance, pair.error, work.gain, 0, h, work.innovation[0], variance)
     inject_all(pair)
     return length

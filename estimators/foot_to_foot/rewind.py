@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.quaternions import (
+    Mat3,
+    Vec3,
+    plus,
+    product,
+    quat_exp,
+    quaternion,
+    rotate,
+    rotation_matrix,
+    vec3,
+)
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -19,11 +29,11 @@ from stridetwin.estimators.foot_ins.state import (
     TRACKING,
     VELOCITY,
     Memory,
+    force_of,
+    rate_of,
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import force_at_middle
-from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
-from stridetwin.streams.samples import Array
 
 
 class PastState(NamedTuple):
@@ -31,21 +41,21 @@ class PastState(NamedTuple):
 
     Attributes:
         known: Whether the foot was tracked continuously from then to its newest sample.
-        p: (3,) position in the world, m.
-        R: (3, 3) rotation, world <- IMU.
-        v: (3,) velocity in the world, m/s.
-        rate: (3,) angular rate, world axes, rad/s.
+        p: Position in the world, m.
+        R: Rotation, world <- IMU.
+        v: Velocity in the world, m/s.
+        rate: Angular rate, world axes, rad/s.
         age: Time before the newest sample, s; negative after it.
-        displacement: (3,) displacement by the specific force since then, world, m.
+        displacement: Displacement by the specific force since then, world, m.
     """
 
     known: bool
-    p: Array
-    R: Array
-    v: Array
-    rate: Array
+    p: Vec3
+    R: Mat3
+    v: Vec3
+    rate: Vec3
     age: float
-    displacement: Array
+    displacement: Vec3
 
 
 @njit(**INSIDE)
@@ -56,11 +66,11 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead
     after the newest sample (a camera's clock may be late) that sample is extrapolated.
     """
     clock, x = memory.clock, memory.nominal
-    p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
-    q = x[ATTITUDE : ATTITUDE + 4].copy()
+    p, v, q = vec3(x, POSITION), vec3(x, VELOCITY), quaternion(x, ATTITUDE)
+    gyro_bias, accel_bias = vec3(x, GYRO_BIAS), vec3(x, ACCEL_BIAS)
     age = (clock[T_LAST] - t_ns) * 1e-9
     known = clock[PHASE] == TRACKING and -max_lead_s <= age <= max_age_s
-    w = memory.ring[ring_row(memory, 0), :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
+    w = plus(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)
     back, left = 0, known
     while left:
         i, before = ring_row(memory, back), ring_row(memory, back + 1)
@@ -72,28 +82,17 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead
             dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
         else:
             left, dt = False, age
-        w = memory.ring[i, :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
+        w = plus(rate_of(memory, i), -1.0, gyro_bias)
         half = quat_exp(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
         middle = product(q, half)
-        force = memory.ring[i, 3:] - x[ACCEL_BIAS : ACCEL_BIAS + 3]
-        a = rotation_matrix(middle) @ force_at_middle(force, dt * w[0], dt * w[1], dt * w[2])
-        a[2] -= gravity
-        v -= dt * a
-        p -= dt * (v + 0.5 * dt * a)
+        force = plus(force_of(memory, i), -1.0, accel_bias)
+        a = rotate(rotation_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
+        a = a[0], a[1], a[2] - gravity
+        v = plus(v, -dt, a)
+        p = plus(p, -dt, plus(v, 0.5 * dt, a))
         q = product(middle, half)
         back += 1
-    displacement = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
-    displacement[2] += 0.5 * gravity * age * age
+    moved = plus(plus(p, -1.0, vec3(x, POSITION)), age, vec3(x, VELOCITY))
+    displacement = moved[0], moved[1], moved[2] + 0.5 * gravity * age * age
     R = rotation_matrix(q)
-    return PastState(known, p, R, v, R @ w, age, displacement)
-
-
-@njit(**INSIDE)
-def cross(M: Array, v: Array) -> Array:
-    """(m, 3) M [v]x, the rows of M (m, 3) each crossed with v."""
-    out = np.empty((len(M), 3))
-    for i in range(len(M)):
-        out[i, 0] = M[i, 1] * v[2] - M[i, 2] * v[1]
-        out[i, 1] = M[i, 2] * v[0] - M[i, 0] * v[2]
-        out[i, 2] = M[i, 0] * v[1] - M[i, 1] * v[0]
-    return out
+    return PastState(known, p, R, v, rotate(R, w), age, displacement)

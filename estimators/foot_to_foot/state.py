@@ -9,9 +9,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.kalman import MEASUREMENTS, Workspace, workspace
+from stridetwin.estimators.foot_ins.quaternions import product, put_quaternion, quat_exp, quaternion
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
-from stridetwin.estimators.so3 import product, quat_exp
 from stridetwin.streams.samples import Array
 
 FEET = ("l", "r")
@@ -30,13 +31,40 @@ NEVER = -(2**62)  # ns
 OBSERVATIONS, ECHOES = 0, 1  # rows of what is known of their innovations
 
 
+class BoardWorkspace(NamedTuple):
+    """Arrays of the measurement of one image, which is reduced to the pose of the board.
+
+    Attributes:
+        covariance: (6, 6) of the predicted pose, position (m) and rotation vector (rad), camera axes.
+        triangle: (7, 7) R of the QR decomposition of the rays' derivatives by the pose, and innovations.
+        row: (7,) that is added to it.
+        moved: (2, 6) estimated minus predicted pose; and its last change.
+        reduced: Of the measurement of the pose.
+    """
+
+    covariance: Array
+    triangle: Array
+    row: Array
+    moved: Array
+    reduced: Workspace
+
+
+def board_workspace() -> BoardWorkspace:
+    """For one image at a time."""
+    m = MEASUREMENTS
+    return BoardWorkspace(
+        covariance=np.zeros((m, m)), triangle=np.zeros((m + 1, m + 1)), row=np.zeros(m + 1), moved=np.zeros((2, m)),
+        reduced=workspace(m, m),
+    )  # fmt: skip
+
+
 class Pair(NamedTuple):
     """State of the filter of both feet.
 
     Attributes:
         feet: Left and right; their covariance and error are views of the two below.
         covariance: (70, 70).
-        error: (70,) see `foot_ins.memory.Memory`.
+        error: (70,) see `foot_ins.state.Memory`.
         mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each
             in its foot's IMU.
         late: (2,) offset to add to the times of each camera's images, s.
@@ -46,7 +74,9 @@ class Pair(NamedTuple):
         earth: (3,) rotation rate of the Earth in world axes, rad/s.
         seen: (2,) int64, time of the newest observation used of each camera, ns.
         heard: (2,) int64, time of the newest echo used of each sonar, ns.
-        nis: (2, 2) as `foot_ins.memory.Memory.nis`, of observations and of echoes.
+        nis: (2, 2) as `foot_ins.state.Memory.nis`, of observations and of echoes.
+        work: Of one update of all states.
+        board: Of one image.
     """
 
     feet: tuple[Memory, Memory]
@@ -61,6 +91,8 @@ class Pair(NamedTuple):
     seen: NDArray[np.int64]
     heard: NDArray[np.int64]
     nis: Array
+    work: Workspace
+    board: BoardWorkspace
 
 
 def blank_pair(
@@ -76,6 +108,7 @@ def blank_pair(
         mounts=np.array(mounts, dtype=float), late=np.zeros(2), scales=np.zeros((2, 3)),
         sonars=np.array(sonars, dtype=float), echoes=np.array(echoes, dtype=float),
         earth=np.array(earth, dtype=float), seen=np.full(2, NEVER), heard=np.full(2, NEVER), nis=np.zeros((2, 2)),
+        work=workspace(ALL_STATES, ALL_STATES), board=board_workspace(),
     )  # fmt: skip
 
 
@@ -84,14 +117,19 @@ def inject_all(pair: Pair) -> None:
     """Moves the error found so far into the nominal state of feet, mounts, clocks and scales, in place."""
     for foot in range(2):
         inject(pair.feet[foot])
+    error = pair.error
     for i in range(4):
-        error, mount = pair.error[MOUNTS + 6 * i : MOUNTS + 6 * i + 6], pair.mounts[i]
-        mount[:3] += error[:3]
-        mount[3:] = product(quat_exp(error[3], error[4], error[5]), mount[3:])
-    pair.late[:] += pair.error[CLOCKS:SCALES]
+        mount, o = pair.mounts[i], MOUNTS + 6 * i
+        for k in range(3):
+            mount[k] += error[o + k]
+        rotation = quat_exp(error[o + 3], error[o + 4], error[o + 5])
+        put_quaternion(product(rotation, quaternion(mount, 3)), mount, 3)
     for foot in range(2):
-        pair.scales[foot] += pair.error[SCALES + 3 * foot : SCALES + 3 * foot + 3]
-    pair.error[:] = 0.0
+        pair.late[foot] += error[CLOCKS + foot]
+        for k in range(3):
+            pair.scales[foot, k] += error[SCALES + 3 * foot + k]
+    for i in range(ALL_STATES):
+        error[i] = 0.0
 
 
 class Events(NamedTuple):

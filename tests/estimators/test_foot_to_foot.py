@@ -38,7 +38,7 @@ from tests.estimators.one_foot import take
 inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
 see = from_python(relative_updates.board_update)
-reduced = from_python(relative_updates._reduced_measurement)
+reduced = from_python(relative_updates.reduce_measurement)
 board_in_camera = from_python(relative_updates.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity_mps2
@@ -84,7 +84,8 @@ def seen(pair: Pair, camera: int, t_ns: int) -> tuple[np.ndarray, np.ndarray, np
     a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1, 0.05) for f in (camera, 1 - camera))
     assert a.known
     assert b.known
-    return board_in_camera(pair, camera, a, b)
+    p, R = board_in_camera(pair, camera, a, b)
+    return np.array(p), np.array(R), pair.work.jacobian.copy()
 
 
 @settings(max_examples=12, deadline=None)
@@ -149,7 +150,11 @@ def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
     predicted, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
     parameters, rays = for_kernel(FootToFootParameters()), seen[:, :2] / seen[:, 2:]
-    ahead, T, z, _ = reduced(parameters, predicted, about.as_matrix(), covariance, points, rays, sd, 8.0)
+    board = state.board_workspace()
+    board.covariance[:] = covariance
+    pose = tuple(predicted), tuple(tuple(row) for row in about.as_matrix())
+    ahead, _ = reduced(parameters, board, *pose, len(points), points, rays, sd, 0.0, 8.0)
+    T, z = board.reduced.jacobian, board.reduced.innovation
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
     np.testing.assert_allclose(predicted + found[:3], p, atol=2e-3)
@@ -397,7 +402,7 @@ def test_observations_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_
     for _ in range(3):
         one_foot = for_sensor(FootInsParameters(), None)
         assert (
-            see(pair, one_foot, parameters, 0, t_ns, behind, np.zeros((6, 2)), np.full(6, 1e-3))
+            see(pair, one_foot, parameters, 0, t_ns, 6, behind, np.zeros((6, 2)), np.full(6, 1e-3))
             == relative_updates.UNUSED
         )
     assert pair.covariance[CLOCKS, CLOCKS] == 0.0

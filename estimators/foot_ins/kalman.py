@@ -1,0 +1,142 @@
+"""Kalman updates of a covariance in place, in a workspace, so that nothing is allocated."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.streams.samples import Array
+
+MEASUREMENTS = 6  # at most, of one update
+
+
+class Workspace(NamedTuple):
+    """Arrays of one update of a filter with n error states.
+
+    Attributes:
+        jacobian: (6, m) H: one row per measurement, of unit noise, by the m states from a row on.
+        innovation: (6,) z: measurement minus its prediction from the nominal state, in standard deviations.
+        spread: (6, 6) H P Hᵀ, lower triangle.
+        factor: (6, 6) lower triangular.
+        solved: (6,) of the factor.
+        gain: (n,) P hᵀ of one row.
+    """
+
+    jacobian: Array
+    innovation: Array
+    spread: Array
+    factor: Array
+    solved: Array
+    gain: Array
+
+
+def workspace(states: int, measured: int) -> Workspace:
+    """For a covariance of so many states, and measurements of so many of them."""
+    m = MEASUREMENTS
+    return Workspace(
+        jacobian=np.zeros((m, measured)), innovation=np.zeros(m), spread=np.zeros((m, m)), factor=np.zeros((m, m)),
+        solved=np.zeros(m), gain=np.zeros(states),
+    )  # fmt: skip
+
+
+@njit(**INSIDE)
+def clear(work: Workspace, m: int) -> None:
+    """Clears the first m rows of the Jacobian."""
+    for i in range(m):
+        for j in range(work.jacobian.shape[1]):
+            work.jacobian[i, j] = 0.0
+
+
+@njit(**INSIDE)
+def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> None:
+    """Scalar Kalman update of `P` (n, n) and of the accumulated error `dx` (n,), in place.
+
+    `h` (m,) is the measurement's Jacobian by the m states from row `o` on, `z` the measurement minus its prediction
+    from the nominal state, and `r` its variance; `gain` (n,) is overwritten.
+    """
+    n = P.shape[0]
+    _weigh(P, gain, o, h)
+    s = r
+    for j in range(len(h)):
+        if h[j] != 0.0:
+            z -= h[j] * dx[o + j]
+            s += h[j] * gain[o + j]
+    for i in range(n):
+        k = gain[i] / s
+        dx[i] += k * z
+        for j in range(i, n):
+            P[i, j] -= k * gain[j]
+            P[j, i] = P[i, j]
+
+
+@njit(**INSIDE)
+def _weigh(P: Array, gain: Array, o: int, h: Array) -> None:
+    """Writes P hᵀ into `gain`."""
+    for i in range(len(gain)):
+        gain[i] = 0.0
+    for j in range(len(h)):
+        if h[j] != 0.0:
+            for i in range(len(gain)):
+                gain[i] += P[o + j, i] * h[j]
+
+
+@njit(**INSIDE)
+def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
+    """Writes H P Hᵀ of the first m rows of the Jacobian, by the states from row `o` on, into the workspace."""
+    H = work.jacobian
+    for i in range(m):
+        _weigh(P, work.gain, o, H[i])
+        for k in range(i + 1):
+            s = 0.0
+            for j in range(H.shape[1]):
+                s += H[k, j] * work.gain[o + j]
+            work.spread[i, k] = s
+
+
+@njit(**INSIDE)
+def normalized_innovation(work: Workspace, m: int, variance: float) -> float:
+    """Length of the innovation: of m measurements with this noise variance, in standard deviations.
+
+    √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` comes before.
+    """
+    L, y, length2 = work.factor, work.solved, 0.0
+    for i in range(m):
+        for k in range(i + 1):
+            s = work.spread[i, k]
+            for j in range(k):
+                s -= L[i, j] * L[k, j]
+            L[i, k] = math.sqrt(s + variance) if k == i else s / L[k, k]
+        y[i] = work.innovation[i]
+        for j in range(i):
+            y[i] -= L[i, j] * y[j]
+        y[i] /= L[i, i]
+        length2 += y[i] * y[i]
+    return math.sqrt(length2)
+
+
+@njit(**INSIDE)
+def back_substitute(work: Workspace, m: int) -> None:
+    """Replaces `solved`, L⁻¹ z after `normalized_innovation`, by S⁻¹ z."""
+    L, y = work.factor, work.solved
+    for i in range(m - 1, -1, -1):
+        for j in range(i + 1, m):
+            y[i] -= L[j, i] * y[j]
+        y[i] /= L[i, i]
+
+
+@njit(**INSIDE)
+def gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
+    """Update with m measurements, whose noise grows in proportion to what of the innovation exceeds `innovation_gate`.
+
+    See docs/foot_ins.md (11). Returns the length of the innovation in standard deviations.
+    """
+    spread_measurements(P, work, o, m)
+    length = normalized_innovation(work, m, 1.0)
+    inflation = max(1.0, length / innovation_gate)
+    for i in range(m):
+        correct(P, dx, work.gain, o, work.jacobian[i], work.innovation[i], inflation * inflation)
+    return length

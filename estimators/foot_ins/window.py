@@ -1,0 +1,321 @@
+"""Window of the fixed-lag smoother: passages of the error from sample to sample, and their sums, compiled.
+
+Fixed-interval smoothing runs backward from the interval's end: the information of sample k+1, mapped through the
+propagation of the error from k to k+1, applies to k. In the form of Bryson & Frazier 1963 (Bierman 1973, Automatica
+9:503) it needs no inverse of a covariance, which here is singular: the start is known, and the floor is as high as the
+stationary foot. Between two samples the error is mapped by Ψ (propagation, corrections, shifts, new floors), and the
+corrections add the information J = Σ g gᵀ / s and the evidence j = Σ g z / s about the initial error, where
+g = Ψ_iᵀ h with Ψ up to correction i. With both summed over all later samples
+
+    x_smoothed = x ⊕ P j,   P_smoothed = P - P J P.
+
+Two consecutive passages combine to Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so the
+passage over a sliding window takes three products per sample, however long the window is (two stacks, of which the
+older is summed from its end).
+
+When a clipped peak is restored (`clipping`), the filter's state jumps, and with it the stored samples since the peak
+began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
+and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
+
+The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 19 rows, with covariance 0 of their
+own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
+the zeros and adds g z / s to the error of these rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.quaternions import (
+    Vec3,
+    cross,
+    plus,
+    product,
+    put_quaternion,
+    put_vec3,
+    quaternion,
+    vec3,
+)
+from stridetwin.estimators.foot_ins.stance import inject
+from stridetwin.estimators.foot_ins.state import (
+    ATTITUDE,
+    D_ATTITUDE,
+    D_POSITION,
+    D_VELOCITY,
+    NOMINAL,
+    POSITION,
+    RESTORED,
+    STATES,
+    T_LAST,
+    VELOCITY,
+    Memory,
+    blank,
+    ring_row,
+)
+from stridetwin.estimators.foot_ins.strapdown import mirror, shift, shift_rows, transpose_rows
+from stridetwin.streams.samples import Array
+
+OLDEST, HELD, SUMMED = range(3)  # of `place`
+
+
+class Window(NamedTuple):
+    """A ring of C samples, from the oldest held to the newest.
+
+    Attributes:
+        place: (3,) int64: row of the oldest sample; how many are held; how many of these, from the oldest on, have rows
+            of `transition`, `information` and `evidence` that are summed up to the last of these.
+        t_ns: (C,) int64.
+        phase: (C,) int8 in which each was used.
+        speed: (C,) standard deviation of the standing foot's speed, m/s.
+        nominal: (C, 20) filtered.
+        covariance: (C, 19, 19) filtered.
+        transition: (C + 1, 19, 19) Ψ of the passage from the sample before; row C: over the samples not yet summed.
+        information: (C + 1, 19, 19) J of the same.
+        evidence: (C + 1, 19) j of the same.
+        given: Output for a sample that leaves.
+        scratch: (2, 19, 19).
+    """
+
+    place: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    phase: NDArray[np.int8]
+    speed: Array
+    nominal: Array
+    covariance: Array
+    transition: Array
+    information: Array
+    evidence: Array
+    given: Memory
+    scratch: Array
+
+
+def empty_window(capacity: int) -> Window:
+    """An empty window of at most `capacity` samples."""
+    transition = np.zeros((capacity + 1, STATES, STATES))
+    transition[capacity] = np.eye(STATES)
+    return Window(
+        place=np.zeros(3, np.int64), t_ns=np.zeros(capacity, np.int64), phase=np.zeros(capacity, np.int8),
+        speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
+        covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
+        information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
+        given=blank(), scratch=np.zeros((2, STATES, STATES)),
+    )  # fmt: skip
+
+
+def augmented_memory() -> Memory:
+    """Memory of a foot whose covariance has the rows that `augment` needs."""
+    return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+
+
+@njit(**INSIDE)
+def augment(memory: Memory) -> None:
+    """Prepares the additional rows for the next sample, in place."""
+    P, n = memory.covariance, 2 * STATES
+    for i in range(STATES, n):
+        for j in range(n):
+            P[i, j] = P[j, i] = 1.0 if i == j + STATES else 0.0
+        memory.error[i] = 0.0
+
+
+@njit(**INSIDE)
+def apply_restored(window: Window, memory: Memory) -> None:
+    """Corrects the stored samples since a clipped peak began by the result of `restore`, in place.
+
+    `memory` is that after the sample at which the peak was restored, which the window does not hold yet.
+    """
+    place, capacity = window.place, len(window.t_ns)
+    held, summed, moved = place[HELD], place[SUMMED], memory.restored
+    reach = 0  # samples back, from the newest held; older ones have left the window
+    for back in range(1, min(memory.clock[RESTORED], held) + 1):
+        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[ring_row(memory, back)]:
+            break
+        reach = back
+    if reach == 0:
+        return
+    for back in range(1, reach + 1):
+        i = (place[OLDEST] + held - back) % capacity
+        x, dp, dv = window.nominal[i], vec3(moved[back], POSITION), vec3(moved[back], VELOCITY)
+        put_vec3(plus(vec3(x, POSITION), 1.0, dp), x, POSITION)
+        put_vec3(plus(vec3(x, VELOCITY), 1.0, dv), x, VELOCITY)
+        put_quaternion(product(quaternion(moved[back], ATTITUDE), quaternion(x, ATTITUDE)), x, ATTITUDE)
+        shift(window.covariance[i], 0, dp, dv)
+        if held - back >= summed:
+            _move(window, i, moved, back, back + 1, reach)
+    last_summed = held - summed + 1
+    if last_summed <= reach:
+        for k in range(summed):
+            _move(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
+    _move(window, capacity, moved, 1, last_summed, reach)
+    dp, dv = vec3(moved[1], POSITION), vec3(moved[1], VELOCITY)
+    _begin_both_at(memory.covariance, STATES, dp, dv)
+    _begin_row_at(memory.error, STATES, dp, dv)
+
+
+@njit(**INSIDE)
+def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
+    """Moves the ends of a row's passage, given in samples back; those beyond `reach` stay."""
+    if end <= reach:
+        shift_rows(window.transition[row], 0, vec3(moved[end], POSITION), vec3(moved[end], VELOCITY))
+    if begin <= reach:
+        dp, dv = vec3(moved[begin], POSITION), vec3(moved[begin], VELOCITY)
+        _begin_at(window.transition[row], 0, dp, dv)
+        _begin_both_at(window.information[row], 0, dp, dv)
+        _begin_row_at(window.evidence[row], 0, dp, dv)
+
+
+@njit(**INSIDE)
+def _begin_both_at(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """M <- T⁻ᵀ M T⁻¹ in place, M symmetric."""
+    _begin_at(M, o, dp, dv)
+    transpose_rows(M, o + D_ATTITUDE, 3)
+    _begin_at(M, o, dp, dv)
+    mirror(M, o + D_ATTITUDE, 3)
+
+
+@njit(**INSIDE)
+def _begin_at(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """M <- M T⁻¹ in place, T as of `strapdown.shift` at the columns from `o` on."""
+    for i in range(M.shape[0]):
+        _begin_row_at(M[i], o, dp, dv)
+
+
+@njit(**INSIDE)
+def _begin_row_at(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """The same of one row."""
+    by_position = cross(vec3(row, o + D_POSITION), dp)
+    by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
+    attitude = plus(plus(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
+    put_vec3(attitude, row, o + D_ATTITUDE)
+
+
+@njit(**INSIDE)
+def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
+    """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
+    capacity = len(window.t_ns)
+    i = (window.place[OLDEST] + window.place[HELD]) % capacity
+    window.place[HELD] += 1
+    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
+    P, n = memory.covariance, STATES
+    for k in range(NOMINAL):
+        window.nominal[i, k] = memory.nominal[k]
+    for k in range(n):
+        for j in range(n):
+            window.covariance[i, k, j] = P[k, j]
+            window.transition[i, k, j] = P[k, n + j]
+            window.information[i, k, j] = -P[n + k, n + j]
+        window.evidence[i, k] = memory.error[n + k]
+    _join(window, capacity, i)
+
+
+@njit(**INSIDE)
+def _join(window: Window, earlier: int, later: int) -> None:
+    """Extends the passage of row `earlier` by that of row `later`, in place.
+
+    See docs/foot_ins.md (16).
+    """
+    A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
+    _add_by_transposed(A, window.evidence[later], window.evidence[earlier])
+    _multiply(window.information[later], A, JA)
+    _add_product_by_transposed(A, JA, window.information[earlier])
+    BA = window.scratch[0]
+    _multiply(B, A, BA)
+    _copy(BA, A)
+
+
+@njit(**INSIDE)
+def _multiply(A: Array, B: Array, out: Array) -> None:
+    """Writes A B into `out`; the compiler vectorises the sums, so that BLAS is no faster for matrices so small."""
+    for i in range(STATES):
+        for j in range(STATES):
+            out[i, j] = 0.0
+        for k in range(STATES):
+            a = A[i, k]
+            for j in range(STATES):
+                out[i, j] += a * B[k, j]
+
+
+@njit(**INSIDE)
+def _add_product_by_transposed(A: Array, B: Array, out: Array) -> None:
+    """Adds Aᵀ B to `out`."""
+    for k in range(STATES):
+        for i in range(STATES):
+            a = A[k, i]
+            for j in range(STATES):
+                out[i, j] += a * B[k, j]
+
+
+@njit(**INSIDE)
+def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
+    """Adds Aᵀ b to `out`."""
+    for k in range(STATES):
+        for i in range(STATES):
+            out[i] += A[k, i] * b[k]
+
+
+@njit(**INSIDE)
+def _copy(A: Array, out: Array) -> None:
+    """Writes A into `out`."""
+    for i in range(STATES):
+        for j in range(STATES):
+            out[i, j] = A[i, j]
+
+
+@njit(**INSIDE)
+def _symmetric(A: Array, out: Array) -> None:
+    """Writes (A + Aᵀ)/2 into `out`."""
+    for i in range(STATES):
+        for j in range(STATES):
+            out[i, j] = 0.5 * (A[i, j] + A[j, i])
+
+
+@njit(**INSIDE)
+def release_oldest(window: Window) -> int:
+    """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held.
+
+    See docs/foot_ins.md (17).
+    """
+    place, capacity = window.place, len(window.t_ns)
+    i = place[OLDEST]
+    if place[SUMMED] == 0:
+        for k in range(place[HELD] - 2, -1, -1):
+            _join(window, (i + k) % capacity, (i + k + 1) % capacity)
+        place[SUMMED] = place[HELD]
+        for k in range(STATES):
+            for j in range(STATES):
+                window.transition[capacity, k, j] = 1.0 if k == j else 0.0
+                window.information[capacity, k, j] = 0.0
+            window.evidence[capacity, k] = 0.0
+    place[OLDEST] = (i + 1) % capacity
+    place[HELD] -= 1
+    place[SUMMED] -= 1
+    given, P, first, second = window.given, window.covariance[i], window.scratch[0], window.scratch[1]
+    J, evidence, own = window.information[capacity], window.evidence[capacity], given.work.gain
+    if place[SUMMED] > 0:
+        oldest = place[OLDEST]
+        A = window.transition[oldest]
+        _multiply(J, A, first)
+        _copy(window.information[oldest], second)
+        _add_product_by_transposed(A, first, second)
+        for k in range(STATES):
+            own[k] = window.evidence[oldest, k]
+        _add_by_transposed(A, evidence, own)
+        J, evidence = second, own
+    _symmetric(J, first)
+    _multiply(P, first, second)
+    _multiply(second, P, first)
+    _symmetric(first, second)
+    for k in range(STATES):
+        given.error[k] = 0.0
+        for m in range(STATES):
+            given.covariance[k, m] = P[k, m] - second[k, m]
+            given.error[k] += P[k, m] * evidence[m]
+    for k in range(NOMINAL):
+        given.nominal[k] = window.nominal[i, k]
+    given.clock[T_LAST] = window.t_ns[i]
+    inject(given)
+    return i
