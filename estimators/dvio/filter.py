@@ -54,7 +54,8 @@ class DvioEstimate:
     @classmethod
     def of(cls, nav: NavState, health: str, frame: str = "") -> DvioEstimate:
         """A copy of a propagated state."""
-        T_world_imu, covariance = kernel.pose_and_covariance(nav)
+        T_world_imu, covariance = np.empty((4, 4)), np.empty((6, 6))
+        kernel.pose_and_covariance(nav, T_world_imu, covariance)
         t_ns = int(nav.t_ns[0])
         return cls(
             t_ns=t_ns,

@@ -11,9 +11,24 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import REORDERED, mul, propagated, put, rotate_back
+from stridetwin.estimators.dvio.algebra import (
+    REORDERED,
+    clear,
+    clear_block,
+    copy,
+    copy_matrix,
+    identity,
+    mat3,
+    mul,
+    propagated,
+    rotate,
+    rotate_back,
+    transposed,
+    vec3,
+)
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE,
@@ -22,11 +37,14 @@ from stridetwin.estimators.dvio.state import (
     D_VELOCITY,
     FRAME,
     PLANE,
+    Calibration,
     FactorParameters,
     Frames,
     ImuNoise,
     ImuSamples,
+    Planes,
     Preintegration,
+    Prior,
     Window,
 )
 from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacobian_inverse
@@ -42,31 +60,33 @@ def preintegration_at(zs: Preintegration, k: int) -> Preintegration:
 
 
 @njit(error_model="numpy", **INSIDE)
-def clear(z: Preintegration, bias: Array) -> None:
+def reset(z: Preintegration, bias: Array) -> None:
     """Resets an increment to zero duration, at the biases (6,) of gyroscope and accelerometer."""
     z.dt[0] = 0.0
-    z.delta_p[:] = 0.0
-    z.delta_v[:] = 0.0
-    z.delta_R[:] = np.eye(3)
+    clear(z.delta_p)
+    clear(z.delta_v)
+    copy_matrix(identity(3), z.delta_R)
     z.by_bias[:] = 0.0
     z.covariance[:] = 0.0
-    z.bias[:] = bias
+    copy(bias, z.bias)
 
 
 @njit(error_model="numpy", **INSIDE)
-def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
-    """Adds an interval of `dt` (s) of constant measured rate (rad/s) and force (m/s²) to a measurement, in place.
+def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
+    """Adds an interval of `dt` (s) of constant measured rate and force, (6,), rad/s and m/s², in place.
 
     The noise densities are in rad/s/√Hz and m/s²/√Hz. See docs/dvio.md (1)-(3).
     """
-    phi, a = np.empty(3), np.empty((3, 1))
+    phi, a, bias = vec3(), vec3(), z.bias
     for i in range(3):
-        phi[i], a[i, 0] = (rate[i] - z.bias[i]) * dt, force[i] - z.bias[3 + i]
-    X, A, G = hat(phi), hat(a[:, 0]), z.delta_R.copy()
-    X2, Xf = mul(X, X), mul(X, a)
-    XA, Xa = mul(X, A), hat(Xf[:, 0])
+        phi[i] = (sample[i] - bias[i]) * dt
+        a[i] = sample[3 + i] - bias[3 + i]
+    G, delta_v, delta_p = mat3(), z.delta_v, z.delta_p
+    copy_matrix(z.delta_R, G)
+    X, A = hat(phi), hat(a)
+    X2, XA, Xa = mul(X, X), mul(X, A), hat(rotate(X, a))
     # mean of the rotation over the interval, and its mean weighted with the remaining time
-    to_v, to_p, v_by_phi, p_by_phi = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    to_v, to_p, v_by_phi, p_by_phi = mat3(), mat3(), mat3(), mat3()
     for i in range(3):
         for j in range(3):
             one = 1.0 if i == j else 0.0
@@ -75,23 +95,27 @@ def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_densit
             to_p[i, j] = one / 2.0 + X[i, j] / 6.0 + X2[i, j] / 24.0
             v_by_phi[i, j] = -(A[i, j] / 2.0 + both / 6.0)
             p_by_phi[i, j] = -(A[i, j] / 6.0 + both / 24.0)
-    dv, dp = mul(to_v, a)[:, 0], mul(to_p, a)[:, 0]
+    dv, dp = rotate(to_v, a), rotate(to_p, a)
     for i in range(3):
         dv[i] *= dt
         dp[i] *= dt * dt
-    F, B, rotation = np.eye(9), np.zeros((9, 6)), exp(phi)
-    put(F, 0, 3, mul(G, hat(dp)), -1.0)
-    put(F, 3, 3, rotation.T, 1.0)
-    put(F, 6, 3, mul(G, hat(dv)), -1.0)
+    rotation, Jr = exp(phi), right_jacobian(phi)
+    p_by_turn, v_by_turn = mul(G, hat(dp)), mul(G, hat(dv))
+    p_by_gyro, p_by_accel, v_by_gyro, v_by_accel = mul(G, p_by_phi), mul(G, to_p), mul(G, v_by_phi), mul(G, to_v)
+    F, B = identity(9), np.zeros((9, 6))
     for i in range(3):
         F[i, 6 + i] = dt
-    put(B, 0, 0, mul(G, p_by_phi), -dt * dt * dt)
-    put(B, 0, 3, mul(G, to_p), -dt * dt)
-    put(B, 3, 0, right_jacobian(phi), -dt)
-    put(B, 6, 0, mul(G, v_by_phi), -dt * dt)
-    put(B, 6, 3, mul(G, to_v), -dt)
+        for j in range(3):
+            F[i, 3 + j] = -p_by_turn[i, j]
+            F[3 + i, 3 + j] = rotation[j, i]
+            F[6 + i, 3 + j] = -v_by_turn[i, j]
+            B[i, j] = -dt * dt * dt * p_by_gyro[i, j]
+            B[i, 3 + j] = -dt * dt * p_by_accel[i, j]
+            B[3 + i, j] = -dt * Jr[i, j]
+            B[6 + i, j] = -dt * dt * v_by_gyro[i, j]
+            B[6 + i, 3 + j] = -dt * v_by_accel[i, j]
     # White noise of density s is a bias of standard deviation s / √dt over the interval.
-    by_rate, by_force = rate_density / np.sqrt(dt), force_density / np.sqrt(dt)
+    by_rate, by_force = rate_density / math.sqrt(dt), force_density / math.sqrt(dt)
     P, by_bias = propagated(F, z.covariance), mul(F, z.by_bias)
     for i in range(9):
         for j in range(6):
@@ -101,15 +125,28 @@ def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_densit
             forces = B[i, 3] * B[j, 3] + B[i, 4] * B[j, 4] + B[i, 5] * B[j, 5]
             z.covariance[i, j] = P[i, j] + by_rate * by_rate * rates + by_force * by_force * forces
     for i in range(3):
-        moved = z.delta_v[i] * dt
+        moved = delta_v[i] * dt
         for j in range(3):
             moved += G[i, j] * dp[j]
-        z.delta_p[i] += moved
+        delta_p[i] += moved
     for i in range(3):
         for j in range(3):
-            z.delta_v[i] += G[i, j] * dv[j]
-    put(z.delta_R, 0, 0, mul(G, rotation), 1.0)
+            delta_v[i] += G[i, j] * dv[j]
+    copy_matrix(mul(G, rotation), z.delta_R)
     z.dt[0] += dt
+
+
+@njit(error_model="numpy", **INSIDE)
+def _first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
+    """Index of the first stamp after a time, by bisection."""
+    low, high = 0, t_ns.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if t_ns[middle] <= time_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -118,107 +155,117 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
 
     The first sample is not later than the start, and the last one not before the end.
     """
-    clear(z, bias)
-    at = start_ns
-    i = np.searchsorted(imu.t_ns, start_ns, side="right")
-    while at < end_ns and i < len(imu.t_ns):
-        until = min(imu.t_ns[i], end_ns)
+    reset(z, bias)
+    at, t_ns = start_ns, imu.t_ns
+    i = _first_after(t_ns, start_ns)
+    while at < end_ns and i < t_ns.shape[0]:
+        until = min(t_ns[i], end_ns)
         dt = (until - at) * 1e-9
-        share = 0.0
+        sample, share = imu.values[i], 0.0
         for k in range(3):
-            share += (noise.rate_share * (imu.values[i, k] - bias[k])) ** 2
-        rate_density, force_density = np.sqrt(noise.rate**2 + share), noise.force
+            share += (noise.rate_share * (sample[k] - bias[k])) ** 2
+        rate_density, force_density = math.sqrt(noise.rate**2 + share), noise.force
         if imu.invalid[i]:
             # A constant error over the interval, as a density.
-            rate_density += noise.invalid_rate * np.sqrt(dt)
-            force_density += noise.invalid_force * np.sqrt(dt)
-        advance(z, imu.values[i, :3], imu.values[i, 3:], dt, rate_density, force_density)
+            rate_density += noise.invalid_rate * math.sqrt(dt)
+            force_density += noise.invalid_force * math.sqrt(dt)
+        advance(z, sample, dt, rate_density, force_density)
         at = until
         i += 1
 
 
 @njit(error_model="numpy", **INSIDE)
+def _moved(
+    R: Array, pi: Array, vi: Array, pj: Array, vj: Array, dt: float, gravity: float, p: Array, v: Array
+) -> None:  # fmt: skip
+    """Changes of position, p (3,), and velocity, v (3,), within `dt` beyond free fall, in the axes R of the earlier."""
+    by_p, by_v = vec3(), vec3()
+    for i in range(3):
+        g = -gravity if i == 2 else 0.0
+        by_p[i] = pj[i] - pi[i] - vi[i] * dt - 0.5 * g * dt * dt
+        by_v[i] = vj[i] - vi[i] - g * dt
+    copy(rotate_back(R, by_p), p)
+    copy(rotate_back(R, by_v), v)
+
+
+@njit(error_model="numpy", **INSIDE)
 def motion(
-    frames: Frames, z: Preintegration, k: int, factors: FactorParameters, r: Array, J: Array, first: bool
-) -> None:
+    frames: Frames, z: Preintegration, k: int, gravity: float, r: Array, J: Array, first: bool
+) -> None:  # fmt: skip
     """IMU residual (7) from frame k to the next, `r` (9,) of position, rotation and velocity, and its Jacobian.
 
     `J` (9, 30) is with respect to the states of both, at first estimates if `first`. See docs/dvio.md (4).
     """
-    dt = z.dt[0]
+    dt, held, of_z = z.dt[0], frames.held, z.by_bias
     Ri, Rj = frames.R[k], frames.R[k + 1]
-    g = np.array([0.0, 0.0, -factors.gravity])
-    off = frames.bias[k] - z.bias
-    moved = np.zeros(9)
+    pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
+    moved, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
     for i in range(9):
         for j in range(6):
-            moved[i] += z.by_bias[i, j] * off[j]
-    rotation = moved[3:6].copy()
-    p = rotate_back(Ri, frames.p[k + 1] - frames.p[k] - frames.v[k] * dt - 0.5 * g * dt * dt)
-    v = rotate_back(Ri, frames.v[k + 1] - frames.v[k] - g * dt)
+            moved[i] += of_z[i, j] * (frames.bias[k, j] - z.bias[j])
+    for i in range(3):
+        rotation[i] = moved[3 + i]
+    _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     expected = mul(z.delta_R, exp(rotation))
-    M = mul(np.ascontiguousarray(Ri.T), Rj)
-    e = log(mul(np.ascontiguousarray(expected.T), M))
+    e = log(mul(transposed(expected), mul(transposed(Ri), Rj)))
     for i in range(3):
         r[i] = p[i] - z.delta_p[i] - moved[i]
         r[3 + i] = e[i]
         r[6 + i] = v[i] - z.delta_v[i] - moved[6 + i]
-    Ri0, Rj0 = Ri, Rj
-    pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
-    if first and frames.held[k]:
-        Ri0, pi, vi = frames.R_first[k], frames.p_first[k], frames.v_first[k]
-    if first and frames.held[k + 1]:
-        Rj0, pj, vj = frames.R_first[k + 1], frames.p_first[k + 1], frames.v_first[k + 1]
-    p = rotate_back(Ri0, pj - pi - vi * dt - 0.5 * g * dt * dt)
-    v = rotate_back(Ri0, vj - vi - g * dt)
-    back = np.ascontiguousarray(Ri0.T)
-    inverse = right_jacobian_inverse(e)
-    by_turn = mul(inverse, mul(np.ascontiguousarray(Rj0.T), Ri0))
-    P, V = hat(p), hat(v)
+    if first and held[k]:
+        Ri, pi, vi = frames.R_first[k], frames.p_first[k], frames.v_first[k]
+    if first and held[k + 1]:
+        Rj, pj, vj = frames.R_first[k + 1], frames.p_first[k + 1], frames.v_first[k + 1]
+    _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
+    inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
+    by_turn = mul(inverse, mul(transposed(Rj), Ri))
     # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
-    by_bias = mul(inverse, mul(np.ascontiguousarray(exp(e).T), right_jacobian(rotation)))
-    B = mul(by_bias, np.ascontiguousarray(z.by_bias[3:6]))
+    by_bias = mul(inverse, mul(transposed(exp(e)), right_jacobian(rotation)))
     J[:] = 0.0
     n = FRAME
     for i in range(3):
         for j in range(3):
-            J[i, D_POSITION + j] = -back[i, j]
+            J[i, D_POSITION + j] = -Ri[j, i]
             J[i, D_ATTITUDE + j] = P[i, j]
-            J[i, D_VELOCITY + j] = -back[i, j] * dt
-            J[i, n + D_POSITION + j] = back[i, j]
+            J[i, D_VELOCITY + j] = -Ri[j, i] * dt
+            J[i, n + D_POSITION + j] = Ri[j, i]
             J[3 + i, D_ATTITUDE + j] = -by_turn[i, j]
             J[3 + i, n + D_ATTITUDE + j] = inverse[i, j]
             J[6 + i, D_ATTITUDE + j] = V[i, j]
-            J[6 + i, D_VELOCITY + j] = -back[i, j]
-            J[6 + i, n + D_VELOCITY + j] = back[i, j]
+            J[6 + i, D_VELOCITY + j] = -Ri[j, i]
+            J[6 + i, n + D_VELOCITY + j] = Ri[j, i]
         for j in range(6):
-            J[i, D_GYRO_BIAS + j] = -z.by_bias[i, j]
-            J[3 + i, D_GYRO_BIAS + j] = -B[i, j]
-            J[6 + i, D_GYRO_BIAS + j] = -z.by_bias[6 + i, j]
+            turned = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
+            J[i, D_GYRO_BIAS + j] = -of_z[i, j]
+            J[3 + i, D_GYRO_BIAS + j] = -turned
+            J[6 + i, D_GYRO_BIAS + j] = -of_z[6 + i, j]
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+def add_motion(
+    frames: Frames, zs: Preintegration, k: int, factors: FactorParameters, shared: int, H: Array, b: Array
+) -> float:  # fmt: skip
     """Adds the IMU factor (9) from frame k to the next, with the random walk of its biases; returns its cost."""
-    frames, z = window.frames, preintegration_at(window.preintegrations, k)
+    z = preintegration_at(zs, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    motion(frames, z, k, factors, r, J, factors.first_estimates)
-    WJ = mul(z.weight, J)
-    o = window.shared + FRAME * k
+    motion(frames, z, k, factors.gravity, r, J, factors.first_estimates)
+    weight = z.weight
+    WJ = mul(weight, J)
+    o = shared + FRAME * k
     cost = 0.0
     for i in range(9):
         wr = 0.0
         for j in range(9):
-            wr += z.weight[i, j] * r[j]
+            wr += weight[i, j] * r[j]
         cost += 0.5 * r[i] * wr
         for a in range(2 * FRAME):
             g = J[i, a]
             if g == 0.0:
                 continue
             b[o + a] -= g * wr
-            row, of = H[o + a, o:], WJ[i]
+            row = H[o + a]
             for c in range(a + 1):
-                row[c] += g * of[c]
+                row[o + c] += g * WJ[i, c]
     dt = z.dt[0]
     for i in range(6):
         walk = factors.rate_walk if i < 3 else factors.force_walk
@@ -235,47 +282,65 @@ def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: A
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_zero_velocity(window: Window, k: int, H: Array, b: Array) -> float:
-    """Adds the zero-velocity update of a frame known to be stationary; returns its cost."""
-    frames = window.frames
-    if not math.isfinite(frames.zero_velocity_sd[k]):
+def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float:
+    """Adds the zero-velocity update of a frame of velocity (3,), if `sd` is finite, at its row; returns its cost."""
+    if not math.isfinite(sd):
         return 0.0
-    w, cost = 1.0 / frames.zero_velocity_sd[k] ** 2, 0.0
+    w, cost = 1.0 / sd**2, 0.0
     for i in range(3):
-        at = window.shared + FRAME * k + D_VELOCITY + i
-        H[at, at] += w
-        b[at] -= w * frames.v[k, i]
-        cost += 0.5 * w * frames.v[k, i] ** 2
+        H[at + i, at + i] += w
+        b[at + i] -= w * v[i]
+        cost += 0.5 * w * v[i] ** 2
     return cost
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
-def add_prior(window: Window, size: int, H: Array, b: Array) -> float:
-    """Adds the prior (6) of the first `size` states; returns its cost, up to a constant."""
-    d = errors(window, size)
-    cost, P = 0.0, window.prior
+def add_prior(prior: Prior, d: Array, size: int, H: Array, b: Array) -> float:
+    """Adds the prior (6) of the first `size` states, `d` (N,) off their first estimates; returns its cost.
+
+    The cost is up to a constant.
+    """
+    cost, prior_H, prior_b = 0.0, prior.H, prior.b
     for i in range(size):
-        h, prior_row, row = 0.0, P.H[i], H[i]
+        h, prior_row, row = 0.0, prior_H[i], H[i]
         for j in range(size):
             h += prior_row[j] * d[j]
-        b[i] += P.b[i] - h
-        cost += d[i] * (0.5 * h - P.b[i])
+        b[i] += prior_b[i] - h
+        cost += d[i] * (0.5 * h - prior_b[i])
         for j in range(i + 1):
             row[j] += prior_row[j]
     return cost
 
 
 @njit(error_model="numpy", **INSIDE)
-def errors(window: Window, size: int) -> Array:
-    """(size,) deviation of the states from their first estimates; 0 for those that the prior does not contain."""
-    d = np.zeros(size)
-    d[:CALIBRATION] = window.calibration.moved
-    for k in range(len(window.planes.used)):
-        if window.planes.used[k] and window.planes.held[k]:
-            o = CALIBRATION + PLANE * k
-            d[o : o + PLANE] = window.planes.moved[k]
-    for k in range(window.frames.count[0]):
-        o = window.shared + FRAME * k
-        if window.frames.held[k] and o < size:
-            d[o : o + FRAME] = window.frames.moved[k]
-    return d
+def errors(calibration: Calibration, planes: Planes, frames: Frames, shared: int, d: Array) -> None:
+    """Deviation of the states from their first estimates into d (N,); 0 for those that the prior does not contain."""
+    clear(d)
+    copy(calibration.moved, d)
+    for k in range(planes.used.shape[0]):
+        if planes.used[k] and planes.held[k]:
+            for i in range(PLANE):
+                d[CALIBRATION + PLANE * k + i] = planes.moved[k, i]
+    for k in range(frames.count[0]):
+        if frames.held[k]:
+            for i in range(FRAME):
+                d[shared + FRAME * k + i] = frames.moved[k, i]
+
+
+@njit(error_model="numpy", **INSIDE)
+def add_inertial(window: Window, factors: FactorParameters, frames: int, d: Array, H: Array, b: Array) -> float:
+    """Sets H and b of all states to the prior and the IMU factors of the oldest `frames`; returns the cost.
+
+    `d` (N,) becomes the states' deviation from their first estimates.
+    """
+    f, shared, n = window.frames, window.shared, window.frames.count[0]
+    size = shared + FRAME * n
+    clear_block(H, size)
+    clear(b)
+    errors(window.calibration, window.planes, f, shared, d)
+    cost = add_prior(window.prior, d, size, H, b)
+    for k in range(frames):
+        cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], shared + FRAME * k + D_VELOCITY, H, b)
+        if k + 1 < n:
+            cost += add_motion(f, window.preintegrations, k, factors, shared, H, b)
+    return cost

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.algebra import matvec
+from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
 from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
@@ -366,9 +367,7 @@ class Initializer:
         core, t_ns = self._core, self._t_ns[found.first :]
         preintegrations = blank_preintegration(len(t_ns) - 1)
         for k in range(len(t_ns) - 1):
-            kernel.integrate_into(
-                preintegrations, k, core.inertial.kept, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise
-            )
+            preintegrate(preintegrations, k, core.inertial.kept, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise)
         return aligned(found, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._priors())
 
     def _structure(self) -> Structure | None:

@@ -4,29 +4,32 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.dvio import imu_factors, landmarks, nav_state, patches, plane_cells, planes, solver
+from stridetwin.estimators.dvio import (
+    algebra,
+    imu_factors,
+    landmarks,
+    nav_state,
+    patches,
+    plane_cells,
+    planes,
+    projection,
+    solver,
+)
 
 _called = cached(Path(__file__).parent, error_model="numpy")
 
-
-@_called
-def integrate_into(zs, k, imu, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
-    """`imu_factors.integrate` into the `k`-th of an array, with its inverse covariance."""
-    z = imu_factors.preintegration_at(zs, k)
-    imu_factors.integrate(z, imu, start_ns, end_ns, bias, noise)
-    z.weight[:] = np.linalg.inv(z.covariance)
-
-
+inverse = _called(algebra.inverse)
 integrate = _called(imu_factors.integrate)
-propagate, plausible = _called(nav_state.propagate), _called(nav_state.plausible)
+add_increment, plausible = _called(nav_state.add_increment), _called(nav_state.plausible)
 pose_and_covariance = _called(nav_state.pose_and_covariance)
-minimise, marginalize_oldest = _called(solver.minimise), _called(solver.marginalize_oldest)
+view, add_inertial = _called(projection.view), _called(imu_factors.add_inertial)
+add_planes, add_camera_factors = _called(planes.add_planes), _called(landmarks.add_camera_factors)
+solve, move, marginalize = _called(solver.solve), _called(solver.move), _called(solver.marginalize)
 predict_observations, cull = _called(landmarks.predict_observations), _called(landmarks.cull)
-parallax = _called(landmarks.parallax)
-pick, read_depth = _called(patches.pick), _called(patches.read_depth)
+parallax, rehost = _called(landmarks.parallax), _called(landmarks.rehost)
+cornerness, pick, read_depth = _called(patches.cornerness_at), _called(patches.pick), _called(patches.read_depth)
 cut, align, read_slope = _called(patches.cut), _called(patches.align), _called(patches.read_slope)
 read_planes = _called(plane_cells.read_planes)
 match_planes, add_plane = _called(planes.match_planes), _called(planes.add_plane)
+cull_planes = _called(planes.cull_planes)

@@ -14,8 +14,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import REORDERED, mul, rotate, rotate_back
-from stridetwin.estimators.dvio.planes import cull_planes
+from stridetwin.estimators.dvio.algebra import (
+    REORDERED,
+    clear,
+    clear_block,
+    copy,
+    copy_matrix,
+    mul,
+    rotate,
+    rotate_back,
+    transposed,
+    vec3,
+)
 from stridetwin.estimators.dvio.projection import (
     COLUMNS,
     HOST,
@@ -28,7 +38,6 @@ from stridetwin.estimators.dvio.projection import (
     observation_jacobian,
     project,
     ray,
-    view,
 )
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -38,11 +47,15 @@ from stridetwin.estimators.dvio.state import (
     NO_HOST,
     Calibration,
     FactorParameters,
+    Frames,
+    Landmarks,
     Window,
 )
 from stridetwin.streams.samples import Array
 
 POSE = 6
+LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0
+_FRONT = 0.05  # least depth of a point in front of the camera, relative to the host's depth
 _LOOSE = 1e-2  # m²; information on an unknown inverse depth: a standard deviation of 10/m
 _FIXED = 1e12  # m²; on a fixed one
 
@@ -83,17 +96,18 @@ def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _add(
-    window: Window, factors: FactorParameters, views: Views, s: CameraEquations, l: int, last: int, host_depth: bool
-) -> float:
+    frames: Frames, marks: Landmarks, calibration: Calibration, factors: FactorParameters, views: Views,
+    s: CameraEquations, l: int, last: int, host_depth: bool,
+) -> float:  # fmt: skip
     """Adds the observations and measured depths of landmark `l` in frames up to `last`; returns their cost.
 
     See docs/dvio.md (7)-(9); (8) only if `host_depth`.
     """
-    marks, J, Jl = window.landmarks, s.J, s.J_own
-    host, xi, scale = marks.host[l], marks.inverse_depth[l], window.calibration.scale[0]
-    x, y = ray(window.calibration, marks.at[l, host])
+    J, Jl, at = s.J, s.J_own, marks.at[l]
+    host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
+    x, y = ray(calibration, at[host, 0], at[host, 1])
     cross = s.cross[l]
-    cross[:] = 0.0
+    clear(cross)
     own, b_own, cost = _LOOSE, 0.0, 0.0
     rho = marks.rho[l, host]
     if rho > 0.0:
@@ -114,13 +128,13 @@ def _add(
     for j in range(last + 1):
         if j == host or not marks.seen[l, j]:
             continue
-        px, py, depth, before = project(views, host, j, x, y, xi)
-        if not before or not observation_jacobian(window, views, host, j, x, y, xi, J, Jl):
+        px, py, depth, before = project(views.rotation[host, j], views.translation[host, j], x, y, xi)
+        if not before or not observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
-        u, v = ray(window.calibration, marks.at[l, j])
+        u, v = ray(calibration, at[j, 0], at[j, 1])
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
-        J[0, D_FOCAL] -= marks.at[l, j, 0]
-        J[1, D_FOCAL + 1] -= marks.at[l, j, 1]
+        J[0, D_FOCAL] -= at[j, 0]
+        J[1, D_FOCAL + 1] -= at[j, 1]
         c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.pixel_limit)
         w0 *= factors.pixel_weight
         cost += c
@@ -134,7 +148,9 @@ def _add(
                 J[2, i] *= scale
             Jl[2] *= scale
             J[2, D_SCALE] = depth
-        J[0, RESIDUAL], J[1, RESIDUAL], J[2, RESIDUAL] = r0, r1, r2
+        J[0, RESIDUAL] = r0
+        J[1, RESIDUAL] = r1
+        J[2, RESIDUAL] = r2
         own += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
         b_own -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
         pair = s.pairs[j]
@@ -150,7 +166,8 @@ def _add(
             i, k = HOST + a, OBSERVER + a
             cross[first + a] += l0 * J[0, i] + l1 * J[1, i] + l2 * J[2, i]
             cross[second + a] += l0 * J[0, k] + l1 * J[1, k] + l2 * J[2, k]
-    s.own[l], s.b_own[l] = own, b_own
+    s.own[l] = own
+    s.b_own[l] = b_own
     return cost
 
 
@@ -197,14 +214,15 @@ def _gather(s: CameraEquations, host: int, last: int) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def usable(window: Window, l: int, last: int) -> bool:
+def usable(marks: Landmarks, l: int, last: int) -> bool:
     """Whether a landmark has a host and is observed by another frame."""
-    if window.landmarks.host[l] == NO_HOST or window.landmarks.host[l] > last:
+    host = marks.host[l]
+    if host == NO_HOST or host > last:
         return False
-    others = 0
-    for j in range(last + 1):
-        others += window.landmarks.seen[l, j] and j != window.landmarks.host[l]
-    return others > 0
+    j = 0
+    while j <= last and (j == host or not marks.seen[l, j]):
+        j += 1
+    return j <= last
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -217,25 +235,28 @@ def add_camera_factors(
     H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
     used, and (8) only if `host_depth`.
     """
-    m, cost = CALIBRATION + POSE * (last + 1), 0.0
-    s.H[:m, :m] = 0.0
-    s.b[:m] = 0.0
+    frames, marks, calibration, shared = window.frames, window.landmarks, window.calibration, window.shared
+    m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs
+    clear_block(s.H, m)
+    clear(s.b)
     for host in range(hosts):
-        s.pairs[: last + 1] = 0.0
-        for l in range(len(window.landmarks.host)):
-            if window.landmarks.host[l] == host and usable(window, l, last):
-                cost += _add(window, factors, views, s, l, last, host_depth)
-                _eliminate(s, l, host, window.landmarks.seen[l], last)
+        for j in range(last + 1):
+            for a in range(OBSERVATION):
+                clear(pairs[j, a])
+        for l in range(marks.host.shape[0]):
+            if marks.host[l] == host and usable(marks, l, last):
+                cost += _add(frames, marks, calibration, factors, views, s, l, last, host_depth)
+                _eliminate(s, l, host, marks.seen[l], last)
         _gather(s, host, last)
     for i in range(m):
-        row = H[state(i, window.shared)]
-        b[state(i, window.shared)] += s.b[i]
+        row, own = H[state(i, shared)], s.H[i]
+        b[state(i, shared)] += s.b[i]
         for e in range(CALIBRATION):
-            row[e] += s.H[i, e]
+            row[e] += own[e]
         for k in range(last + 1):
-            o, q = window.shared + FRAME * k, CALIBRATION + POSE * k
+            o, q = shared + FRAME * k, CALIBRATION + POSE * k
             for e in range(POSE):
-                row[o + e] += s.H[i, q + e]
+                row[o + e] += own[q + e]
     return cost
 
 
@@ -248,22 +269,50 @@ def state(i: int, shared: int) -> int:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _between(R: Array, p: Array, Rh: Array, ph: Array, c: Calibration) -> tuple[Array, Array]:
+def _between(
+    R: Array, p: Array, Rh: Array, ph: Array, c: Calibration, rotation: Array, translation: Array
+) -> None:  # fmt: skip
     """Camera at IMU pose (Rh, ph) to camera at IMU pose (R, p): (3, 3) rotation and (3,) translation, m."""
-    Rc = np.ascontiguousarray(c.R.T)
-    M = mul(np.ascontiguousarray(R.T), Rh)
-    return mul(Rc, mul(M, c.R)), rotate(Rc, rotate(M, c.p) + rotate_back(R, ph - p) - c.p)
+    Rc, M, away = transposed(c.R), mul(transposed(R), Rh), vec3()
+    for i in range(3):
+        away[i] = ph[i] - p[i]
+    mounted, moved = rotate(M, c.p), rotate_back(R, away)
+    for i in range(3):
+        away[i] = mounted[i] + moved[i] - c.p[i]
+    copy_matrix(mul(Rc, mul(M, c.R)), rotation)
+    copy(rotate(Rc, away), translation)
+
+
+@njit(error_model="numpy", **INSIDE)
+def _in_front(
+    A: Array, t: Array, x: float, y: float, xi: float, c: Calibration, out: Array
+) -> bool:  # fmt: skip
+    """Observation of a landmark along (x, y, 1) by a camera (A, t) from its host's, (3,) into `out`.
+
+    See `predict_observations`; False, and nothing is written, if the landmark is not in front of the camera.
+    """
+    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + xi * t[0]
+    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + xi * t[1]
+    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + xi * t[2]
+    if q2 < _FRONT:
+        return False
+    out[0] = q0 / q2 / (1.0 + c.focal[0])
+    out[1] = q1 / q2 / (1.0 + c.focal[1])
+    out[2] = xi / q2
+    return True
 
 
 @njit(error_model="numpy", **INSIDE)
 def predict_observations(
-    window: Window, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
-    known: NDArray[np.uint8],
+    frames: Frames, marks: Landmarks, c: Calibration, R: Array, p: Array, before: int, expected: Array, start: Array,
+    warp: Array, known: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
 
     Args:
-        window: Frames, landmarks, calibration.
+        frames: States.
+        marks: Landmarks.
+        c: Calibration.
         R: (3, 3) world <- IMU.
         p: (3,) m.
         before: Slot.
@@ -272,85 +321,122 @@ def predict_observations(
         warp: (L, 2, 2) out: affine map from the host's image about the landmark to the new one.
         known: (L,) out: 1 where the landmark is in front of the camera in both.
     """
-    marks, c, f = window.landmarks, window.calibration, window.frames
-    n = f.count[0]
-    Rb, pb = at_exposure(f, before, c.offset[0])
-    rotation, translation = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
+    n, offset = frames.count[0], c.offset[0]
+    R_before, p_before = at_exposure(frames, before, offset)
+    A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
     for k in range(n):
-        Rh, ph = at_exposure(f, k, c.offset[0])
-        rotation[k, 0], translation[k, 0] = _between(R, p, Rh, ph, c)
-        rotation[k, 1], translation[k, 1] = _between(Rb, pb, Rh, ph, c)
-    for l in range(len(marks.host)):
+        R_host, p_host = at_exposure(frames, k, offset)
+        _between(R, p, R_host, p_host, c, A[k], t[k])
+        _between(R_before, p_before, R_host, p_host, c, A_before[k], t_before[k])
+    for l in range(marks.host.shape[0]):
         known[l] = 0
         h = marks.host[l]
         if h == NO_HOST:
             continue
-        x, y = ray(c, marks.at[l, h])
-        xi, m = marks.inverse_depth[l], np.array([x, y, 1.0])
-        q = rotate(rotation[h, 0], m) + xi * translation[h, 0]
-        s = rotate(rotation[h, 1], m) + xi * translation[h, 1]
-        if q[2] < 0.05 or s[2] < 0.05:
+        x, y = ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
+        xi = marks.inverse_depth[l]
+        if not _in_front(A[h], t[h], x, y, xi, c, expected[l]):
             continue
-        u, v = 1.0 + c.focal[0], 1.0 + c.focal[1]
-        expected[l, 0], expected[l, 1], expected[l, 2] = q[0] / q[2] / u, q[1] / q[2] / v, xi / q[2]
-        start[l, 0], start[l, 1], start[l, 2] = s[0] / s[2] / u, s[1] / s[2] / v, xi / s[2]
-        for j in range(2):
-            by = rotation[h, 0, :, j] + translation[h, 0] * marks.slope[l, j]
-            for i in range(2):
-                warp[l, i, j] = (by[i] - q[i] / q[2] * by[2]) / q[2]
+        if not _in_front(A_before[h], t_before[h], x, y, xi, c, start[l]):
+            continue
+        to_new, along, w = A[h], t[h], warp[l]
+        q2 = to_new[2, 0] * x + to_new[2, 1] * y + to_new[2, 2] + xi * along[2]
+        for i in range(2):
+            q = to_new[i, 0] * x + to_new[i, 1] * y + to_new[i, 2] + xi * along[i]
+            for j in range(2):
+                slope = marks.slope[l, j]
+                by, by_depth = to_new[i, j] + along[i] * slope, to_new[2, j] + along[2] * slope
+                w[i, j] = (by - q / q2 * by_depth) / q2
         known[l] = 1
 
 
 @njit(error_model="numpy", **INSIDE)
-def cull(window: Window, factors: FactorParameters, views: Views, most: float, alive: NDArray[np.uint8]) -> int:
-    """Removes observations beyond `most` standard deviations; returns the number of remaining ones of the newest frame.
+def cull(
+    marks: Landmarks, c: Calibration, factors: FactorParameters, views: Views, n: int, most: float,
+    alive: NDArray[np.uint8],
+) -> int:  # fmt: skip
+    """Removes observations beyond `most` standard deviations by the `n` frames; returns the newest's remaining ones.
 
-    A landmark that is an outlier in the newest frame is dropped: its `alive` becomes 0. Fills `views`.
+    A landmark that is an outlier in the newest frame is dropped: its `alive` becomes 0.
     """
-    cull_planes(window, factors)
-    view(window, factors, views)
-    n, marks = window.frames.count[0], window.landmarks
-    scale, left = window.calibration.scale[0], 0
-    for l in range(len(marks.host)):
+    scale, left = c.scale[0], 0
+    for l in range(marks.host.shape[0]):
         h = marks.host[l]
         if h == NO_HOST:
             continue
-        x, y = ray(window.calibration, marks.at[l, h])
+        at, seen, rho = marks.at[l], marks.seen[l], marks.rho[l]
+        x, y = ray(c, at[h, 0], at[h, 1])
         for j in range(n):
-            if j == h or not marks.seen[l, j]:
+            if j == h or not seen[j]:
                 continue
-            px, py, depth, before = project(views, h, j, x, y, marks.inverse_depth[l])
+            px, py, depth, before = project(views.rotation[h, j], views.translation[h, j], x, y, marks.inverse_depth[l])
             off = math.inf
             if before:
-                u, v = ray(window.calibration, marks.at[l, j])
+                u, v = ray(c, at[j, 0], at[j, 1])
                 off = ((px - u) ** 2 + (py - v) ** 2) * factors.pixel_weight
             if off > most * most:
-                marks.seen[l, j] = 0
+                seen[j] = 0
                 if j == n - 1:
                     alive[l] = 0
                 continue
-            if marks.rho[l, j] > 0.0 and factors.projection_depth:
-                r = scale * depth - marks.rho[l, j]
+            if rho[j] > 0.0 and factors.projection_depth:
+                r = scale * depth - rho[j]
                 if r * r * factors.later_depth_weight > most * most:
-                    marks.rho[l, j] = 0.0
+                    rho[j] = 0.0
             if j == n - 1:
                 left += 1
     return left
 
 
 @njit(error_model="numpy", **INSIDE)
-def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
-    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
-    marks, c, f = window.landmarks, window.calibration, window.frames
-    rotation = mul(np.ascontiguousarray(f.R[newest].T), f.R[since])
-    A = mul(np.ascontiguousarray(c.R.T), mul(rotation, c.R))
+def rehost(
+    marks: Landmarks, c: Calibration, A: Array, s: Array, alive: NDArray[np.uint8], newest: int
+) -> None:  # fmt: skip
+    """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
+
+    Their observations by the newest frame are not used for the prior. `A` and `s` are the rotation and translation of
+    `Views` from the oldest frame to the newest.
+    """
+    for l in range(marks.host.shape[0]):
+        if marks.host[l] != 0:
+            continue
+        seen = marks.seen[l]
+        kept, rho = alive[l] and seen[newest], marks.rho[l, newest]
+        for j in range(seen.shape[0]):
+            seen[j] = 0
+        if not kept:
+            marks.host[l] = NO_HOST
+            continue
+        x, y = ray(c, marks.at[l, 0, 0], marks.at[l, 0, 1])
+        _, _, depth, before = project(A, s, x, y, marks.inverse_depth[l])
+        if rho > 0.0:
+            marks.inverse_depth[l] = rho / c.scale[0]
+            marks.measured[l] = 1
+        elif before:
+            marks.inverse_depth[l] = max(depth, LEAST_INVERSE_DEPTH)
+        seen[newest] = 1
+        marks.host[l] = newest
+
+
+@njit(error_model="numpy", **INSIDE)
+def parallax(
+    marks: Landmarks, R_newest: Array, R_since: Array, R_camera: Array, newest: int, since: int
+) -> tuple[float, int]:
+    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number.
+
+    The rotations (3, 3) are world <- IMU of the frames, and IMU <- camera.
+    """
+    A = mul(transposed(R_camera), mul(mul(transposed(R_newest), R_since), R_camera))
     total, count = 0.0, 0
-    for l in range(len(marks.host)):
+    for l in range(marks.host.shape[0]):
         if marks.host[l] == NO_HOST or not (marks.seen[l, newest] and marks.seen[l, since]):
             continue
-        q = rotate(A, np.array([marks.at[l, since, 0], marks.at[l, since, 1], 1.0]))
-        if q[2] < 0.05:
+        x, y = marks.at[l, since, 0], marks.at[l, since, 1]
+        depth = A[2, 0] * x + A[2, 1] * y + A[2, 2]
+        if depth < _FRONT:
             continue
-        total += math.hypot(q[0] / q[2] - marks.at[l, newest, 0], q[1] / q[2] - marks.at[l, newest, 1])
+        u = (A[0, 0] * x + A[0, 1] * y + A[0, 2]) / depth
+        v = (A[1, 0] * x + A[1, 1] * y + A[1, 2]) / depth
+        total += math.hypot(u - marks.at[l, newest, 0], v - marks.at[l, newest, 1])
         count += 1
     return (total / count if count else 0.0), count

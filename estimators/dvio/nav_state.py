@@ -10,8 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import mul, propagated, put
-from stridetwin.estimators.dvio.imu_factors import integrate
+from stridetwin.estimators.dvio.algebra import copy_matrix, identity, mat3, mul, propagated
 from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
 from stridetwin.estimators.so3 import hat
@@ -48,66 +47,80 @@ def blank_nav_state() -> NavState:
 
 
 @njit(error_model="numpy", **INSIDE)
-def propagate(nav: NavState, z: Preintegration, imu: ImuSamples, end_ns: int, noise: ImuNoise, gravity: float) -> None:
-    """Propagates a state to `end_ns`, not later than the last sample; `z` is a buffer."""
-    integrate(z, imu, nav.t_ns[0], end_ns, nav.bias, noise)
-    dt = z.dt[0]
-    R = nav.R.copy()
-    F, G = np.eye(FRAME), np.zeros((9, 9))
+def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: float) -> None:
+    """Propagates a state by the IMU's measurement since; the time stays."""
+    dt, delta_R, delta_p, delta_v, by_bias = z.dt[0], z.delta_R, z.delta_p, z.delta_v, z.by_bias
+    R, p, v, covariance = mat3(), nav.p, nav.v, nav.covariance
+    copy_matrix(nav.R, R)
+    p_by_turn, v_by_turn = mul(R, hat(delta_p)), mul(R, hat(delta_v))
+    p_by_bias, v_by_bias = mul(R, by_bias[0:3]), mul(R, by_bias[6:9])
+    F, G = identity(FRAME), np.zeros((9, 9))
     for i in range(3):
         F[i, 6 + i] = dt
         G[3 + i, 3 + i] = 1.0
-    put(F, 0, 3, mul(R, hat(z.delta_p)), -1.0)
-    put(F, 3, 3, z.delta_R.T, 1.0)
-    put(F, 6, 3, mul(R, hat(z.delta_v)), -1.0)
-    put(F, 0, 9, mul(R, z.by_bias[0:3]), 1.0)
-    put(F, 3, 9, z.by_bias[3:6], 1.0)
-    put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)
-    put(G, 0, 0, R, 1.0)
-    put(G, 6, 6, R, 1.0)
-    P, Q = propagated(F, nav.covariance), propagated(G, z.covariance)
+        for j in range(3):
+            F[i, 3 + j] = -p_by_turn[i, j]
+            F[3 + i, 3 + j] = delta_R[j, i]
+            F[6 + i, 3 + j] = -v_by_turn[i, j]
+            G[i, j] = R[i, j]
+            G[6 + i, 6 + j] = R[i, j]
+        for j in range(6):
+            F[i, 9 + j] = p_by_bias[i, j]
+            F[3 + i, 9 + j] = by_bias[3 + i, j]
+            F[6 + i, 9 + j] = v_by_bias[i, j]
+    P, Q = propagated(F, covariance), propagated(G, z.covariance)
     for i in range(FRAME):
         for j in range(FRAME):
-            nav.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
+            covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
     for i in range(9):
         for j in range(9):
-            nav.covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
+            covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
     for i in range(3):
-        nav.covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
-        nav.covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
+        covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
+        covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
     for i in range(3):
-        nav.p[i] += nav.v[i] * dt
+        p[i] += v[i] * dt
         for j in range(3):
-            nav.p[i] += R[i, j] * z.delta_p[j]
-            nav.v[i] += R[i, j] * z.delta_v[j]
-    nav.p[2] -= 0.5 * gravity * dt * dt
-    nav.v[2] -= gravity * dt
-    put(nav.R, 0, 0, mul(R, z.delta_R), 1.0)
-    nav.t_ns[0] = end_ns
+            p[i] += R[i, j] * delta_p[j]
+            v[i] += R[i, j] * delta_v[j]
+    p[2] -= 0.5 * gravity * dt * dt
+    v[2] -= gravity * dt
+    copy_matrix(mul(R, delta_R), nav.R)
 
 
 @njit(error_model="numpy", **INSIDE)
 def plausible(nav: NavState, limits: PlausibleState) -> bool:
     """Whether a state is physically possible for a person."""
-    total = nav.p.sum() + nav.bias.sum() + nav.R.sum() + nav.covariance.sum()
-    fast = nav.v[0] ** 2 + nav.v[1] ** 2 + nav.v[2] ** 2
+    total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        total += nav.p[i] + nav.R[i, 0] + nav.R[i, 1] + nav.R[i, 2]
+        fast += nav.v[i] ** 2
+        gyro, accel = max(gyro, abs(nav.bias[i])), max(accel, abs(nav.bias[3 + i]))
+        total += nav.bias[i] + nav.bias[3 + i]
+    for i in range(FRAME):
+        for j in range(FRAME):
+            total += nav.covariance[i, j]
     if not (math.isfinite(total) and fast < limits.speed_mps**2):
         return False
-    gyro, accel = np.abs(nav.bias[:3]).max(), np.abs(nav.bias[3:]).max()
-    return bool(gyro < limits.gyro_bias_radps and accel < limits.accel_bias_mps2)
+    return gyro < limits.gyro_bias_radps and accel < limits.accel_bias_mps2
 
 
 @njit(error_model="numpy", **INSIDE)
-def pose_and_covariance(nav: NavState) -> tuple[Array, Array]:
-    """(4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
-    T, to_world = np.zeros((4, 4)), np.zeros((6, 6))
-    put(T, 0, 0, nav.R, 1.0)
-    put(to_world, 3, 3, nav.R, 1.0)
-    T[3, 3] = 1.0
+def pose_and_covariance(nav: NavState, T: Array, covariance: Array) -> None:
+    """Sets T (4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
+    to_world, P = identity(6), np.empty((6, 6))
+    for i in range(4):
+        for j in range(4):
+            T[i, j] = 1.0 if i == j else 0.0
     for i in range(3):
         T[i, 3] = nav.p[i]
-        to_world[i, i] = 1.0
-    return T, propagated(to_world, nav.covariance[:6, :6])
+        for j in range(3):
+            T[i, j] = nav.R[i, j]
+            to_world[3 + i, 3 + j] = nav.R[i, j]
+    for i in range(6):
+        for j in range(6):
+            P[i, j] = nav.covariance[i, j]
+    copy_matrix(propagated(to_world, P), covariance)
 
 
 class Inertial:

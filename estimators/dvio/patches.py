@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.dvio.algebra import clear, clear_block, copy_matrix, inverse
 from stridetwin.streams.samples import Array
 
 
@@ -94,53 +95,73 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> float:
 
 
 @njit(error_model="numpy", **INSIDE)
-def pick(
-    grey: NDArray[np.uint8], candidates: NDArray[np.float32], taken: NDArray[np.float32], p: CornerParameters,
-    wanted: int, out: NDArray[np.float32],
-) -> int:  # fmt: skip
-    """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
-
-    All points are (N, 2) px; `taken` exist already. Writes up to `wanted` points to `out`; returns their number.
-    """
+def cornerness_at(grey: NDArray[np.uint8], candidates: NDArray[np.float32], p: CornerParameters, score: Array) -> None:
+    """`cornerness` of candidates (N, 2) px into `score` (N,); -1 where it is too low or too close to the border."""
     height, width = grey.shape
-    n = len(candidates)
-    score = np.full(n, -1.0)
-    for i in range(n):
+    for i in range(candidates.shape[0]):
+        score[i] = -1.0
         x, y = int(candidates[i, 0]), int(candidates[i, 1])
         if p.margin_px <= x < width - p.margin_px and p.margin_px <= y < height - p.margin_px:
             s = cornerness(grey, x, y, p.reach_px)
             if s >= p.cornerness_min:
                 score[i] = s
-    order, columns, rows = np.argsort(-score), p.columns, p.rows
-    filled = np.zeros((rows, columns), np.int64)
-    for i in range(len(taken)):
+
+
+@njit(error_model="numpy", **INSIDE)
+def _near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px: float) -> bool:
+    """Whether one of the first `count` points is close to a pixel."""
+    k = 0
+    while k < count and not (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2 < apart_px * apart_px:
+        k += 1
+    return k < count
+
+
+@njit(error_model="numpy", **INSIDE)
+def pick(
+    shape: tuple[int, int], candidates: NDArray[np.float32], order: NDArray[np.int64], taken: NDArray[np.float32],
+    p: CornerParameters, filled: NDArray[np.int64], out: NDArray[np.float32],
+) -> int:  # fmt: skip
+    """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
+
+    All points are (N, 2) px of an image (H, W); `order` are the candidates from the best, `taken` exist already, and
+    `filled` (rows, columns) is a buffer. Fills `out` (wanted, 2) as far as there are points; returns their number.
+    """
+    height, width = shape
+    columns, rows = p.columns, p.rows
+    for r in range(rows):
+        for c in range(columns):
+            filled[r, c] = 0
+    for i in range(taken.shape[0]):
         c = min(max(int(taken[i, 0] * columns / width), 0), columns - 1)
         r = min(max(int(taken[i, 1] * rows / height), 0), rows - 1)
         filled[r, c] += 1
     count = 0
     for most in range(4):
-        for i in order:
-            if count == wanted or score[i] < 0.0:
+        for n in range(order.shape[0]):
+            if count == out.shape[0]:
                 break
-            x, y = candidates[i]
+            i = order[n]
+            x, y = candidates[i, 0], candidates[i, 1]
             c, r = int(x * columns / width), int(y * rows / height)
             if filled[r, c] > most:
                 continue
-            near = False
-            for k in range(len(taken)):
-                if (taken[k, 0] - x) ** 2 + (taken[k, 1] - y) ** 2 < p.apart_px * p.apart_px:
-                    near = True
-                    break
-            for k in range(count):
-                if (out[k, 0] - x) ** 2 + (out[k, 1] - y) ** 2 < p.apart_px * p.apart_px:
-                    near = True
-                    break
-            if near:
+            if _near(taken, taken.shape[0], x, y, p.apart_px) or _near(out, count, x, y, p.apart_px):
                 continue
             out[count, 0], out[count, 1] = x, y
             filled[r, c] += 1
             count += 1
     return count
+
+
+@njit(error_model="numpy", **INSIDE)
+def _sort(values: Array, n: int) -> None:
+    """Sorts the first n values, few, by insertion."""
+    for i in range(1, n):
+        value, at = values[i], i
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
+            at -= 1
+        values[at] = value
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -165,9 +186,9 @@ def read_depth(depth: NDArray[np.float32], points: NDArray[np.float32], p: Depth
                     n += 1
         if n < len(values) - 2:
             continue
-        ordered = np.sort(values[:n])
-        if ordered[n - 1] - ordered[0] <= p.edge_per_m:
-            rho[i] = ordered[n // 2]
+        _sort(values, n)
+        if values[n - 1] - values[0] <= p.edge_per_m:
+            rho[i] = values[n // 2]
 
 
 REACH = 6  # px; half of a patch, a constant because the compiler unrolls its sums
@@ -203,6 +224,15 @@ def blank_patches(slots: int) -> Patches:
 
 
 @njit(error_model="numpy", **INSIDE)
+def _determinant(M: Array) -> float:
+    """Of (3, 3)."""
+    a = M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1]
+    b = M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0]
+    c = M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0]
+    return M[0, 0] * a - M[0, 1] * b + M[0, 2] * c
+
+
+@njit(error_model="numpy", **INSIDE)
 def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
     """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
     height, width = grey.shape
@@ -215,7 +245,7 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
                 y = min(max(points[n, 1] + i - REACH - 1, 0.0), height - 1.001)
                 T[i, j] = _value(grey, x, y)
         B = patches.basis[ids[n]]
-        mean[:] = 0.0
+        clear(mean)
         k = 0
         for i in range(1, side - 1):
             for j in range(1, side - 1):
@@ -225,15 +255,18 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
                 for c in range(3):
                     mean[c] += B[k, c] / PIXELS
                 k += 1
-        H[:] = 0.0
+        clear_block(H, 3)
         for k in range(PIXELS):
             for c in range(3):
                 B[k, c] -= mean[c]
             for c in range(3):
                 for d in range(3):
                     H[c, d] += B[k, c] * B[k, d]
-        clear = H[2, 2] > PIXELS and np.linalg.det(H) > 1e-6 * H[0, 0] * H[1, 1] * H[2, 2]
-        patches.inverse[ids[n]] = np.linalg.inv(H) if clear else np.zeros((3, 3))
+        textured = H[2, 2] > PIXELS and _determinant(H) > 1e-6 * H[0, 0] * H[1, 1] * H[2, 2]
+        if textured:
+            copy_matrix(inverse(H), patches.inverse[ids[n]])
+        else:
+            clear_block(patches.inverse[ids[n]], 3)
         patches.power[ids[n]] = H[2, 2]
 
 
@@ -332,7 +365,8 @@ def read_slope(
     height, width = depth.shape
     r, step = p.slope_reach_px, p.slope_step_px
     for l in range(len(points)):
-        slope[l] = 0.0
+        slope[l, 0] = 0.0
+        slope[l, 1] = 0.0
         x, y = int(points[l, 0] + 0.5), int(points[l, 1] + 0.5)
         if not (r <= x < width - r and r <= y < height - r):
             continue

@@ -9,17 +9,8 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import mul, rotate
-from stridetwin.estimators.dvio.state import (
-    CALIBRATION,
-    D_FOCAL,
-    D_OFFSET,
-    D_SCALE,
-    Calibration,
-    FactorParameters,
-    Frames,
-    Window,
-)
+from stridetwin.estimators.dvio.algebra import copy, copy_matrix, mul, rotate, transposed, vec3
+from stridetwin.estimators.dvio.state import CALIBRATION, D_FOCAL, D_OFFSET, D_SCALE, Calibration, Frames
 from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
@@ -66,48 +57,69 @@ def blank_views(frames: int) -> Views:
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
-    R = mul(frames.R[k], exp(frames.rate[k] * late))
-    return R, frames.p[k] + frames.v[k] * late
+    p, rotation = vec3(), vec3()
+    for i in range(3):
+        p[i] = frames.p[k, i] + frames.v[k, i] * late
+        rotation[i] = frames.rate[k, i] * late
+    return mul(frames.R[k], exp(rotation)), p
 
 
 @njit(error_model="numpy", **INSIDE)
-def view(window: Window, factors: FactorParameters, views: Views) -> None:
+def _set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
+    """Pose of the camera, at a pose of the IMU."""
+    copy_matrix(mul(R, c.R), R_camera)
+    mounted = rotate(R, c.p)
+    for i in range(3):
+        p_camera[i] = p[i] + mounted[i]
+
+
+@njit(error_model="numpy", **INSIDE)
+def _set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
+    """A host's camera in the axes of the camera <- world `C` at p (3,)."""
+    away = vec3()
+    for i in range(3):
+        away[i] = p_host[i] - p[i]
+    copy_matrix(mul(C, R_host), rotation)
+    copy(rotate(C, away), translation)
+
+
+@njit(error_model="numpy", **INSIDE)
+def view(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
     """Fills the views of all frames."""
-    frames, c = window.frames, window.calibration
     n = frames.count[0]
-    R0, A, p = np.empty((n, 3, 3)), np.empty((2, n, 3, 3)), np.empty((2, n, 3))
+    R, p, R_first, p_first = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
+    R_imu = np.empty((n, 3, 3))  # where Jacobians are taken
     for k in range(n):
-        R, at = at_exposure(frames, k, c.offset[0])
-        A[0, k], p[0, k] = mul(R, c.R), at + rotate(R, c.p)
-        if factors.first_estimates and frames.held[k]:
-            R, at = frames.R_first[k], frames.p_first[k]
-        R0[k], A[1, k], p[1, k] = R, mul(R, c.R), at + rotate(R, c.p)
-        views.C[k] = A[1, k].T
+        R_k, p_k = at_exposure(frames, k, c.offset[0])
+        _set_camera(R_k, p_k, c, R[k], p[k])
+        if first_estimates and frames.held[k]:
+            R_k, p_k = frames.R_first[k], frames.p_first[k]
+        copy_matrix(R_k, R_imu[k])
+        _set_camera(R_k, p_k, c, R_first[k], p_first[k])
+        copy_matrix(transposed(R_first[k]), views.C[k])
     for j in range(1, n):
-        back = np.ascontiguousarray(A[0, j].T)
+        C, C_first = transposed(R[j]), views.C[j]
         for i in range(j):
-            views.rotation[i, j] = mul(back, A[0, i])
-            views.translation[i, j] = rotate(back, p[0, i] - p[0, j])
-            views.rotation_first[i, j] = mul(views.C[j], A[1, i])
-            views.translation_first[i, j] = rotate(views.C[j], p[1, i] - p[1, j])
-            views.CR[i, j] = mul(views.C[j], R0[i])
+            _set_relative(C, p[j], R[i], p[i], views.rotation[i, j], views.translation[i, j])
+            _set_relative(
+                C_first, p_first[j], R_first[i], p_first[i], views.rotation_first[i, j], views.translation_first[i, j]
+            )
+            copy_matrix(mul(C_first, R_imu[i]), views.CR[i, j])
 
 
 @njit(error_model="numpy", **INSIDE)
-def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
-    """An observation (2,) on the plane at depth 1, by the current estimate of the focal lengths."""
-    return at[0] * (1.0 + calibration.focal[0]), at[1] * (1.0 + calibration.focal[1])
+def ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
+    """An observation on the plane at depth 1, by the current estimate of the focal lengths."""
+    return x * (1.0 + calibration.focal[0]), y * (1.0 + calibration.focal[1])
 
 
 @njit(error_model="numpy", **INSIDE)
-def project(
-    views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float
-) -> tuple[float, float, float, bool]:
+def project(A: Array, s: Array, x: float, y: float, inverse_depth: float) -> tuple[float, float, float, bool]:
     """Observation by one frame of a landmark along (x, y, 1) in the camera of its host. See docs/dvio.md (6).
 
-    Returns x and y on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera.
+    `A` (3, 3) and `s` (3,) are the rotation and translation of `Views` from the host to the observer. Returns x and y
+    on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera.
     """
-    A, s = views.rotation[host, observer], views.translation[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
@@ -118,15 +130,14 @@ def project(
 
 @njit(error_model="numpy", **INSIDE)
 def observation_jacobian(
-    window: Window, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float, J: Array,
-    Jl: Array,
+    frames: Frames, c: Calibration, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float,
+    J: Array, Jl: Array,
 ) -> bool:  # fmt: skip
     """Jacobians of `project`. Written out: it runs a thousand times per image, and allocation is slow.
 
     `J` (3, ≥ 22) is by calibration, host's pose and observer's pose, `Jl` (3,) by the inverse depth. False, and nothing
     is written, if the landmark is not in front of the camera.
     """
-    frames, c = window.frames, window.calibration
     A, s = views.rotation_first[host, observer], views.translation_first[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
@@ -172,7 +183,8 @@ def observation_jacobian(
         for j in range(3):
             late += J[i, a + j] * frames.v[host, j] + J[i, a + 3 + j] * frames.rate[host, j]
             late += J[i, b + j] * frames.v[observer, j] + J[i, b + 3 + j] * frames.rate[observer, j]
-        J[i, D_OFFSET], J[i, D_SCALE] = late, 0.0
+        J[i, D_OFFSET] = late
+        J[i, D_SCALE] = 0.0
     w = 1.0 / q2
     px, py, pz = q0 * w, q1 * w, xi * w
     for j in range(OBSERVATION):

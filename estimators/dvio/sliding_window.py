@@ -10,10 +10,17 @@ from numpy.typing import NDArray
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import LegMeasurement
 from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
+from stridetwin.estimators.dvio.optimiser import (
+    blank_work,
+    drop_oldest,
+    hold,
+    marginalize_oldest,
+    minimise,
+    preintegrate,
+)
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.planes import free_slot
-from stridetwin.estimators.dvio.solver import blank_work, drop_oldest
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_SCALE,
@@ -74,8 +81,8 @@ class Core:
         self.tracker = Tracker(self.lens.shape, parameters)
         self._frames = parameters.keyframes + 2
         planes = PLANES if parameters.planes and parameters.uses_depth else 0
-        self._work = blank_work(self._frames, slots, planes)
         self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s, planes)
+        self._work = blank_work(self.window)
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
         self._previous: NavState = blank_nav_state()
@@ -107,7 +114,7 @@ class Core:
         w.planes.used[:], w.planes.held[:], w.planes.seen[:] = 0, 0, 0
         f.held[:], f.count[0] = 0, 1
         self._place(0, frame.t_ns, self.nav)
-        self._hold(0)
+        hold(w, 0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
         sd = np.array(
             [p.extrinsic_position_sd_m] * 3
@@ -160,23 +167,23 @@ class Core:
         f.zero_velocity_sd[slot] = p.stationary_speed_sd_mps if stationary and p.zero_velocity_updates else np.inf
         if p.feet:
             self._set_leg_velocity(slot, legs.v_in_world if few and legs is not None else None)
-        kernel.integrate_into(
+        preintegrate(
             w.preintegrations, slot - 1, self.inertial.kept, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
             self.noise,
         )  # fmt: skip
         key = self._is_key(slot)
-        kernel.minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
+        minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
         self._measure()
         o = w.shared + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(np.tril(L))
         self.nav.covariance[:] = inverse.T @ inverse
-        self.seen = kernel.cull(w, self.factors, self._work.views, p.cull_sd, self._alive)
+        self.seen = self._cull()
         if key:
             self._find(frame, slot)
             self._observe_planes(frame)
             if slot >= p.keyframes:
-                kernel.marginalize_oldest(w, self.factors, self._work, self._alive)
+                marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)
             self._anchor(frame, int(f.count[0]) - 1)
         self._newest_is_key = key
@@ -219,9 +226,10 @@ class Core:
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
         if until_ns > state.t_ns[0]:
-            kernel.propagate(
-                state, self._preintegration, self.inertial.kept, until_ns, self.noise, self.parameters.gravity_mps2
-            )
+            z = self._preintegration
+            kernel.integrate(z, self.inertial.kept, state.t_ns[0], until_ns, state.bias, self.noise)
+            kernel.add_increment(state, z, self.noise, self.parameters.gravity_mps2)
+            state.t_ns[0] = until_ns
 
     def _save_previous(self) -> None:
         for a, b in zip(self._previous, self.nav, strict=True):
@@ -235,13 +243,6 @@ class Core:
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.zero_velocity_sd[slot] = np.inf
 
-    def _hold(self, slot: int) -> None:
-        """Marks a frame as in the prior: its Jacobians stay at its current state."""
-        f = self.window.frames
-        f.held[slot] = 1
-        f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
-        f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
-
     def _set_leg_velocity(self, slot: int, v: Array | None) -> None:
         """Sets the measured velocity (3,) of the newest frame, m/s, or none, as a prior of that frame."""
         f, prior, first = self.window.frames, self.window.prior, self.window.shared + FRAME * slot
@@ -250,7 +251,7 @@ class Core:
         prior.H[own], prior.H[:, own], prior.b[own] = 0.0, 0.0, 0.0
         if v is None:
             return
-        self._hold(slot)
+        hold(self.window, slot)
         weight = self.parameters.legs.speed_sd_mps**-2
         for i in range(3):
             at = own.start + D_VELOCITY + i
@@ -270,7 +271,9 @@ class Core:
         w, marks, p = self.window, self.window.landmarks, self.parameters
         n = len(marks.host)
         expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
-        kernel.predict_observations(w, predicted.R, predicted.p, before, expected, start, warp, known)
+        kernel.predict_observations(
+            w.frames, marks, w.calibration, predicted.R, predicted.p, before, expected, start, warp, known
+        )
         marks.seen[:, slot] = 0
         w.planes.seen[:, slot] = 0
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
@@ -315,6 +318,18 @@ class Core:
         marks.at[ids, slot] = at
         marks.rho[ids, slot] = rho
         return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
+
+    def _cull(self) -> int:
+        """Removes outliers; returns the number of remaining observations of the newest frame."""
+        w, factors, work = self.window, self.factors, self._work
+        if len(w.planes.used):
+            kernel.cull_planes(w.frames, w.calibration, w.planes, factors, work.plane)
+        kernel.view(w.frames, w.calibration, factors.first_estimates, work.views)
+        return int(
+            kernel.cull(
+                w.landmarks, w.calibration, factors, work.views, w.frames.count[0], self.parameters.cull_sd, self._alive
+            )
+        )
 
     def _measure(self) -> None:
         """Marks landmarks as measured whose depth is known from motion."""
@@ -373,11 +388,14 @@ class Core:
         count = kernel.read_planes(
             frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
-        unmatched = kernel.match_planes(w, self.factors, self._work.factor, rho, weights, count, new)
+        unmatched = kernel.match_planes(
+            w.frames, w.calibration, w.planes, self.factors, self._work.plane, self._work.factor, rho, weights, count,
+            new,
+        )  # fmt: skip
         for i in new[:unmatched]:
             k = free_slot(w)
             if k is not None:
-                kernel.add_plane(w, k, rho[i], weights[i])
+                kernel.add_plane(w.frames, w.calibration, w.planes, k, rho[i], weights[i])
 
     def _anchor(self, frame: CameraFrame, slot: int) -> None:
         """Stores the patches of the landmarks that the slot hosts."""
@@ -395,7 +413,9 @@ class Core:
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame differs enough from the last keyframe to be one."""
         p, f = self.parameters, self.window.frames
-        moved, common = kernel.parallax(self.window, slot, slot - 1)
+        moved, common = kernel.parallax(
+            self.window.landmarks, f.R[slot], f.R[slot - 1], self.window.calibration.R, slot, slot - 1
+        )
         return bool(
             moved * self.lens.focal_px > p.keyframe_parallax_px
             or common < p.keyframe_share * self.window.landmarks.seen[:, slot - 1].sum()

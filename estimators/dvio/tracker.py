@@ -150,10 +150,19 @@ class Tracker:
         for detector in self._detectors:
             corners = detector.detect(self._grey)
             candidates = np.array([c.pt for c in corners], np.float32).reshape(-1, 2)
-            count = kernel.pick(self._grey, candidates, np.ascontiguousarray(taken), p.corners, wanted, out)
+            count = self._pick(candidates, np.ascontiguousarray(taken), out)
             if count >= p.found_share * wanted:
                 break
         return out[:count]
+
+    def _pick(self, candidates: Points, taken: Points, out: Points) -> int:
+        """The best candidates (N, 2) px into `out`, see `kernel.pick`; returns their number."""
+        assert self._grey is not None
+        p, score = self._parameters.corners, np.empty(len(candidates))
+        kernel.cornerness(self._grey, candidates, p, score)
+        order = np.argsort(-score, kind="stable")
+        order = order[: np.count_nonzero(score >= 0.0)]
+        return int(kernel.pick(self._shape, candidates, order, taken, p, np.empty((p.rows, p.columns), int), out))
 
 
 @dataclass(frozen=True, kw_only=True)

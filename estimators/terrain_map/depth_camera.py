@@ -51,7 +51,9 @@ def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int
     farthest, nearest = np.empty(width, np.float32), np.empty(width, np.float32)
     for v in range(height):
         own_far, own_near = far[reach : reach + width], near[reach : reach + width]
-        own_far[:], own_near[:] = nothing, never
+        for u in range(width):
+            own_far[u] = nothing
+            own_near[u] = never
         for row in range(max(v - reach, 0), min(v + reach + 1, height)):
             line = depth[row]
             for u in range(width):
@@ -59,7 +61,9 @@ def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int
                 own_far[u] = d if d > own_far[u] else own_far[u]
                 d = d if d > nothing else never
                 own_near[u] = d if d < own_near[u] else own_near[u]
-        farthest[:], nearest[:] = far[:width], near[:width]
+        for u in range(width):
+            farthest[u] = far[u]
+            nearest[u] = near[u]
         for shift in range(1, 2 * reach + 1):
             beside_far, beside_near = far[shift : shift + width], near[shift : shift + width]
             for u in range(width):

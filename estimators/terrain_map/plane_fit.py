@@ -103,17 +103,21 @@ def off_plane(s: Array) -> float:
 
 
 @njit(**INSIDE)
-def spread_of(sums: Array) -> Array:
+def spread_of(sums: Array, spread: Array) -> None:
     """(2, 2) m², covariance of points in plan, from their (11,) sums."""
     n, x, y = sums[0], sums[1] / sums[0], sums[2] / sums[0]
     xy = sums[5] / n - x * y
-    return np.array([[sums[4] / n - x * x, xy], [xy, sums[7] / n - y * y]])
+    spread[0, 0] = sums[4] / n - x * x
+    spread[0, 1] = xy
+    spread[1, 0] = xy
+    spread[1, 1] = sums[7] / n - y * y
 
 
-@cached(_HERE, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def height_plane(
-    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
-) -> tuple[Array, Array, Array]:
+    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float, centre: Array, slopes: Array,
+    covariance: Array, spread: Array,
+) -> None:  # fmt: skip
     """Maximum-likelihood plane through points as a height function, z = z_c + a (x - x_c) + b (y - y_c).
 
     See docs/terrain_map.md (7), (8).
@@ -126,29 +130,31 @@ def height_plane(
         common_rad: The same for the slopes, rad.
         alike: Number of points that share an error.
         slope_sd: Prior standard deviation of the slopes, rad.
-
-    Returns:
-        (3,) centre, (2,) slopes a and b, and the (3, 3) covariance of (z_c, a, b).
+        centre: (3,) out.
+        slopes: (2,) out: a and b.
+        covariance: (3, 3) out: of (z_c, a, b).
+        spread: (2, 2) out: `spread_of`.
     """
     n = sums[0]
-    c = sums[1:4] / n
-    spread = spread_of(sums)
-    rise_x, rise_y = sums[6] / n - c[0] * c[2], sums[8] / n - c[1] * c[2]
+    for i in range(3):
+        centre[i] = sums[1 + i] / n
+        covariance[0, i] = 0.0
+        covariance[i, 0] = 0.0
+    spread_of(sums, spread)
+    rise_x, rise_y = sums[6] / n - centre[0] * centre[2], sums[8] / n - centre[1] * centre[2]
     share = max(sums[10] / n * alike / n, 1e-12)
     # The slopes' covariance: inverse of spread / share + 1 / slope_sd^2, two by two.
     xx, yy, xy = (spread[0, 0] / share + slope_sd**-2, spread[1, 1] / share + slope_sd**-2, spread[0, 1] / share)
     det = xx * yy - xy * xy
-    covariance = np.zeros((3, 3))
-    covariance[1, 1], covariance[2, 2] = yy / det, xx / det
-    covariance[1, 2] = covariance[2, 1] = -xy / det
-    slopes = np.array([
-        (covariance[1, 1] * rise_x + covariance[1, 2] * rise_y) / share,
-        (covariance[1, 2] * rise_x + covariance[2, 2] * rise_y) / share,
-    ])  # fmt: skip
+    covariance[1, 1] = yy / det
+    covariance[2, 2] = xx / det
+    covariance[1, 2] = -xy / det
+    covariance[2, 1] = -xy / det
+    slopes[0] = (covariance[1, 1] * rise_x + covariance[1, 2] * rise_y) / share
+    slopes[1] = (covariance[1, 2] * rise_x + covariance[2, 2] * rise_y) / share
     covariance[0, 0] = share + common_m**2
     covariance[1, 1] += common_rad**2
     covariance[2, 2] += common_rad**2
-    return c, slopes, covariance
 
 
 @cached(_HERE)
@@ -160,8 +166,7 @@ def height_planes(
     centres, slopes, covariances = np.empty((n, 3)), np.empty((n, 2)), np.empty((n, 3, 3))
     spreads = np.empty((n, 2, 2))
     for k in range(n):
-        centres[k], slopes[k], covariances[k] = height_plane(sums[k], common_m, common_rad, alike, slope_sd)
-        spreads[k] = spread_of(sums[k])
+        height_plane(sums[k], common_m, common_rad, alike, slope_sd, centres[k], slopes[k], covariances[k], spreads[k])
     return centres, slopes, covariances, spreads
 
 
@@ -170,7 +175,8 @@ def off_height_plane(
     new: Array, old: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> float:
     """Mean squared height difference, m², of points from the `height_plane` of others; both given as (11,) sums."""
-    c, slopes, _ = height_plane(old, common_m, common_rad, alike, slope_sd)
+    c, slopes, covariance, spread = np.empty(3), np.empty(2), np.empty((3, 3)), np.empty((2, 2))
+    height_plane(old, common_m, common_rad, alike, slope_sd, c, slopes, covariance, spread)
     a, b = -slopes[0], -slopes[1]
     d = -(c[2] + a * c[0] + b * c[1])
     # of a x + b y + z + d

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
+from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import seen_height
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
@@ -100,7 +101,8 @@ def _lanes(
             if slots[lane] >= 0 and count > most:
                 slot[n], most = slots[lane], count
         if known >= lanes_min:
-            middle[n] = np.median(heights[:known])
+            sort(heights[:known])
+            middle[n] = median(heights, known)
     return slot, middle
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
+from stridetwin.estimators.terrain_map.order_statistics import mean, median, percentile, sort
 from stridetwin.estimators.terrain_map.parameters import EdgeParameters, RayParameters, TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import seen_height, toward
 from stridetwin.estimators.terrain_map.ray_casting import solid_reach
@@ -63,8 +64,11 @@ class Riser:
 @cached(_HERE)
 def _extent(points: Array, down: Array) -> tuple[float, float, float]:
     """Middle of (N, 2) points, and their extent along an edge across `down`, m."""
-    along = points[:, 1] * down[0] - points[:, 0] * down[1]
-    return points[:, 0].mean(), points[:, 1].mean(), along.max() - along.min()
+    n, least, most = len(points), math.inf, -math.inf
+    for k in range(n):
+        along = points[k, 1] * down[0] - points[k, 0] * down[1]
+        least, most = min(least, along), max(most, along)
+    return mean(points, 0, n, 0), mean(points, 0, n, 1), most - least
 
 
 def riser(
@@ -111,35 +115,84 @@ def _edge(
     down, points = _line(ends, toward, p)
     if len(points) == 0:
         return down, points, 0.0
-    x, y = points[:, 0].mean(), points[:, 1].mean()
+    x, y = mean(points, 0, len(points), 0), mean(points, 0, len(points), 1)
     lower = seen_height(low_centre, low_gradient, low_spread, x, y, p.border_m)
     return down, points, seen_height(centre, gradient, spread, x, y, p.border_m) - lower
 
 
 @njit(**INSIDE)
+def _projected(points: Array, u: float, v: float) -> Array:
+    """(N,) coordinates of (N, 2) points along (u, v)."""
+    s = np.empty(points.shape[0])
+    for n in range(points.shape[0]):
+        s[n] = points[n, 0] * u + points[n, 1] * v
+    return s
+
+
+@njit(**INSIDE)
+def _median(s: Array) -> float:
+    ordered = s.copy()
+    sort(ordered)
+    return median(ordered, ordered.shape[0])
+
+
+@njit(**INSIDE)
+def _kept(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
+    """The (N, 2) points to keep; none if they are too few."""
+    count = 0
+    for n in range(points.shape[0]):
+        count += keep[n]
+    found = np.empty((count if count >= fewest else 0, 2))
+    at = 0
+    for n in range(points.shape[0] if count >= fewest else 0):
+        if keep[n]:
+            found[at, 0] = points[n, 0]
+            found[at, 1] = points[n, 1]
+            at += 1
+    return found
+
+
+@njit(**INSIDE)
 def _line(ends: Array, toward: Array, p: EdgeParameters) -> tuple[Array, Array]:
     """(2,) unit vector down across an edge, and its columns (see `_edge`) on the line; none if there is no edge."""
-    down = np.array([toward[:, 0].mean(), toward[:, 1].mean()])
+    count, down = ends.shape[0], np.empty(2)
+    down[0] = mean(toward, 0, count, 0)
+    down[1] = mean(toward, 0, count, 1)
+    keep = np.zeros(count, np.bool_)
     if math.hypot(down[0], down[1]) < p.open_side:  # the lower plane surrounds the upper one: no edge to step over
-        return down, ends[:0]
+        return down, _kept(ends, keep, 1)
     down = across(ends, down, p.direction_ratio)
-    s = ends[:, 0] * down[0] + ends[:, 1] * down[1]
-    points = ends[np.abs(s - np.median(s)) < p.line_m]
-    if len(points) < p.points_min:
-        return down, ends[:0]
-    return across(points, down, p.direction_ratio), points
+    s = _projected(ends, down[0], down[1])
+    middle = _median(s)
+    for n in range(count):
+        keep[n] = abs(s[n] - middle) < p.line_m
+    points = _kept(ends, keep, p.points_min)
+    return (across(points, down, p.direction_ratio) if len(points) else down), points
 
 
 @njit(**INSIDE)
 def across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
-    x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
-    turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # the line's, from its scatter
+    count, found = points.shape[0], np.empty(2)
+    middle_x, middle_y = mean(points, 0, count, 0), mean(points, 0, count, 1)
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for n in range(count):
+        x, y = points[n, 0] - middle_x, points[n, 1] - middle_y
+        xx += x * x
+        xy += x * y
+        yy += y * y
+    turn = 0.5 * math.atan2(2.0 * xy, xx - yy)  # the line's, from its scatter
     ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
     if abs(ahead) < abs(along) * ratio_min:  # the edge is too short to have a direction
-        return toward / math.hypot(toward[0], toward[1])
-    return math.copysign(1.0, ahead) * np.array([-math.sin(turn), math.cos(turn)])
+        size = math.hypot(toward[0], toward[1])
+        found[0] = toward[0] / size
+        found[1] = toward[1] / size
+    else:
+        side = math.copysign(1.0, ahead)
+        found[0] = side * -math.sin(turn)
+        found[1] = side * math.cos(turn)
+    return found
 
 
 def refined(
@@ -180,41 +233,47 @@ def _edge_in_voxels(
             at[n, axis] = (turn[axis, 0] * x + turn[axis, 1] * y) / voxel_m
         at[n, 2] = (centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]) / voxel_m - 1.0
     slope = gradient[0] * down[0] + gradient[1] * down[1]
-    direction = np.array([turn[0, 0] * down[0] + turn[0, 1] * down[1], turn[1, 0] * down[0] + turn[1, 1] * down[1]])
+    direction = np.empty(2)
+    for axis in range(2):
+        direction[axis] = turn[axis, 0] * down[0] + turn[axis, 1] * down[1]
     length, gap = (p.inside_m + p.beyond_m) / voxel_m, p.gap_m / voxel_m
-    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap, rays) * voxel_m, down, p)
+    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap, rays), voxel_m, down, p)
     return (across(found, down, p.direction_ratio) if len(found) else down), found
 
 
 @njit(**INSIDE)
 def _starts(points: Array, down: Array, p: EdgeParameters) -> Array:
     """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
-    s = points[:, 0] * down[0] + points[:, 1] * down[1]
-    low, high = np.percentile(
-        points[:, 1] * down[0] - points[:, 0] * down[1], np.array([p.trim_pct, 100.0 - p.trim_pct])
-    )
-    first = np.median(s) - p.inside_m
+    aside = _projected(points, -down[1], down[0])
+    sort(aside)
+    low, high = percentile(aside, p.trim_pct), percentile(aside, 100.0 - p.trim_pct)
+    first = _median(_projected(points, down[0], down[1])) - p.inside_m
     starts = np.empty((p.lanes, 2))
     for n in range(p.lanes):
-        aside = low + (high - low) * n / (p.lanes - 1)
-        starts[n, 0] = first * down[0] - aside * down[1]
-        starts[n, 1] = first * down[1] + aside * down[0]
+        lane = low + (high - low) * n / (p.lanes - 1)
+        starts[n, 0] = first * down[0] - lane * down[1]
+        starts[n, 1] = first * down[1] + lane * down[0]
     return starts
 
 
 @njit(**INSIDE)
-def _ends(starts: Array, reach: Array, down: Array, p: EdgeParameters) -> Array:
-    """(N, 2) m, end points of the lanes without outliers; none if too few remain."""
-    seen = np.isfinite(reach)
-    if seen.sum() < p.points_min:
-        return starts[:0]
-    seen &= np.abs(reach - np.median(reach[seen])) < p.outlier_m
-    if seen.sum() < p.points_min:
-        return starts[:0]
-    points = starts[seen]
-    points[:, 0] += reach[seen] * down[0]
-    points[:, 1] += reach[seen] * down[1]
-    return points
+def _ends(starts: Array, reach: Array, voxel_m: float, down: Array, p: EdgeParameters) -> Array:
+    """(N, 2) m, end points of the lanes without outliers, from their reach, voxels; none if too few remain."""
+    points, keep, seen = np.empty(starts.shape), np.zeros(starts.shape[0], np.bool_), 0
+    known = np.empty(starts.shape[0])
+    for n in range(starts.shape[0]):
+        if math.isfinite(reach[n]):
+            known[seen] = reach[n] * voxel_m
+            seen += 1
+    if seen < p.points_min:
+        return _kept(points, keep, 1)
+    middle = _median(known[:seen])
+    for n in range(starts.shape[0]):
+        along = reach[n] * voxel_m
+        keep[n] = abs(along - middle) < p.outlier_m
+        points[n, 0] = starts[n, 0] + along * down[0]
+        points[n, 1] = starts[n, 1] + along * down[1]
+    return _kept(points, keep, p.points_min)
 
 
 def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
@@ -324,16 +383,18 @@ def _flight(
     n, first, middle = len(counts), 0, 0.0
     middles = np.empty((n, 2))
     for k in range(n):
-        own = points[first : first + counts[k]]
+        middles[k, 0] = mean(points, first, first + counts[k], 0)
+        middles[k, 1] = mean(points, first, first + counts[k], 1)
         first += counts[k]
-        middles[k, 0], middles[k, 1] = own[:, 0].mean(), own[:, 1].mean()
         middle += (middles[k, 1] * up[0] - middles[k, 0] * up[1]) / n
     values, covariance = _even(points, counts, sd, up, middle, least)
-    heights, height_sd = np.empty(n + 1), np.empty(n + 1)
+    heights, height_sd, slopes = np.empty(n + 1), np.empty(n + 1), np.empty(3)
     for k in range(n + 1):  # each plane where it is well observed toward its edge
         edge = middles[max(k - 1, 0)]
         x, y = toward(centres[k], spreads[k], edge[0], edge[1], p.border_m)
-        slopes = np.array([1.0, x - centres[k, 0], y - centres[k, 1]])
+        slopes[0] = 1.0
+        slopes[1] = x - centres[k, 0]
+        slopes[2] = y - centres[k, 1]
         heights[k] = centres[k, 2] + slopes[1] * gradients[k, 0] + slopes[2] * gradients[k, 1]
         variance = 0.0
         for i in range(3):
@@ -347,16 +408,20 @@ def _flight(
             full[_PLACES[i], _PLACES[j]] = covariance[i, j]
     if n == 1:
         full[1, 1] = _UNKNOWN
-    full[4, 4], full[4, 0] = height_covariance[0, 0], height_covariance[0, 1]
-    full[0, 4], full[0, 0] = height_covariance[1, 0], height_covariance[1, 1]
+    full[4, 4] = height_covariance[0, 0]
+    full[4, 0] = height_covariance[0, 1]
+    full[0, 4] = height_covariance[1, 0]
+    full[0, 0] = height_covariance[1, 1]
     heading = math.atan2(up[1], up[0]) + values[2]
     # The line at its middle, along the rotated direction of ascent.
     x, y = values[0] * up[0] - middle * up[1], values[0] * up[1] + middle * up[0]
     start = x * math.cos(heading) + y * math.sin(heading)
     x, y = math.cos(heading), math.sin(heading)
-    edges = middles[:, 0] * x + middles[:, 1] * y
-    across = np.percentile(points[:, 1] * x - points[:, 0] * y, np.array([p.extent_pct, 100.0 - p.extent_pct]))
-    return (riser, values[1], math.atan2(y, x), start, base), full, edges, across
+    edges, aside, extent = _projected(middles, x, y), _projected(points, -y, x), np.empty(2)
+    sort(aside)
+    extent[0] = percentile(aside, p.extent_pct)
+    extent[1] = percentile(aside, 100.0 - p.extent_pct)
+    return (riser, values[1], math.atan2(y, x), start, base), full, edges, extent
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -380,33 +445,54 @@ def _even(
     Returns:
         (3,) start, tread and turn; their (3, 3) covariance.
     """
-    s, aside = points[:, 0] * up[0] + points[:, 1] * up[1], points[:, 1] * up[0] - points[:, 0] * up[1]
+    s, aside = _projected(points, up[0], up[1]), _projected(points, -up[1], up[0])
     normal, right = np.zeros((3, 3)), np.zeros(3)
+    ones, squares, products = np.empty(3), np.empty((3, 3)), np.empty(3)
     first = 0
     for k in range(len(counts)):
-        own_s, side = s[first : first + counts[k]], aside[first : first + counts[k]] - middle
-        first += counts[k]
-        n = float(counts[k])
-        own = max(own_s.var(), least)
+        end, n = first + counts[k], float(counts[k])
+        total, sides, side_squares, side_s = 0.0, 0.0, 0.0, 0.0
+        for i in range(first, end):
+            side = aside[i] - middle
+            total += s[i]
+            sides += side
+            side_squares += side * side
+            side_s += side * s[i]
+        scatter = 0.0
+        for i in range(first, end):
+            scatter += (s[i] - total / n) ** 2
+        first = end
+        own = max(scatter / n, least)
         shared = 1.0 / (own**2 * (n / own + 1.0 / sd[k] ** 2))
-        ones = np.array([n, k * n, -side.sum()])
-        squares = np.empty((3, 3))
-        squares[0, 0], squares[0, 1], squares[1, 1] = n, k * n, k * k * n
-        squares[0, 2], squares[1, 2], squares[2, 2] = ones[2], k * ones[2], (side * side).sum()
-        squares[1, 0], squares[2, 0], squares[2, 1] = squares[0, 1], squares[0, 2], squares[1, 2]
-        normal += squares / own - shared * np.outer(ones, ones)
-        total = own_s.sum()
-        right += np.array([total, k * total, -(side * own_s).sum()]) / own - shared * total * ones
-    at = np.array([0, 1, 2]) if len(counts) > 1 else np.array([0, 2])  # a single edge does not determine the tread
-    known = np.empty((len(at), len(at)))
-    for i in range(len(at)):
-        for j in range(len(at)):
+        ones[0] = n
+        ones[1] = k * n
+        ones[2] = -sides
+        squares[0, 0] = n
+        squares[0, 1] = k * n
+        squares[1, 1] = k * k * n
+        squares[0, 2] = ones[2]
+        squares[1, 2] = k * ones[2]
+        squares[2, 2] = side_squares
+        products[0] = total
+        products[1] = k * total
+        products[2] = -side_s
+        for i in range(3):
+            right[i] += products[i] / own - shared * total * ones[i]
+            for j in range(3):
+                normal[i, j] += squares[min(i, j), max(i, j)] / own - shared * (ones[i] * ones[j])
+    fitted = 3 if len(counts) > 1 else 2  # a single edge does not determine the tread, the second
+    at, known = np.empty(fitted, np.int64), np.empty((fitted, fitted))
+    for i in range(fitted):
+        at[i] = i * 2 // (fitted - 1)
+    for i in range(fitted):
+        for j in range(fitted):
             known[i, j] = normal[at[i], at[j]] + (1e-9 if i == j else 0.0)
     solved = np.linalg.inv(known)
-    values, covariance = np.array([0.0, math.nan, 0.0]), np.zeros((3, 3))
-    for i in range(len(at)):
+    values, covariance = np.zeros(3), np.zeros((3, 3))
+    values[1] = math.nan
+    for i in range(fitted):
         values[at[i]] = 0.0
-        for j in range(len(at)):
+        for j in range(fitted):
             covariance[at[i], at[j]] = solved[i, j]
             values[at[i]] += solved[i, j] * right[at[j]]
     return values, covariance
@@ -415,9 +501,17 @@ def _even(
 @njit(error_model="numpy", **INSIDE)
 def _stair_line(heights: Array, sd: Array) -> tuple[float, float, Array]:
     """Fits base and riser of equal steps, with their (2, 2) covariance. See docs/terrain_map.md (10)."""
-    w, k = sd**-2, np.arange(len(heights))
-    n, x, xx = w.sum(), (w * k).sum(), (w * k * k).sum()
-    det = n * xx - x * x
-    covariance = np.array([[xx / det, -x / det], [-x / det, n / det]])
-    y, xy = (w * heights).sum(), (w * k * heights).sum()
+    n, x, xx, y, xy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(heights)):
+        w = sd[k] ** -2
+        n += w
+        x += w * k
+        xx += w * k * k
+        y += w * heights[k]
+        xy += w * k * heights[k]
+    det, covariance = n * xx - x * x, np.empty((2, 2))
+    covariance[0, 0] = xx / det
+    covariance[0, 1] = -x / det
+    covariance[1, 0] = -x / det
+    covariance[1, 1] = n / det
     return (xx * y - x * xy) / det, (n * xy - x * y) / det, covariance

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Priors, aligned, gyro_bias
+from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_of_bearings, structure_with_depth
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
@@ -74,7 +75,7 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     )
     for k in range(IMAGES - 1):
         ends = int(at_image[k]), int(at_image[k + 1])
-        kernel.integrate_into(preintegrations, k, ImuSamples(t_ns, measured, invalid), *ends, np.zeros(6), NOISE)
+        preintegrate(preintegrations, k, ImuSamples(t_ns, measured, invalid), *ends, np.zeros(6), NOISE)
     off = noisy * rng.normal(size=8)
     R_ic = T_IMU_CAMERA[:3, :3] @ Rotation.from_rotvec(off[3:6] * MOUNT_SD[3:]).as_matrix()
     R_seen = R @ Rotation.from_rotvec(rate[::BETWEEN] * off[6] * OFFSET_SD).as_matrix()

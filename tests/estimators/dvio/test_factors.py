@@ -28,18 +28,19 @@ def test_the_jacobian_of_an_observation_is_its_slope(seed):
     window = seen_window(np.random.default_rng(seed))
     window.frames.offset[:] = 0.0
     now = blank_views(4)
-    view(window, FACTORS, now)
+    view(window.frames, window.calibration, FACTORS.first_estimates, now)
     at, xi = window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
-    x, y = ray(window.calibration, at)
+    x, y = ray(window.calibration, *at)
     J, Jl = np.zeros((3, OBSERVATION)), np.zeros(3)
-    assert observation_jacobian(window, now, 0, 2, x, y, xi, J, Jl)
+    assert observation_jacobian(window.frames, window.calibration, now, 0, 2, x, y, xi, J, Jl)
 
     def seen(error, of_depth=0.0):
         other = copy.deepcopy(window)
         moved(other, error)
         v = blank_views(4)
-        view(other, FACTORS, v)
-        return np.array(project(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[:3])
+        view(other.frames, other.calibration, FACTORS.first_estimates, v)
+        x, y = ray(other.calibration, *at)
+        return np.array(project(v.rotation[0, 2], v.translation[0, 2], x, y, xi + of_depth)[:3])
 
     size = SHARED + FRAME * 3
     columns = [
@@ -67,13 +68,13 @@ def test_the_jacobian_of_the_motion_is_its_slope(seed):
         bias=0.01 * rng.normal(size=6),
     )  # fmt: skip
     r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
-    motion(window.frames, z, 0, FACTORS, r, J, False)
+    motion(window.frames, z, 0, FACTORS.gravity, r, J, False)
 
     def residual(error):
         other = copy.deepcopy(window)
         moved(other, np.concatenate([np.zeros(SHARED), error, np.zeros(FRAME)]))
         out, workspace = np.zeros(9), np.zeros((9, 2 * FRAME))
-        motion(other.frames, z, 0, FACTORS, out, workspace, False)
+        motion(other.frames, z, 0, FACTORS.gravity, out, workspace, False)
         return out
 
     for j in range(2 * FRAME):

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import Dvio, DvioParameters, kernel, planes
+from stridetwin.estimators.dvio.optimiser import blank_work, minimise
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
-from stridetwin.estimators.dvio.planes import COLUMNS, PlaneWorkspace, free_slot, marginalize_plane
-from stridetwin.estimators.dvio.solver import blank_work
+from stridetwin.estimators.dvio.planes import PlaneWorkspace, blank_plane_workspace, free_slot, marginalize_plane
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, PlaneParameters, Window
 from stridetwin.streams.samples import Image
 from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, see_corner, see_plane, seen_window
@@ -24,8 +24,12 @@ from tests.estimators.from_python import from_python
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
 SHAPE, FOCAL = (480, 640), 384.0
-plane_residual = from_python(planes.plane_residual)
+residual_in = from_python(planes.plane_residual)
 SD = 0.007  # of an inverse depth, 1/m
+
+
+def plane_residual(w: Window, factors, k: int, j: int, measured: np.ndarray, workspace: PlaneWorkspace) -> bool:
+    return bool(residual_in(w.frames, w.calibration, w.planes, factors, k, j, measured, workspace))
 
 
 def corner_window(rng: np.random.Generator, frames: int = 3, slots: int = 4) -> Window:
@@ -63,7 +67,7 @@ def test_the_jacobian_of_a_plane_is_its_slope(seed):
     w = corner_window(np.random.default_rng(seed))
     w.calibration.focal[:], w.calibration.scale[0] = [0.01, -0.02], 1.03
     k, j, zero = 1, 2, np.zeros(3)
-    workspace = PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS)))
+    workspace = blank_plane_workspace()
     assert plane_residual(w, FACTORS, k, j, zero, workspace)
     states = [
         *range(CALIBRATION),
@@ -72,7 +76,7 @@ def test_the_jacobian_of_a_plane_is_its_slope(seed):
     ]
 
     def measured(error: np.ndarray) -> np.ndarray:
-        other, out = copy.deepcopy(w), PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS)))
+        other, out = copy.deepcopy(w), blank_plane_workspace()
         moved(other, error)
         assert plane_residual(other, FACTORS, k, j, zero, out)
         return out.r
@@ -87,14 +91,14 @@ def test_the_jacobian_of_a_plane_is_its_slope(seed):
 def test_a_plane_of_the_prior_keeps_its_first_jacobian():
     w = corner_window(np.random.default_rng(1))
     factors = FACTORS._replace(first_estimates=True)
-    workspace, later = (PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS))) for _ in range(2))
+    workspace, later = (blank_plane_workspace() for _ in range(2))
     plane_residual(w, factors, 0, 1, w.planes.measured[0, 1], workspace)
     w.planes.held[0], w.frames.held[1] = 1, 1
     w.planes.normal_first[0], w.planes.distance_first[0] = w.planes.normal[0], w.planes.distance[0]
     w.frames.R_first[1], w.frames.p_first[1] = w.frames.R[1], w.frames.p[1]
     moved(w, 0.02 * np.random.default_rng(2).normal(size=SHARED + FRAME * 3) * (np.arange(SHARED + 45) >= CALIBRATION))
     plane_residual(w, factors, 0, 1, w.planes.measured[0, 1], later)
-    use = [i for i in range(COLUMNS) if i != 6]  # the time offset's column has the frame's speed as it is
+    use = [i for i in range(later.J.shape[1]) if i != 6]  # the time offset's column has the frame's speed as it is
     assert later.J[:, use] == pytest.approx(workspace.J[:, use], abs=1e-12)
     assert np.abs(later.r).max() > 1e-3
 
@@ -127,9 +131,9 @@ def test_a_corner_of_bare_planes_fixes_the_pose():
         error[CALIBRATION:SHARED] = 0.03 * rng.normal(size=SHARED - CALIBRATION)
         moved(w, error)
         w.frames.R_first[:], w.frames.p_first[:] = w.frames.R, w.frames.p
-        work = blank_work(4, 4, PLANES)
+        work = blank_work(w)
         factors = FACTORS._replace(planes=FACTORS.planes._replace(huber_sd=1e3), rate_walk=1e6, force_walk=1e6)
-        kernel.minimise(w, factors, work, 15, 0.0)
+        minimise(w, factors, work, 15, 0.0)
         o = SHARED + FRAME
         L = np.tril(work.factor[:n, :n])
         P = np.linalg.inv(L @ L.T)[o : o + 6, o : o + 6]
@@ -186,7 +190,10 @@ def matched(w: Window, measured: np.ndarray, sd: float = 0.005) -> tuple[int, np
     L = np.eye(w.prior.H.shape[0]) * 1e3
     weights = np.array([np.eye(3) / (sd**2 * (t @ t)) for t in measured])
     new = np.zeros(PLANES, np.int64)
-    return kernel.match_planes(w, FACTORS, L, measured, weights, len(measured), new), new
+    unmatched = kernel.match_planes(
+        w.frames, w.calibration, w.planes, FACTORS, blank_plane_workspace(), L, measured, weights, len(measured), new
+    )
+    return unmatched, new
 
 
 def test_a_plane_is_known_again_and_its_neighbour_is_not():
@@ -197,7 +204,7 @@ def test_a_plane_is_known_again_and_its_neighbour_is_not():
     assert unmatched == 1
     assert new[0] == 1
     assert w.planes.seen[:, 2].tolist()[:3] == [1, 0, 1]
-    kernel.add_plane(w, 4, shelf, np.eye(3))
+    kernel.add_plane(w.frames, w.calibration, w.planes, 4, shelf, np.eye(3))
     assert w.planes.normal[4] == pytest.approx(w.planes.normal[1], abs=1e-9)
     assert w.planes.distance[4] == pytest.approx(w.planes.distance[1] - 0.1, abs=1e-9)
 

@@ -9,9 +9,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.solver import blank_work, drop_oldest
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, ImuSamples, Window
+from stridetwin.estimators.dvio.optimiser import blank_work, drop_oldest, marginalize_oldest, minimise, preintegrate
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, ImuSamples, Window
 from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, moved, see_corner, seen_window
 
 PERIOD_NS = 5_000_000
@@ -33,7 +32,7 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
         a = (f.v[k + 1] - f.v[k]) / 0.2 - g
         middle = f.R[k] @ Rotation.from_rotvec(0.1 * rate).as_matrix()
         samples = np.tile(np.concatenate([rate, middle.T @ a]), (n, 1)) + f.bias[k]
-        kernel.integrate_into(
+        preintegrate(
             w.preintegrations, k, ImuSamples(t_ns, samples, np.zeros(n, np.uint8)), t_ns[0], t_ns[-1], f.bias[k], NOISE
         )
     marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
@@ -102,7 +101,7 @@ def test_finds_the_minimum_that_a_batch_solution_finds():
     prior = np.sqrt(np.diag(start.prior.H)[:n])
 
     w = copy.deepcopy(start)
-    kernel.minimise(w, factors, blank_work(SLOTS, POINTS, PLANES), 25, 0.0)
+    minimise(w, factors, blank_work(w), 25, 0.0)
 
     def cost(x: np.ndarray) -> np.ndarray:
         other = copy.deepcopy(start)
@@ -128,14 +127,14 @@ def test_the_prior_equals_what_was_marginalised():
     rng = np.random.default_rng(4)
     w = noisy_window(rng, frames=4)
     w.landmarks.seen[:, 3] = 0  # the newest frame's observations would change hands
-    factors, work = QUADRATIC, blank_work(SLOTS, POINTS, PLANES)
-    kernel.minimise(w, factors, work, 25, 0.0)
+    factors, work = QUADRATIC, blank_work(w)
+    minimise(w, factors, work, 25, 0.0)
     whole = copy.deepcopy(w)
-    kernel.marginalize_oldest(w, factors, work, np.zeros(POINTS, np.uint8))
+    marginalize_oldest(w, factors, work, np.zeros(POINTS, np.uint8))
     drop_oldest(w)
     assert w.frames.count[0] == 3
     before = w.frames.p[:3].copy()
-    kernel.minimise(w, factors, work, 5, 0.0)
+    minimise(w, factors, work, 5, 0.0)
     assert w.frames.p[:3] == pytest.approx(before, abs=1e-6)
     assert before == pytest.approx(whole.frames.p[1:4])
     H = w.prior.H[: SHARED + 2 * FRAME, : SHARED + 2 * FRAME]

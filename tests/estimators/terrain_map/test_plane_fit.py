@@ -11,7 +11,13 @@ from stridetwin.estimators.terrain_map import plane_fit
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point
 from tests.estimators.from_python import from_python
 
-fit, height_plane, spread_of = (from_python(f) for f in (plane_fit.fit, plane_fit.height_plane, plane_fit.spread_of))
+fit = from_python(plane_fit.fit)
+
+
+def height_plane(sums, *limits):
+    """Centre, slopes, covariance, and spread in plan."""
+    return tuple(found[0] for found in plane_fit.height_planes(sums[None], *limits))
+
 
 angles = st.floats(0.0, 1.2)
 turns = st.floats(-3.1, 3.1)
@@ -57,7 +63,7 @@ def test_points_on_a_line_or_a_spot_give_no_nan(count, turn):
     line = np.outer(np.arange(count) * 0.1, [math.cos(turn), math.sin(turn), 0.0])
     for points in (line, np.zeros((count, 3))):
         assert np.isfinite(fit(sums(points))).all()
-        centre, slopes, covariance = height_plane(sums(points), 0.003, 0.004, 1.0, 0.1)
+        centre, slopes, covariance, _ = height_plane(sums(points), 0.003, 0.004, 1.0, 0.1)
         assert np.isfinite(centre).all()
         np.testing.assert_allclose(slopes, 0.0, atol=1e-9)
         assert (np.linalg.eigvalsh(covariance) > 0).all()
@@ -71,7 +77,7 @@ def test_the_covariance_of_a_plane_is_its_error():
     for _ in range(400):
         points = patch(rng, 80, 0.2)
         points[:, 2] = true[0] + points[:, :2] @ true[1:] + rng.normal(0, noise, 80)
-        centre, slopes, covariance = height_plane(sums(points, noise), 1e-6, 1e-6, 1.0, 10.0)
+        centre, slopes, covariance, _ = height_plane(sums(points, noise), 1e-6, 1e-6, 1.0, 10.0)
         error = np.array([centre[2] - (true[0] + centre[:2] @ true[1:]), *(slopes - true[1:])])
         squares.append(error @ np.linalg.solve(covariance, error))
     assert 2.7 < np.mean(squares) < 3.3  # three degrees of freedom
@@ -87,4 +93,6 @@ def test_points_that_share_an_error_count_less():
 
 def test_the_spread_is_the_covariance_in_plan():
     points = patch(np.random.default_rng(4))
-    np.testing.assert_allclose(spread_of(sums(points)), np.cov(points[:, :2].T, bias=True), atol=1e-12)
+    np.testing.assert_allclose(
+        height_plane(sums(points), 1.0, 1.0, 1.0, 1.0)[3], np.cov(points[:, :2].T, bias=True), atol=1e-12
+    )

@@ -1,0 +1,181 @@
+"""The window's non-linear least squares (15), and marginalisation of its oldest frame into the prior (6).
+
+Landmarks are eliminated first, then Cholesky; Levenberg–Marquardt.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.landmarks import CameraEquations, blank_camera_equations
+from stridetwin.estimators.dvio.planes import PlaneWorkspace, blank_plane_workspace, hold_planes
+from stridetwin.estimators.dvio.projection import Views, blank_views
+from stridetwin.estimators.dvio.state import (
+    CALIBRATION,
+    FRAME,
+    PLANE,
+    FactorParameters,
+    ImuNoise,
+    ImuSamples,
+    Preintegration,
+    Window,
+)
+from stridetwin.streams.samples import Array
+
+_FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
+
+
+class Work(NamedTuple):
+    """Preallocated buffers for the normal equations.
+
+    Attributes:
+        H: (N, N) of frames and calibration; the lower triangle counts.
+        b: (N,).
+        factor: (N, N) its Cholesky factor.
+        step: (N,).
+        errors: (N,) deviation of the states from their first estimates.
+        camera: Camera factors.
+        views: Of the frames.
+        plane: For an observation of a plane.
+        saved: Copies of the arrays of `_moving`, before a step.
+    """
+
+    H: Array
+    b: Array
+    factor: Array
+    step: Array
+    errors: Array
+    camera: CameraEquations
+    views: Views
+    plane: PlaneWorkspace
+    saved: list[Array]
+
+
+def blank_work(window: Window) -> Work:
+    """Buffers for a window."""
+    frames, landmarks, planes = len(window.frames.t_ns), len(window.landmarks.host), len(window.planes.used)
+    n = CALIBRATION + PLANE * planes + FRAME * frames
+    return Work(
+        H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n), errors=np.zeros(n),
+        camera=blank_camera_equations(frames, landmarks), views=blank_views(frames), plane=blank_plane_workspace(),
+        saved=[a.copy() for a in _moving(window)],
+    )  # fmt: skip
+
+
+def preintegrate(
+    zs: Preintegration, k: int, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise
+) -> None:
+    """`imu_factors.integrate` into the `k`-th of an array, with its inverse covariance."""
+    z = Preintegration(*(a[k] for a in zs))
+    kernel.integrate(z, imu, start_ns, end_ns, bias, noise)
+    z.weight[:] = kernel.inverse(z.covariance)
+
+
+def _moving(window: Window) -> tuple[Array, ...]:
+    """What a step changes."""
+    f, c, planes = window.frames, window.calibration, window.planes
+    return (
+        f.R, f.p, f.v, f.bias, f.moved, c.R, c.p, c.offset, c.scale, c.focal, c.moved, window.landmarks.inverse_depth,
+        planes.normal, planes.distance, planes.moved,
+    )  # fmt: skip
+
+
+def _linearise(
+    window: Window, factors: FactorParameters, work: Work, frames: int, last: int, host_depth: bool
+) -> float:
+    """Normal equations of the prior and of all factors of the oldest `frames`, landmarks eliminated; returns the cost.
+
+    These are of the landmarks that the frames host, as observed by frames up to `last`; their measured depths count
+    only if `host_depth`.
+    """
+    kernel.view(window.frames, window.calibration, factors.first_estimates, work.views)
+    cost = kernel.add_inertial(window, factors, frames, work.errors, work.H, work.b)
+    if len(window.planes.used):
+        cost += kernel.add_planes(window, factors, work.plane, frames, work.H, work.b)
+    cost += kernel.add_camera_factors(
+        window, factors, work.views, work.camera, frames, last, host_depth, work.H, work.b
+    )
+    return float(cost)
+
+
+def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, enough: float) -> float:
+    """Moves the states towards the minimum of docs/dvio.md (10), in at most `steps`; returns a recent cost.
+
+    Stops if a step lowers the cost by less than the share `enough`. The factor in `work` is that of the last equations.
+    """
+    n = int(window.frames.count[0])
+    size, moving = window.shared + FRAME * n, _moving(window)
+    damping, cost = _FIRST_DAMPING, _linearise(window, factors, work, n, n - 1, factors.host_depth)
+    for i in range(steps):
+        if not kernel.solve(work.H, work.b, size, damping, work.factor, work.step):
+            damping = max(10 * damping, 1e-4)
+            continue
+        for saved, a in zip(work.saved, moving):
+            saved[:] = a
+        kernel.move(window.frames, window.landmarks, window.planes, window.calibration, work.camera, work.step)
+        if i == steps - 1:
+            break
+        new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
+        if new <= cost * (1.0 + 1e-9) + 1e-9:
+            done = cost - new < enough * abs(cost)
+            cost, damping = new, max(0.1 * damping, 1e-12)
+            if done:
+                break
+        else:
+            for saved, a in zip(work.saved, moving):
+                a[:] = saved
+            damping = max(10 * damping, 1e-4)
+            _linearise(window, factors, work, n, n - 1, factors.host_depth)
+            if damping > _MOST_DAMPING:
+                break
+    return cost
+
+
+def hold(window: Window, slot: int) -> None:
+    """Marks a frame as in the prior: its Jacobians stay at its current state."""
+    f = window.frames
+    f.held[slot] = 1
+    f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
+    f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
+
+
+def marginalize_oldest(window: Window, factors: FactorParameters, work: Work, alive: NDArray[np.uint8]) -> None:
+    """Marginalises the oldest frame with the landmarks that it hosts; `drop_oldest` then takes it out of the window.
+
+    Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
+    The window holds three frames or more.
+    """
+    f, shared, H = window.frames, window.shared, work.H
+    newest = int(f.count[0]) - 1
+    size = shared + FRAME * (newest + 1)
+    _linearise(window, factors, work, 1, newest - 1, factors.host_depth and factors.host_depth_in_prior)
+    kernel.marginalize(H, work.b, work.errors, shared, size, window.prior.H, window.prior.b)
+    for k in range(1, newest):
+        o = shared + FRAME * k
+        if not f.held[k] and H[o, o] > 0.0:
+            hold(window, k)
+    hold_planes(window.planes, H)
+    views = work.views
+    kernel.rehost(
+        window.landmarks, window.calibration, views.rotation[0, newest], views.translation[0, newest], alive, newest
+    )
+
+
+def drop_oldest(window: Window) -> None:
+    """Moves every slot one to the front, over the oldest frame."""
+    frames, marks = window.frames, window.landmarks
+    n = int(frames.count[0])
+    for a in (*frames[1:], *window.preintegrations):
+        a[: n - 1] = a[1:n]
+    planes = window.planes
+    for a in (marks.seen, marks.at, marks.rho, planes.seen, planes.measured, planes.weight):
+        a[:, : n - 1] = a[:, 1:n]
+    marks.seen[:, n - 1] = 0
+    planes.seen[:, n - 1] = 0
+    marks.host[marks.host > 0] -= 1
+    frames.held[n - 1] = 0
+    frames.count[0] = n - 1
