@@ -4,7 +4,7 @@
 on. A clean walk should be valid, and the interval of its camera's clock should contain 0. The images of a faulty walk
 are stamped 10 to 60 ms early or late, without a word in the calibration: `check` should find that, and its interval
 should contain the offset. Walks without the depth camera or longer than `--longest` s are left out; shoe cameras, whose
-clocks are not judged, are off.
+clocks are not estimated, are off.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def checked(case: Case) -> dict[str, Any]:
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:
-    """Rows of all walks, and how many were judged, found, and inside their interval."""
+    """Rows of all walks, and how many were estimated, found, and inside their interval."""
     rng = np.random.default_rng(FIRST_SEED)
     signs = rng.choice([-1.0, 1.0], arguments.faulty)
     offsets = {
@@ -88,14 +88,14 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         first = FIRST_SEED + (arguments.clean if kind == "faulty" else 0)
         walks = list(cases(len(some), some, arguments.longest, first))
         rows = list(mapped(checked, walks, arguments.workers))
-        judged = [row for row in rows if "error_s" in row]
+        estimated = [row for row in rows if "error_s" in row]
         result[kind] = rows
         result["summary"][kind] = {
             "walks": len(rows),
             "with an error": sum(bool(row["errors"]) for row in rows),
-            "clock judged": len(judged),
-            "clock in its interval": sum(row["is_inside"] for row in judged),
-            "median half width, ms": 1e3 * float(np.median([row["half_s"] for row in judged])) if judged else 0.0,
+            "clock estimated": len(estimated),
+            "clock in its interval": sum(row["is_inside"] for row in estimated),
+            "median half width, ms": 1e3 * float(np.median([row["half_s"] for row in estimated])) if estimated else 0.0,
         }
     return result
 
