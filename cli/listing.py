@@ -43,12 +43,16 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
     lines: list[str | Table] = []
+    files = {"scenarios": catalogue(), "campaigns": campaigns(), "placements": problems(), "parts": library()}
+    data["folders"] = {title: str(next(iter(paths.values())).parent) for title, paths in files.items()}
     for title in ("scenarios", "campaigns", "placements", "estimators", "experiments"):
-        lines += [table(data[title].items(), title=title.capitalize(), text_columns=2), ""]
+        where = f" (files in {data['folders'][title]})" if title in data["folders"] else ""
+        lines += [table(data[title].items(), title=f"{title.capitalize()}{where}", text_columns=2), ""]
     kinds = [(name, kind_of(p), p.description) for name, p in parts.items()]
     people = [(name, p.sex, f"{p.height_m:.3g} m", f"{p.mass_kg:.3g} kg") for name, p in PEOPLE.items()]
     sensors = [name if name in TwinConfig.sensors else f"{name} (off by default)" for name in KIND]
     lines += ["Sensors", ", ".join(sensors), ""]
-    lines += [table(kinds, title="Parts (NAME-ideal: the part without errors)", text_columns=3), ""]
+    lines += [f"Parts (NAME-ideal: the part without errors; files in {data['folders']['parts']})"]
+    lines += [table(kinds, text_columns=3), ""]
     lines += ["Faults", ", ".join(sorted(FAULTS)), "", table(people, title="People", text_columns=2)]
     return Outcome(data=data, lines=lines)

@@ -28,6 +28,8 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from stridetwin.scenarios.campaign.campaign_file import Campaign
+    from stridetwin.scenarios.campaign.generate import Options
+    from stridetwin.scenarios.cost import Cost
     from stridetwin.scenarios.scenario_file import Scenario
 
 _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
@@ -68,8 +70,13 @@ class GenerateOptions(WalkOptions):
 def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     """`run`."""
     from stridetwin.report.runner import run_scenario
+    from stridetwin.scenarios.cost import cost_of
 
     scenario = _scenario(arguments)
+    _announce(
+        cost_of([_asked(scenario, arguments).config]),
+        more="; estimates, film and report take two to three times as long",
+    )
     folder = arguments.output or Path("runs") / scenario.config.name
     run = run_scenario(
         scenario,
@@ -129,7 +136,7 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
         subset=arguments.subset,
         extra=Extra(physics=arguments.physics, off=_off(campaign, arguments)),
     )
-    done = generate(campaign, options, progress)
+    done = generate(campaign, options, progress, lambda missing: _announce_campaign(campaign, options, missing))
     walks, verdicts = done.manifest["walks"], done.verdicts
     hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
     data = {
@@ -154,6 +161,27 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
     return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=code)
 
 
+def _announce_campaign(campaign: Campaign, options: Options, missing: int) -> None:
+    """Says what the missing walks of a campaign take, if it is long."""
+    from stridetwin.scenarios.campaign.extremes import base_scenarios
+    from stridetwin.scenarios.cost import cost_of, scaled
+
+    extra = options.extra
+    configs = [base.config for base in base_scenarios(campaign)]
+    kept = [tuple(group for group in config.sensors if group not in extra.off) for config in configs]
+    configs = [
+        replace(config, sensors=sensors, physics=extra.physics or config.physics)
+        for config, sensors in zip(configs, kept)
+    ]
+    _announce(scaled(cost_of(configs), missing), options.workers)
+
+
+def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
+    """Says what walks take, if it is long."""
+    if cost.is_long:
+        print(f"stridetwin: note: {cost.words(workers)}{more}", file=sys.stderr, flush=True)
+
+
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
     """Groups of sensors that the walks of a campaign do without."""
     from stridetwin.scenarios.scenario_file import CAMERAS
@@ -171,13 +199,11 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
+    from stridetwin.scenarios.cost import cost_of
     from stridetwin.scenarios.record import make_twin, record
 
-    scenario = _scenario(arguments)
-    if arguments.only:
-        from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
-
-        scenario = with_sensors_for(scenario, estimators_of(arguments.only, "--only"))
+    scenario = _asked(_scenario(arguments), arguments)
+    _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0
     twin = make_twin(scenario, seed)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -203,6 +229,15 @@ def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
     if arguments.physics is not None:
         scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
     return without_cameras(scenario) if arguments.no_cameras else scenario
+
+
+def _asked(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scenario:
+    """The scenario with the sensors alone that the estimators of `--only` read."""
+    if not arguments.only:
+        return scenario
+    from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
+
+    return with_sensors_for(scenario, estimators_of(arguments.only, "--only"))
 
 
 def _how_to_repeat(arguments: RunOptions) -> str:

@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -107,14 +106,16 @@ class _Features:
         R = _by_rotation(x, y, pixel) if R is None else R
         R = _by_epipoles(x, y, pixel) if R is None else R
         # R maps points of a into b: the inverse of the camera's own rotation
-        return None if R is None else -Rotation.from_matrix(R).as_rotvec()
+        return None if R is None else -np.asarray(cv2.Rodrigues(R)[0], float).ravel()
 
 
 def _by_rotation(x: Array, y: Array, pixel: float) -> Array | None:
     """The rotation between rays if rotation alone explains them (Kabsch's algorithm): then there are no epipoles."""
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
-    R = Rotation.align_vectors(b, a)[0].as_matrix()
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    U[:, 2] *= np.linalg.det(U @ Vt)
+    R = U @ Vt
     off = np.linalg.norm(a @ R.T - b, axis=1)
     return np.asarray(R, float) if float(np.median(off)) < _ROTATION_PX * pixel else None
 

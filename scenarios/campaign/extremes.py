@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
-from stridetwin.scenarios.campaign.named_files import FILES, SCENARIOS, Base, Variable, copy_files, parse_scenario
+from stridetwin.scenarios.campaign.named_files import (
+    FILES,
+    SCENARIOS,
+    Base,
+    Variable,
+    copy_files,
+    in_own_file,
+    parse_scenario,
+)
 from stridetwin.scenarios.campaign.people import Group
 from stridetwin.scenarios.campaign.plan import Extra, in_force, people, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
@@ -31,7 +39,7 @@ def base_scenarios(campaign: Campaign) -> list[Scenario]:
         folder = Path(name)
         (folder / SCENARIOS).mkdir()
         copy_files(folder, campaign.own)
-        return [parse_scenario(folder, base.scenario) for base in campaign.bases]
+        return [_unchanged(folder, campaign, base) for base in campaign.bases]
 
 
 def check_extremes(campaign: Campaign, extra: Extra) -> None:
@@ -57,23 +65,35 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
                     try:
                         parse_scenario(folder, scenario_of(campaign, base, somebody, drawn, extra))
                     except StrideTwinError as error:
+                        if (own := in_own_file(error, campaign.own)) is not None:
+                            raise own from error
                         raise _campaign_error(variable, base, end, error) from error
+
+
+def _unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
+    """The scenario as its file has it."""
+    try:
+        return parse_scenario(folder, base.scenario)
+    except StrideTwinError as error:
+        own = in_own_file(error, campaign.own, base.file)
+        raise own or base.at.error(base.written, f"a valid scenario ({_inner(error)})") from error
 
 
 def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
     """The unchanged scenario, then with the values that are set in all of its walks."""
-    try:
-        parse_scenario(folder, base.scenario)
-    except StrideTwinError as error:
-        raise base.at.error(base.name, f"a valid scenario ({_inner(error)})") from error
+    _unchanged(folder, campaign, base)
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
         parse_scenario(folder, scenario)
     except StrideTwinError as error:
+        if (own := in_own_file(error, campaign.own)) is not None:
+            raise own from error
         for variable in in_force(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 raise _campaign_error(variable, base, error.value, error) from error
-        raise base.at.error(base.name, f"a scenario that allows the values that are set ({_inner(error)})") from error
+        raise base.at.error(
+            base.written, f"a scenario that allows the values that are set ({_inner(error)})"
+        ) from error
 
 
 def _try_people(folder: Path, group: Group) -> None:

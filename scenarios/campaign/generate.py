@@ -88,8 +88,16 @@ class Done:
         return Counter(kind for w in self.manifest["walks"] for kind in {r.split(":")[0] for r in w["reasons"]})
 
 
-def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
+def generate(
+    campaign: Campaign, options: Options, progress: Progress, announce: Callable[[int], None] = lambda missing: None
+) -> Done:
     """Generates the walks that the folder lacks for this configuration and version of the code.
+
+    Args:
+        campaign: The campaign.
+        options: Folder, workers and what differs from the campaign's file.
+        progress: Receives the stage and its progress (0-1).
+        announce: Receives the number of walks to generate, before the first.
 
     Raises:
         StrideTwinError: Any usage error; finished walks are kept.
@@ -122,6 +130,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
             for name in (manifests.NAME, manifests.CARD_NAME):
                 (options.folder / name).unlink(missing_ok=True)
         copy_files(options.folder, campaign.own)
+        announce(len(missing))
         stage = f"walks, {outdated} of another version again" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
         for row in executors.rows(missing, options.workers, options.scheduler):

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
 from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
-from stridetwin.streams.errors import Where
+from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError, Where
 from stridetwin.streams.fields import number, text
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.validation import suggest
@@ -25,6 +25,7 @@ from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
 FILES, SCENARIOS = "files", "scenarios"
 """Folders of the output: copies of the user's files, and the scenario file of each walk."""
+_PARSED = "parsed.yaml"
 _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
 _OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
@@ -64,6 +65,8 @@ class Base:
         weight: Its frequency relative to the others.
         variables: Its own, set after those of all scenarios.
         at: Its position in the file.
+        file: The scenario's file.
+        written: How the naming file calls it.
     """
 
     name: str
@@ -71,6 +74,8 @@ class Base:
     weight: float
     variables: tuple[Variable, ...]
     at: Where
+    file: Path
+    written: str
 
 
 class NamedBase(BaseModel):
@@ -143,7 +148,10 @@ class NamedFiles:
             scenario[key] = self.own_files(scenario[key], at, path.resolve().parent)
         variables = self.variables(item.set, where.key("set"))
         weight = getattr(item, "weight", 1.0)
-        return Base(name=self._unique(path.stem), scenario=scenario, weight=weight, variables=variables, at=at)
+        return Base(
+            name=self._unique(path.stem), scenario=scenario, weight=weight, variables=variables, at=at, file=path,
+            written=name,
+        )  # fmt: skip
 
     def _unique(self, name: str) -> str:
         """A unique name: a scenario may be listed twice with different values."""
@@ -247,12 +255,35 @@ def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
             shutil.copyfile(source, file)
 
 
+def in_own_file(
+    error: StrideTwinError, own: Mapping[str, Path], scenario: Path | None = None
+) -> StrideTwinError | None:
+    """The errors in a user's file, all of them and under the path that this file has; None for errors elsewhere.
+
+    Args:
+        error: Of a scenario that was parsed from the output folder.
+        own: The user's files by their names there.
+        scenario: The user's scenario file, where the scenario is as in that file.
+    """
+    files = {f"/{FILES}/{name}": path for name, path in own.items()}
+    if scenario is not None and scenario not in catalogue().values():
+        files[f"/{SCENARIOS}/{_PARSED}"] = scenario
+    found: list[StrideTwinError] = []
+    for one in error.errors if isinstance(error, ConfigFileError) else (error,):
+        file = next((f for end, f in files.items() if isinstance(one, ConfigError) and one.source.endswith(end)), None)
+        if file is not None and isinstance(one, ConfigError):
+            here = Path.cwd()
+            shown = file.relative_to(here) if file.is_relative_to(here) else file
+            found.append(ConfigError(shown, one.field, one.value, one.valid))
+    return (found[0] if len(found) == 1 else ConfigFileError(found)) if found else None
+
+
 def parse_scenario(folder: Path, scenario: dict[str, Any]) -> Scenario:
     """Parses and validates a scenario's plain data, through a file in the folder that has `SCENARIOS` and user files.
 
     Raises:
         StrideTwinError: It is invalid.
     """
-    path = folder / SCENARIOS / "parsed.yaml"
+    path = folder / SCENARIOS / _PARSED
     path.write_text(scenario_text(scenario), encoding="utf-8")
     return read_scenario(path)

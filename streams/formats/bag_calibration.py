@@ -12,7 +12,6 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
 from stridetwin.streams.plausible import mean_rate
@@ -122,6 +121,8 @@ class BagCalibration:
             q = np.array([r.w, r.x, r.y, r.z])
             if 0.9 < float(np.linalg.norm(q)) < 1.1:
                 T = np.eye(4)
+                from scipy.spatial.transform import Rotation  # takes long to import
+
                 T[:3, :3] = Rotation.from_quat(q, scalar_first=True).as_matrix()
                 T[:3, 3] = p.x, p.y, p.z
                 self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)

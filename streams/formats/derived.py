@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.topic_reader import increasing
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 _UNIT = (0.9, 1.1)
 
@@ -52,6 +54,8 @@ def odometry(
         t_ns, p, q, norm = t_ns[sound], p[sound], q[sound], norm[sound]
         v = None if v is None else v[sound]
     q = q / norm[:, None]
+    from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
+
     if T_body_source is not None and len(q):
         T_source_body = np.linalg.inv(T_body_source)
         rotation = Rotation.from_quat(q, scalar_first=True)

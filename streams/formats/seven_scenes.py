@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
@@ -91,6 +90,8 @@ def _poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
         except StrideTwinError as error:
             notes.invalid(error)
     T = np.array(poses).reshape(-1, 4, 4)
+    from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
+
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4))
     return odometry(TRUTH, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
 

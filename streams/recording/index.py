@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,10 @@ from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.recording.mcap_scan import CutOffError, DamagedError, Messages, Unpacking, parse, top_records
 from stridetwin.streams.recording.ros_types import Definitions
-from stridetwin.streams.recording.topic_reader import READABLE, TopicReader, finite, increasing
+from stridetwin.streams.recording.topic_reader import READABLE, TopicReader, finite, increasing, selected
 from stridetwin.streams.recording.writer import METADATA_NAME, RIG_NAME
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Sample
+from stridetwin.streams.samples import Block, Imu, Sample
 
 RECORD = "stridetwin_schema"
 """Name of the MCAP metadata record with the version."""
@@ -58,6 +58,8 @@ def read(values: Mapping[str, str], source: object) -> str:
     return version
 
 
+KEPT_BYTES = 32 << 20
+"""IMU samples of a file that stay in memory after the first pass: an hour of one IMU."""
 RATE_TOLERANCE = 0.2
 _RATE_SAMPLES = 10
 LENIENT = "; to read it anyway: Recording(..., lenient=True), on the command line --lenient"
@@ -207,6 +209,8 @@ class RecordingIndex:
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
+        self._kept: dict[str, list[Block[Any]]] = {}
+        self._room = KEPT_BYTES
         self._parts_of_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
@@ -288,6 +292,14 @@ class RecordingIndex:
         if parts:
             self.chunks.append(ChunkInfo(offset, parts))
 
+    def _keep(self, block: Block[Any]) -> None:
+        """Keeps the samples of an IMU; if they become too many, all of them are read again instead."""
+        self._room -= block.t_ns.nbytes + sum(values.nbytes for values in block.columns.values())
+        if self._room < 0:
+            self._kept = {}
+        elif len(block):
+            self._kept.setdefault(block.topic, []).append(_copy(block))
+
     def _index_topic(self, topic: str, messages: Messages) -> Part | None:
         reader = self.readers[topic]
         known = self.topics.get(topic)
@@ -311,6 +323,8 @@ class RecordingIndex:
                 self.notes.problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
             keep = rising & sound
         kept = t[keep]
+        if block is not None and block.kind is Imu:
+            self._keep(selected(block, keep))
         if not len(kept) or reader.kind is None:
             return None
         self._parts_of_times.setdefault(topic, []).append(kept)
@@ -318,6 +332,12 @@ class RecordingIndex:
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
         return part
+
+
+def _copy(block: Block[Any]) -> Block[Any]:
+    """A block that does not hold the chunk in memory that it was decoded from."""
+    columns = {name: values.copy() for name, values in block.columns.items()}
+    return replace(block, t_ns=block.t_ns.copy(), columns=columns)
 
 
 def unreadable(path: Path, error: Exception) -> StrideTwinError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,10 @@ from stridetwin.streams.samples import Block, Depth, Image, Sample
 class McapContents(RecordingIndex):
     """Contents of a `Recording` from an MCAP file."""
 
-    _unpacked: tuple[int, dict[str, Messages]] = (-1, {})
+    def __init__(self, path: Path, lenient: bool) -> None:
+        super().__init__(path, lenient)
+        self._unpacked: tuple[int, dict[str, Messages]] = (-1, {})
+        self._chunks_of: dict[str, tuple[list[ChunkInfo], NDArray[np.int64]]] = {}
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
@@ -43,9 +47,10 @@ class McapContents(RecordingIndex):
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
         """All samples of some topics without images, in one pass over the file."""
-        parts: dict[str, list[Block[Any]]] = {topic: [] for topic in topics}
-        for chunk in self.chunks:
-            here = [topic for topic in topics if topic in chunk.parts]
+        parts: dict[str, list[Block[Any]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
+        missing = [topic for topic in topics if topic not in self._kept]
+        for chunk in self.chunks if missing else ():
+            here = [topic for topic in missing if topic in chunk.parts]
             for topic, messages in self._messages(chunk, here).items() if here else ():
                 parts[topic].append(self._kept_block(self.readers[topic], messages, chunk.parts[topic]))
         return {topic: concatenated(blocks) for topic, blocks in parts.items()}
@@ -53,8 +58,7 @@ class McapContents(RecordingIndex):
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
         found: dict[int, Image | Depth] = {}
-        chunks = [chunk for chunk in self.chunks if topic in chunk.parts]
-        ends = np.cumsum([chunk.parts[topic].count for chunk in chunks])
+        chunks, ends = self._places(topic)
         wanted = np.array(sorted({i for i in indices if 0 <= i < ends[-1]}), np.int64)
         for k, here in _grouped(wanted, np.searchsorted(ends, wanted, side="right")):
             part = chunks[k].parts[topic]
@@ -62,6 +66,13 @@ class McapContents(RecordingIndex):
             chosen = kept.some(here - (ends[k] - part.count))
             found |= dict(zip(here.tolist(), self._images(topic, chosen)))
         return found
+
+    def _places(self, topic: str) -> tuple[list[ChunkInfo], NDArray[np.int64]]:
+        """Chunks with images of a topic, and the number of its images up to the end of each."""
+        if topic not in self._chunks_of:
+            chunks = [chunk for chunk in self.chunks if topic in chunk.parts]
+            self._chunks_of[topic] = chunks, np.cumsum([chunk.parts[topic].count for chunk in chunks])
+        return self._chunks_of[topic]
 
     def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""

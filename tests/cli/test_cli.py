@@ -5,6 +5,7 @@ import subprocess
 import sys
 from contextlib import redirect_stdout
 from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,6 +117,7 @@ def test_list_names_scenarios_estimators_and_sensors(capsys):
     assert (code, err) == (0, "")
     assert all(word in out for word in ("stair_up_down", "stairs_and_ramps", "foot_ins", "head_camera", "ADIS16485"))
     assert "exo_imu (off by default)" in out
+    assert all(Path(folder).is_dir() for folder in json.loads(call(capsys, "list", "--json")[1])["folders"].values())
 
 
 @pytest.mark.parametrize(

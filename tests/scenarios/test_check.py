@@ -69,6 +69,11 @@ def test_gaps_jitter_limits_and_rates_are_seen(tmp_path):
     assert any("1 gaps, the longest 0.405 s at 3.000 s" in w for w in errors(gaps))
     limits = checked(tmp_path / "limit.mcap", rig, inertial(gyro))
     assert any("at the end of the range" in w for w in errors(limits))
+    some = np.random.default_rng(1).normal(0, 0.02, (n, 3))
+    some[: n // 10, 1] = 2000 * np.pi / 180
+    few = checked(tmp_path / "few.mcap", rig, inertial(some))
+    assert errors(few) == []
+    assert any("10.0 % of the samples at the end of the range: expected up to 5 %" in f.what for f in few.findings)
     shaken = checked(tmp_path / "jitter.mcap", rig, inertial(t_ns=jitter))
     assert 0.3 < shaken.data["topics"]["/head/imu"]["jitter_ms"] < 1.5
     slow = checked(tmp_path / "rate.mcap", Rig(imus={"/head/imu": imu_calibration(rate=100.0)}), inertial())

@@ -14,6 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
+from stridetwin.streams.recording import index, mcap_contents
 from stridetwin.streams.recording import writer as recorder
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
@@ -53,6 +54,33 @@ def write(path, *items, rig=None, **options):
         for item in items:
             writer.write(item)
     return path
+
+
+def test_several_topics_come_in_one_pass_and_times_without_decoding(recorded, monkeypatch):
+    topics = [block.topic for block in every_small_block()]
+    one_by_one = {topic: Recording(recorded).block(topic) for topic in topics}
+    recording, passes = Recording(recorded), []
+    read = mcap_contents.read_chunk
+    monkeypatch.setattr(mcap_contents, "read_chunk", lambda *where: passes.append(where) or read(*where))
+    times = {topic: recording.times(topic) for topic in recording.topics}
+    imus = [topic for topic in topics if recording.topics[topic].kind is Imu]
+    kept = recording.blocks(imus)
+    assert (passes, bool(imus)) == ([], True)
+    blocks = recording.blocks(topics)
+    assert len(passes) == len(set(passes))
+    for topic, block in one_by_one.items():
+        for found in (blocks[topic], kept.get(topic, block)):
+            np.testing.assert_array_equal(found.t_ns, block.t_ns)
+            for name, column in block.columns.items():
+                np.testing.assert_array_equal(found.columns[name], column)
+        np.testing.assert_array_equal(times[topic], block.t_ns)
+    np.testing.assert_array_equal(times["/head/color"], recording.image_times("/head/color"))
+
+
+def test_imu_samples_that_are_too_many_to_keep_are_read_again(recorded, monkeypatch):
+    before = Recording(recorded).block("/head/imu")
+    monkeypatch.setattr(index, "KEPT_BYTES", 100)
+    np.testing.assert_array_equal(Recording(recorded).block("/head/imu").t_ns, before.t_ns)
 
 
 def test_every_small_sample_comes_back(recorded):

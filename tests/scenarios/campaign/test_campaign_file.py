@@ -82,8 +82,24 @@ def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, old, new, m
 
 
 def test_an_error_in_the_scenario_itself_is_reported_as_one(tmp_path):
-    message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2")))
-    assert "scenarios[0].scenario: invalid 'short': expected a valid scenario (terrain[0].level.len" in message
+    message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2").replace("0.5", "0")))
+    assert f"{tmp_path / 'short.yaml'}: terrain[0].level.length_m: invalid -2: expected" in message
+    assert f"{tmp_path / 'short.yaml'}: gait.stand_s: invalid 0: expected" in message
+
+
+@pytest.mark.parametrize("by_campaign", [True, False])
+def test_errors_of_a_part_of_ones_own_name_its_path_and_all_keys(tmp_path, by_campaign):
+    (tmp_path / "my").mkdir()
+    (tmp_path / "my" / "imu.yaml").write_text("kind: sonar\ndescription: mine\n")
+    text, short = SMALL, SHORT
+    if by_campaign:
+        text = SMALL.replace("  sensors.foot_imu.part: MPU-9250", "  sensors.sonar.part: my/imu.yaml")
+    else:
+        short = SHORT.replace("[foot_imu, insole]", "{sonar: my/imu.yaml}")
+    message = refused(write(tmp_path, text, short))
+    for key in ("rate_hz", "beam_deg", "range_max_m", "noise_mm"):
+        assert f"{tmp_path / 'my' / 'imu.yaml'}: {key}: missing: expected " in message
+    assert "parsed" not in message
 
 
 @pytest.mark.parametrize("name", ["../outside.yaml", "{tmp}/outside.yaml", "link.yaml"])

@@ -1,0 +1,67 @@
+"""Rough cost of walks, announced before they are simulated: seconds walked, size of the recordings, CPU time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from datetime import timedelta
+
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.world.route import lay_out
+
+_MB_PER_S = {"head_camera": 7.7, "foot_camera": 0.3}
+_REST_MB_PER_S = 0.45
+_CPU_PER_S = {"head_camera": 0.85, "foot_camera": 0.25}
+_REST_CPU_PER_S, _START_CPU_S = 0.1, 4.0
+_DYNAMIC = 3.0  # times the rest
+# `generate` of 8 m of level ground with all sensors, with one camera and without, two Zen 4 cores; a walk that stands
+# for 2 s at both ends.
+_LONG_CPU_S = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """Cost of walks: their number, seconds walked, size in MB, and CPU time in s."""
+
+    walks: int
+    walked_s: float
+    size_mb: float
+    cpu_s: float
+
+    @property
+    def is_long(self) -> bool:
+        """Whether it takes a minute or more, so that a user wants to know beforehand."""
+        return self.cpu_s > _LONG_CPU_S
+
+    def words(self, workers: int = 1) -> str:
+        """In words, such as `3 walks, about 1 minute of walking, 380 MB, 0:01:20 with 1 process`."""
+        size = f"{self.size_mb / 1000:.1f} GB" if self.size_mb >= 1000 else f"{self.size_mb:.0f} MB"
+        time = timedelta(seconds=round(self.cpu_s / workers, -1 if self.cpu_s > _LONG_CPU_S else 0))
+        walks = f"{self.walks} walk{'s' * (self.walks != 1)}"
+        names = f"{workers} process{'es' * (workers != 1)}"
+        return f"{walks}: about {self.walked_s:.0f} s of walking, {size}, {time} with {names}"
+
+
+def cost_of(configs: Iterable[TwinConfig]) -> Cost:
+    """The cost of the walks of some configurations."""
+    count, walked, size, cpu = 0, 0.0, 0.0, 0.0
+    for config in configs:
+        way_m = lay_out(config.route).way.segments[-1].s1
+        seconds = way_m / config.gait.speed_mps + 2.0 * config.gait.stand_s
+        count, walked = count + 1, walked + seconds
+        size += seconds * _rate(_MB_PER_S, _REST_MB_PER_S, config.sensors)
+        rest = _REST_CPU_PER_S * (_DYNAMIC if config.physics == "dynamic" else 1.0)
+        cpu += _START_CPU_S + seconds * _rate(_CPU_PER_S, rest, config.sensors)
+    return Cost(walks=count, walked_s=walked, size_mb=size, cpu_s=cpu)
+
+
+def scaled(cost: Cost, walks: int) -> Cost:
+    """The cost of so many walks of the same kinds."""
+    share = walks / cost.walks
+    return Cost(
+        walks=walks, walked_s=share * cost.walked_s, size_mb=share * cost.size_mb, cpu_s=share * cost.cpu_s
+    )  # fmt: skip
+
+
+def _rate(by_group: dict[str, float], rest: float, sensors: Collection[str]) -> float:
+    return rest + sum(rate for group, rate in by_group.items() if group in sensors)
