@@ -172,7 +172,11 @@ REGRESSIONS = (
     Regression(name="lever arm of the wrong sign", parameters={"lever_arm_m": -0.1}),
     Regression(
         name="Jacobian of the contact of the wrong sign",
-        source=("stance.py", "D_CONTACT + 3] = hat(w) @ R", "D_CONTACT + 3] = -hat(w) @ R"),
+        source=(
+            "stance.py",
+            "D_CONTACT + i, rotate(whitening, cross(w, axes[i])",
+            "D_CONTACT + i, rotate(whitening, cross(axes[i], w)",
+        ),
     ),
     Regression(name="knee off", estimator=STEPS, sample=knee(offset=0.006)),
     Regression(name="knee noise", estimator=STEPS, sample=knee(sd=0.012)),

@@ -12,7 +12,7 @@ from stridetwin.streams.trajectory import Trajectory
 
 def test_two_processes_tell_the_same_as_one(seen, monkeypatch):
     asked = []
-    monkeypatch.setattr(ahead_module, "two_see", lambda recording: asked.append(recording.path) or True)
+    monkeypatch.setattr(ahead_module, "two_see", lambda recording, only: asked.append(recording.path) or True)
     made, ahead = ahead_module.all_estimates(Recording(seen), lambda stage, share: None)
     assert asked == [seen]
     alone = all_paths(Recording(seen))
