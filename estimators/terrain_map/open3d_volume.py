@@ -20,10 +20,10 @@ from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import column_points, large_planes, plane_sums
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
-from stridetwin.estimators.terrain_map.stairs import Riser
+from stridetwin.estimators.terrain_map.risers import Riser
 from stridetwin.estimators.terrain_map.volume import VIEW, view_corner
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import needing
 from stridetwin.streams.samples import Array
 
 _SMOOTHED = 2
@@ -38,12 +38,8 @@ class Open3dVolume:
     keeps_unobserved = True
 
     def __init__(self, camera: DepthCamera, parameters: TerrainMapParameters) -> None:
-        try:
+        with needing("the backend open3d needs it", "open3d"):
             import open3d
-        except ModuleNotFoundError as error:
-            raise StrideTwinError(
-                "open3d is not installed; the backend open3d needs it: pip install 'stridetwin[open3d]'"
-            ) from error
         self._o3d: Any = open3d
         self._camera, self._p = camera, parameters
         self._K = self._tensor(_matrix(camera.intrinsics))

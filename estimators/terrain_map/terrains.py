@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet, borders
-from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, riser, stairs
+from stridetwin.estimators.terrain_map.risers import Riser, pairs_of, riser
+from stridetwin.estimators.terrain_map.stairs import flights, heading_of, stairs
 from stridetwin.estimators.terrain_map.volume import Volume
 from stridetwin.streams.samples import Array
 

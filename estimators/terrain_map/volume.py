@@ -14,7 +14,7 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import column_points, patches
 from stridetwin.estimators.terrain_map.plane_set import TopView
 from stridetwin.estimators.terrain_map.ray_casting import column_noise, from_above
-from stridetwin.estimators.terrain_map.stairs import Riser, refined
+from stridetwin.estimators.terrain_map.risers import Riser, refined
 from stridetwin.estimators.terrain_map.tsdf_integration import allocate, integrate
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, clear, empty_blocks, roll
 from stridetwin.streams.samples import Array

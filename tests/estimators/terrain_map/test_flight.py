@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.stairs import Riser, stairs
+from stridetwin.estimators.terrain_map.risers import Riser
+from stridetwin.estimators.terrain_map.stairs import stairs
 
 RISER, TREAD, STEPS, WIDE_M = 0.16, 0.30, 3, 1.2
 
