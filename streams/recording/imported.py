@@ -93,12 +93,8 @@ class ImportedContents:
         streams = [self._stream(topic, order) for order, topic in enumerate(ordered)]
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
-    def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic without images."""
-        return self._blocks[topic]
-
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
-        """The same of some topics."""
+        """All samples of some topics without images."""
         return {topic: self._blocks[topic] for topic in topics}
 
     def times(self, topic: str) -> NDArray[np.int64]:

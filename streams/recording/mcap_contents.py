@@ -41,10 +41,6 @@ class McapContents(RecordingIndex):
                     heapq.heappush(heap, (first.t_ns, order[topic], i, first, samples))
         yield from _until(heap, None)
 
-    def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic without images."""
-        return self.blocks([topic])[topic]
-
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
         """All samples of some topics without images, in one pass over the file."""
         parts: dict[str, list[Block[Any]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}

@@ -51,9 +51,6 @@ class Contents(Protocol):
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
 
-    def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic without images."""
-
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
         """All samples of some topics without images, in one pass."""
 
