@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +10,13 @@ import typer
 
 from stridetwin.cli.options import Options, Outcome, Progress, option, output_option
 from stridetwin.cli.walk import load_with_notes
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, needing
 
 if TYPE_CHECKING:
     from stridetwin.cli.recording import ViewOptions
 
 _SMALLEST_PX, _LARGEST_PX = 16, 1024
+_NEED = "scenes need the simulator"
 
 
 def _pixels(text: str) -> int:
@@ -25,16 +24,6 @@ def _pixels(text: str) -> int:
     if not digits.isdecimal() or not _SMALLEST_PX <= int(digits) <= _LARGEST_PX:
         raise typer.BadParameter(f"{text!r}: expected a whole number from {_SMALLEST_PX} to {_LARGEST_PX}")
     return int(digits)
-
-
-@contextmanager
-def _needs_simulator() -> Iterator[None]:
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; scenes need the simulator: pip install 'stridetwin[twin]'"
-        ) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +41,7 @@ class SceneOptions(Options):
 
 def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
     """`scene`."""
-    with _needs_simulator():
+    with needing(_NEED, "twin"):
         from stridetwin.sim.scene.scene_files import scene_files, write_scene
     config = load_with_notes(arguments.scenario).config
     progress("scene", 0.0)
@@ -73,7 +62,7 @@ def play_command(arguments: ViewOptions, progress: Progress) -> Outcome:
         raise ConfigError("view", "-o", str(arguments.output), "no -o with --mujoco, which writes nothing")
     if arguments.lenient:
         raise ConfigError("view", "--lenient", True, "no --lenient with --mujoco, which reads a scenario")
-    with _needs_simulator():
+    with needing(_NEED, "twin"):
         from stridetwin.sim.scene.playback_window import check_display, play
     scenario = load_with_notes(str(arguments.source))
     check_display()

@@ -10,13 +10,16 @@ import typer
 
 from stridetwin.cli.console import table
 from stridetwin.cli.options import Options, Outcome, Progress, count, one_of, option, output_option, switch, whole
-from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.streams.errors import StrideTwinError, Where, needing
 from stridetwin.studies.catalogue import STUDIES
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from stridetwin.studies.placement.problem_file import Problem
+
+_CLOSED_LOOP = ("dm_control", "dm_env", "joblib", "platformdirs")
+"""Libraries of the extra `closed-loop` beside those of `twin`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +53,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
 
         study = experiment(arguments.experiment)
     except ModuleNotFoundError as error:
-        extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
+        extra = "closed-loop" if (error.name or "").partition(".")[0] in _CLOSED_LOOP else "twin"
         raise StrideTwinError(
             f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
         ) from error
@@ -92,13 +95,9 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     """`place`."""
     from stridetwin.studies.placement.problem_file import find_problem, read_problem
 
-    try:
+    with needing("placements need the simulator", "twin"):
         from stridetwin.studies.placement.run import Options as PlacementOptions
         from stridetwin.studies.placement.run import run_placement
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; placements need the simulator: pip install 'stridetwin[twin]'"
-        ) from error
     path = find_problem(arguments.problem)
     problem = _problem(read_problem(path), arguments)
     options = PlacementOptions(

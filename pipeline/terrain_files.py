@@ -14,7 +14,7 @@ from stridetwin.estimators.base import POSES
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
 from stridetwin.scenarios.files import json_text
-from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.errors import RecordingError, needing
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
@@ -178,10 +178,8 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     Raises:
         StrideTwinError: trimesh is not installed.
     """
-    try:
+    with needing("a mesh needs it", "twin"):
         import trimesh
-    except ModuleNotFoundError as error:
-        raise StrideTwinError("trimesh is not installed; a mesh needs it: pip install 'stridetwin[twin]'") from error
     scene = trimesh.Scene()
     scene.add_geometry(_ground(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
     files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}

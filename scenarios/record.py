@@ -12,7 +12,7 @@ from stridetwin.scenarios.metadata import fault_metadata, terrain_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.sim.faults.faults import arrivals, check_times, plan_faults
 from stridetwin.sim.wearer.anthropometry import anthropometry
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import needing
 from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Block, Sample
 
@@ -33,14 +33,8 @@ def twin_class() -> type[Twin]:
     Raises:
         StrideTwinError: The simulator is not installed.
     """
-    try:
+    with needing("walks need the simulator", "twin"):
         from stridetwin.sim.twin import Twin
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] == "stridetwin":
-            raise
-        raise StrideTwinError(
-            f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
-        ) from error
     return Twin
 
 

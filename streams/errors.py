@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 _LONGEST_SHOWN = 400
@@ -12,6 +13,25 @@ _MOST_LINES = 30
 
 class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
+
+
+@contextmanager
+def needing(need: str, extra: str) -> Iterator[None]:
+    """Turns a failed import of an optional library into one line that says how to install it.
+
+    Args:
+        need: What needs it, such as `scenes need the simulator`.
+        extra: Extra of the project that brings it.
+
+    Raises:
+        StrideTwinError: The library is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == "stridetwin":
+            raise
+        raise StrideTwinError(f"{error.name} is not installed; {need}: pip install 'stridetwin[{extra}]'") from error
 
 
 def was_interrupted(error: BaseException) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 
 from stridetwin.scenarios.campaign.walk import Job, failed, make
 from stridetwin.scenarios.processes import processes
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, needing
 
 _DEATHS = 3
 _DIED = "its worker died; it may have run out of memory"
@@ -74,13 +74,9 @@ def _alone(job: Job) -> dict[str, Any] | None:
 
 def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
     """On the workers of a Dask cluster that share the campaign's folder; Dask repeats the walks of a dead worker."""
-    try:
+    with needing("--scheduler needs Dask", "cluster"):
         from distributed import Client, KilledWorker
         from distributed import as_completed as as_done
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; --scheduler needs Dask: pip install 'stridetwin[cluster]'"
-        ) from error
     try:
         client = Client(address, timeout=_WAIT_S, set_as_default=False)
         client.wait_for_workers(1, timeout=_WAIT_S)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stridetwin.streams.bounded import check_pixels
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, needing
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.live.messages import Message
 from stridetwin.streams.recording.ros_images import IMAGES
@@ -178,12 +178,8 @@ class Link:
     """
 
     def __init__(self, *, listen: tuple[str, int] | None = None, connect: tuple[str, int] | None = None) -> None:
-        try:
+        with needing("live and send need it", "live"):
             import zenoh
-        except ModuleNotFoundError as error:
-            raise StrideTwinError(
-                "zenoh is not installed; live and send need it: pip install 'stridetwin[live]'"
-            ) from error
         self._zenoh, config = zenoh, zenoh.Config()
         endpoints = {"listen/endpoints": _endpoints(listen), "connect/endpoints": _endpoints(connect)}
         for key, value in {**_CONFIG, **endpoints}.items():

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.scenarios.campaign.plan import cube
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import needing
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise, Place
 
@@ -47,14 +47,9 @@ def optimise(
     Raises:
         StrideTwinError: The library is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # its warning that it cannot plot without matplotlib
-            import cma
-    except ModuleNotFoundError as error:
-        raise StrideTwinError(
-            f"{error.name} is not installed; optimise needs it: pip install 'stridetwin[placement]'"
-        ) from error
+    with needing("optimise needs it", "placement"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its warning that it cannot plot without matplotlib
+        import cma
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]
     combinations = list(itertools.product(*(k.values for k in choices)))
     size = max(len(numbers), 2)  # the method needs two dimensions; the second one is then a dummy
