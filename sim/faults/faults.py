@@ -145,9 +145,8 @@ def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
     if some and isinstance(some[0].item, IMAGES):
         yield from some
     elif some:
-        from stridetwin.streams.recording.ros_samples import (
-            block_of,  # imported late, so that a scenario is read without it
-        )
+        # imported late, so that a scenario is read without it
+        from stridetwin.streams.recording.ros_samples import block_of
 
         block = block_of([a.item for a in some if isinstance(a.item, Sample)])
         yield Arrival(item=block, log_ns=np.array([a.log_ns for a in some], np.int64))

@@ -96,37 +96,37 @@ def rendered(shift_s, with_depth, hz=(5 / 2 / np.pi, 3.1 / 2 / np.pi, 4.3 / 2 / 
     gyro[1:] = (R[:-1].inv() * R[1:]).as_rotvec() * HZ
     centre = K.copy()
     centre[:2, 2] = 249.5, 199.5
-    pictures = []
+    images = []
     for i in range(40, n - 40, 7):
         H = K @ R[i].as_matrix().T @ np.linalg.inv(centre)
         grey = cv2.warpPerspective(texture, H, (160, 120))
         t_ns = round((t[i] - shift_s) * 1e9)
-        pictures.append(Image(topic="/head/color", t_ns=t_ns, pixels=grey))
+        images.append(Image(topic="/head/color", t_ns=t_ns, pixels=grey))
         if with_depth:
-            pictures.append(Depth(topic="/head/depth", t_ns=t_ns, depth=np.full((120, 160), 4.0, np.float32)))
-    return gyro, pictures
+            images.append(Depth(topic="/head/depth", t_ns=t_ns, depth=np.full((120, 160), 4.0, np.float32)))
+    return gyro, images
 
 
-def seen_and_felt(
-    tmp_path, gyro, pictures, *, with_depth=True, told=0.0, turned=None, body="head", boards=None
+def check_of(
+    tmp_path, gyro, images, *, with_depth=True, calibrated_s=0.0, turned=None, body="head", boards=None
 ):  # fmt: skip
-    """Check of a camera whose mount is told turned by a rotation from the true one."""
+    """Check of a camera whose mount is calibrated turned by a rotation from the true one."""
     T = np.eye(4)
     T[:3, :3] = np.eye(3) if turned is None else turned.as_matrix()
     camera = CameraCalibration(
         topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body=body, T_body_sensor=T), width=160, height=120,
         intrinsics=(200.0, 200.0, 79.5, 59.5), depth_topic="/head/depth" if with_depth else "", imu_topic="/head/imu",
-        timeshift_cam_imu_s=told,
+        timeshift_cam_imu_s=calibrated_s,
     )  # fmt: skip
     imu = replace(imu_calibration(), mount=Mount(body=body))
     rig = Rig(imus={"/head/imu": imu}, cameras={camera.topic: camera}, boards=boards or {})
-    return checked(tmp_path / "a.mcap", rig, inertial(gyro), *pictures, jpeg_quality=None)
+    return checked(tmp_path / "a.mcap", rig, inertial(gyro), *images, jpeg_quality=None)
 
 
 @pytest.mark.parametrize("with_depth", [False, True])
-@pytest.mark.parametrize(("shift", "told", "fit"), [(0.0, 0.0, True), (0.03, 0.0, False), (0.03, 0.03, True)])
-def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fit):
-    check = seen_and_felt(tmp_path, *rendered(shift, with_depth), with_depth=with_depth, told=told)
+@pytest.mark.parametrize(("shift", "calibrated_s", "fit"), [(0.0, 0.0, True), (0.03, 0.0, False), (0.03, 0.03, True)])
+def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, calibrated_s, fit):
+    check = check_of(tmp_path, *rendered(shift, with_depth), with_depth=with_depth, calibrated_s=calibrated_s)
     assert check.data["camera_clocks"]["/head/color"]["shift_s"] == pytest.approx(shift, abs=0.002)
     assert check.data["camera_clocks"]["/head/color"]["mount_off_deg"] == 0.0
     assert (not errors(check)) is fit
@@ -139,7 +139,7 @@ def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fi
 @pytest.mark.parametrize(("axis", "degrees"), [((0, 0, 1), 90), ((0, 0, 1), -20), ((0, 1, 0), 180), ((1, 1, 1), 120)])
 def test_a_camera_whose_mount_is_told_wrong_is_not_fit(tmp_path, with_depth, axis, degrees):
     turned = Rotation.from_rotvec(np.radians(degrees) * np.array(axis) / np.linalg.norm(axis))
-    check = seen_and_felt(tmp_path, *rendered(0.01, with_depth), with_depth=with_depth, turned=turned)
+    check = check_of(tmp_path, *rendered(0.01, with_depth), with_depth=with_depth, turned=turned)
     clock = check.data["camera_clocks"]["/head/color"]
     assert clock["mount_off_deg"] == pytest.approx(abs(degrees), abs=3.0)
     assert clock["shift_s"] == pytest.approx(0.01, abs=0.004)
@@ -149,15 +149,15 @@ def test_a_camera_whose_mount_is_told_wrong_is_not_fit(tmp_path, with_depth, axi
 
 
 def test_a_camera_turned_by_less_than_can_be_told_is_fit(tmp_path):
-    check = seen_and_felt(tmp_path, *rendered(0.0, True), turned=Rotation.from_euler("z", 2, degrees=True))
+    check = check_of(tmp_path, *rendered(0.0, True), turned=Rotation.from_euler("z", 2, degrees=True))
     assert errors(check) == []
 
 
 def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
-    gyro, pictures = rendered(0.0, False)
-    blank = [Image(topic=p.topic, t_ns=p.t_ns, pixels=np.full_like(p.pixels, 128)) for p in pictures]
-    still = seen_and_felt(tmp_path, gyro, blank, with_depth=False)
-    other = seen_and_felt(tmp_path, np.random.default_rng(5).permutation(gyro), pictures, with_depth=False)
+    gyro, images = rendered(0.0, False)
+    blank = [Image(topic=p.topic, t_ns=p.t_ns, pixels=np.full_like(p.pixels, 128)) for p in images]
+    still = check_of(tmp_path, gyro, blank, with_depth=False)
+    other = check_of(tmp_path, np.random.default_rng(5).permutation(gyro), images, with_depth=False)
     for check in (still, other):
         assert check.data["camera_clocks"] == {}
         assert errors(check) == []
@@ -168,16 +168,16 @@ def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
 
 
 def test_a_clock_is_not_measured_where_the_rotation_repeats_within_the_shifts(tmp_path):
-    gyro, pictures = rendered(0.0, False, hz=(10.0, 10.0, 10.0))
-    check = seen_and_felt(tmp_path, gyro, pictures, with_depth=False)
+    gyro, images = rendered(0.0, False, hz=(10.0, 10.0, 10.0))
+    check = check_of(tmp_path, gyro, images, with_depth=False)
     assert check.data["camera_clocks"] == {}
     assert errors(check) == []
 
 
 def test_a_shoe_camera_that_sees_the_board_of_the_other_shoe_is_not_judged(tmp_path):
-    gyro, pictures = rendered(0.06, False)
+    gyro, images = rendered(0.06, False)
     board = Board(name="foot_r", mount=Mount(body="foot_r"), squares=(5, 4), square_m=0.02)
-    check = seen_and_felt(tmp_path, gyro, pictures, with_depth=False, body="foot_l", boards={"foot_r": board})
+    check = check_of(tmp_path, gyro, images, with_depth=False, body="foot_l", boards={"foot_r": board})
     assert check.data["camera_clocks"] == {}
     assert errors(check) == []
     assert any("show the board of foot_r, which moves" in f.what for f in check.findings)

@@ -35,7 +35,7 @@ def quiet(stage: str, share: float) -> None:
     pass
 
 
-def told(folder: Path) -> dict[str, bytes]:
+def contents(folder: Path) -> dict[str, bytes]:
     """Every file that somebody sees, by name; there is no other."""
     assert not [p for p in folder.rglob(".*")]
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
@@ -102,7 +102,7 @@ def test_a_walk_is_made_again_from_its_scenario_file(one, tmp_path):
 def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, tmp_path):
     folder = tmp_path / "two"
     shutil.copytree(one, folder)
-    before = told(folder)
+    before = contents(folder)
     generate_again = generate(campaign, Options(folder=folder), quiet)
     assert generate_again.made == 0
     (folder / "recordings" / "walk_00001.mcap").write_bytes(b"")
@@ -110,17 +110,17 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
     (folder / ".unfinished").mkdir()
     (folder / ".unfinished" / "half").write_text("x")
     assert generate(campaign, Options(folder=folder), quiet).made == 2
-    assert told(folder) == before
+    assert contents(folder) == before
     done = generate(replace(campaign, walks=4), Options(folder=folder), quiet)
     assert done.made == 1
-    assert {n: b for n, b in told(folder).items() if n in before and "/" in n} == {
+    assert {n: b for n, b in contents(folder).items() if n in before and "/" in n} == {
         n: b for n, b in before.items() if "/" in n
     }
 
 
 def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
     assert generate(campaign, Options(folder=tmp_path / "two", workers=2), quiet).made == 3
-    assert told(tmp_path / "two") == told(one)
+    assert contents(tmp_path / "two") == contents(one)
 
 
 def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campaign, tmp_path):
@@ -138,7 +138,7 @@ def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campa
         asked = Options(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
         assert generate(campaign, asked, kill_one).made == 3
     assert len(killed) == 1
-    assert told(tmp_path / "cluster") == told(one)
+    assert contents(tmp_path / "cluster") == contents(one)
 
 
 def jobs_of(campaign, folder: Path) -> list[Job]:
@@ -317,7 +317,7 @@ def test_the_command_prints_one_object(one, home, capsys):
 def test_a_folder_belongs_to_one_request(one, campaign, home, tmp_path, capsys):
     folder = tmp_path / "two"
     shutil.copytree(one, folder)
-    before = told(folder)
+    before = contents(folder)
     path = str(write(tmp_path / "own"))
     for arguments, words in (
         (
@@ -335,7 +335,7 @@ def test_a_folder_belongs_to_one_request(one, campaign, home, tmp_path, capsys):
     ):
         assert main(["generate", str(write(tmp_path / "own", SMALL.replace(old, new))), "-o", str(folder)]) == 2
         assert words in capsys.readouterr().err
-    assert told(folder) == before
+    assert contents(folder) == before
 
 
 def test_a_campaign_that_keeps_nothing_exits_1_and_empty_parts_are_named(tmp_path, capsys):

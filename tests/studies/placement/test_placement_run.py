@@ -58,15 +58,15 @@ def problem(tmp_path, node):
 def test_the_command_prints_a_table_and_writes_its_files(tmp_path, capsys):
     path, out = problem(tmp_path, PARTS), tmp_path / "out"
     assert main(["place", str(path), "-o", str(out), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((out / "placement.json").read_text())
-    assert told["best"]["values"] == {"foot_imu.part": "MPU-9250", "sonar": False}
-    best, second = told["table"][:2]
+    result = json.loads(capsys.readouterr().out)
+    assert result == json.loads((out / "placement.json").read_text())
+    assert result["best"]["values"] == {"foot_imu.part": "MPU-9250", "sonar": False}
+    best, second = result["table"][:2]
     assert best["scores"]["foot_weight_g"]["mean"] == pytest.approx(3 + 110 + 4)  # IMU, camera, four cells
     assert second["scores"]["weight_g"]["mean"] - best["scores"]["weight_g"]["mean"] == pytest.approx(20)
-    assert {row["label"] for row in told["table"]} > {"as it is"}
-    assert all(c["significant"] for c in told["comparisons"] if c["difference"] > 0)
-    assert any("is not significant" in words for words in told["words"])  # as it is: the same as one of the places
+    assert {row["label"] for row in result["table"]} > {"as it is"}
+    assert all(c["significant"] for c in result["comparisons"] if c["difference"] > 0)
+    assert any("is not significant" in words for words in result["words"])  # as it is: the same as one of the places
     assert {p.name for p in out.iterdir()} == {*FILES, "request.json", "scenarios"}
     assert "http" not in (out / "placement.html").read_text().replace("http://www.w3.org", "")
     config = load_scenario(str(out / "scenarios" / "best_steps.yaml")).config
@@ -155,10 +155,10 @@ def test_only_what_the_scores_need_is_simulated_and_estimated(tmp_path, monkeypa
         return row
 
     monkeypatch.setattr(measuring, "score_walk", recording)
-    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    result = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert recorded == [{"/foot_l/imu", "/foot_r/imu"}] * 3  # the sonar makes no other walk of five places
     assert scored == [{"foot_ins_l", "foot_ins_r"}] * 3
-    assert told["table"][0]["scores"]["foot_weight_g"]["mean"] > 100.0  # of every sensor of the place
+    assert result["table"][0]["scores"]["foot_weight_g"]["mean"] > 100.0  # of every sensor of the place
 
 
 def test_a_placement_that_is_refused_leaves_nothing(tmp_path):
@@ -187,16 +187,16 @@ def test_a_long_placement_is_announced_before_and_after_its_first_walks(tmp_path
 def test_viewing_directions_of_a_sensor_with_one_position_are_shown_on_the_body(tmp_path):
     free = {"sensors.foot_camera.mount.faces_deg[0]": {"between": [0, 60], "step": 30}}
     asked = read_problem(problem(tmp_path, SIGHT | {"free": free, "seeds": 1}))
-    told = run_placement(asked, Options(folder=tmp_path / "out"), silent)
-    assert "body.png" in told["files"]
+    result = run_placement(asked, Options(folder=tmp_path / "out"), silent)
+    assert "body.png" in result["files"]
     assert "viewing directions" in (tmp_path / "out" / "placement.html").read_text()
 
 
 def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):
     twice = ["steps.yaml", {"scenario": "steps.yaml", "set": {"sensors.insole": False}}]
     node = PARTS | {"scenarios": twice, "seeds": 1}
-    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
-    assert told["walks"] == ["steps, seed 0", "steps_2, seed 0"]
+    result = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    assert result["walks"] == ["steps, seed 0", "steps_2, seed 0"]
     rows = [json.loads(line) for line in (tmp_path / "out" / ROWS).read_text().splitlines()]
     weights = {}
     for row in rows:
@@ -246,7 +246,7 @@ def test_a_page_without_scores_of_other_places_has_no_figures_of_them(tmp_path):
         "sensors.foot_imu.position_mm[2]": {"between": [40, 60], "step": 20},
     }
     node = PARTS | {"free": free, "seeds": 1, "set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}}
-    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
-    assert [row["label"] for row in told["table"]] == ["as it is"]
-    assert told["failed"] == told["tried"] == 8
+    result = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    assert [row["label"] for row in result["table"]] == ["as it is"]
+    assert result["failed"] == result["tried"] == 8
     assert "Score over each value" not in (tmp_path / "out" / "placement.html").read_text()
