@@ -236,12 +236,15 @@ def chunk_contents(
     found: list[records.McapRecord] = []
     offsets: dict[int, list[int]] = {}
     at, end = 0, len(data)
-    unpack, message = _MESSAGE.unpack_from, int(Opcode.MESSAGE)
+    unpack, message, shortest = _MESSAGE.unpack_from, int(Opcode.MESSAGE), MESSAGE_HEAD - 9
     try:
         while at < end:
             opcode, length, channel = unpack(data, at)
-            if opcode == message and length >= MESSAGE_HEAD - 9:
-                offsets.setdefault(channel, []).append(at)
+            if opcode == message and length >= shortest:
+                if channel in offsets:
+                    offsets[channel].append(at)
+                else:
+                    offsets[channel] = [at]
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 if counted is not None:
                     counted.took(0, 1)
