@@ -39,7 +39,7 @@ from stridetwin.estimators.foot_ins.state import (
 from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent)
+_called = cached(Path(__file__).parent, llvm_level=1)
 
 
 @njit(**INSIDE)

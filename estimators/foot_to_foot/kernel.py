@@ -49,7 +49,7 @@ from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)
+_called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_level=1)
 
 
 @njit(**INSIDE)

@@ -9,18 +9,23 @@ do not slide.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import PER_FOOT
-from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, velocity
+from stridetwin.sim.kinematics import quaternions
+from stridetwin.sim.kinematics.quaternions import minus, vec3
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 _FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
 _UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
@@ -71,24 +76,22 @@ class ContactBias(NamedTuple):
         return cls(body=body, chain=np.array([chain_of(model, b) for b in range(model.nbody)]))
 
 
-@numba.njit(cache=True)
+@_called
 def subtract_bias(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
     """Corrects the (nefc,) reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
     body, chain = bias_of
-    cdof_dot, cvel, centre, qvel = state.cdof_dot, state.cvel, state.centre, state.qvel
     geoms, pos, frame, _, address = contacts
-    v, bias, rotation_bias = np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(address)):
         if address[c] < 0:
             continue
+        point = vec3(pos[c])
         for which in range(2):
             b = body[geoms[c, which]]
             if b == 0:
                 continue
-            w = cvel[b, :3].copy()
-            cross(w, pos[c] - centre, v)
-            v += cvel[b, 3:]
-            bias_acceleration(cdof_dot, chain[b], centre, qvel, v, w, pos[c], bias, rotation_bias)
+            v, w = velocity(state, b, point)
+            arm = minus(point, vec3(state.centre))
+            bias, _ = bias_acceleration(state.cdof_dot, chain[b], state.qvel, v, w, arm)
             sign = 1.0 if which == 1 else -1.0
             for row in range(3):
                 for axis in range(3):
@@ -104,7 +107,7 @@ def sole_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
     return point
 
 
-@numba.njit(cache=True)
+@_called
 def sense_floor(
     point: NDArray[np.int64], contacts: Contacts, feet: PlannedFeet, before: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Array]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
@@ -14,11 +16,16 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
-from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross, jacobian, rotate
+from stridetwin.sim.dynamics.spatial import State, axes_of, bias_acceleration, chain_of, jacobian, velocity
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve
+from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.kinematics.quaternions import Vec3, cross, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
+
+_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 
 class FootGains(NamedTuple):
@@ -77,6 +84,22 @@ class _Body(NamedTuple):
     foot_chain: NDArray[np.bool_]
     force: Array
     assist: Array
+
+
+class _Driven(NamedTuple):
+    """Rows of the n driven coordinates.
+
+    Attributes:
+        axes: (n, 6) as `State.cdof`.
+        axes_dot: (n, 6) as `State.cdof_dot`.
+        speed: (n,) as `State.qvel`.
+        target: (n,) accelerations wanted.
+    """
+
+    axes: Array
+    axes_dot: Array
+    speed: Array
+    target: Array
 
 
 class _Forces(NamedTuple):
@@ -194,124 +217,143 @@ class Controller:
         return _limited(torque, self._body.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
 
-@numba.njit(cache=True)
+@_called
 def _targets(
     rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
     """Bias less the known forces, and the target accelerations; both (nv,)."""
-    target = a + rate * (rate * error + 2.0 * (v - qvel))
-    target[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
-    h = believed * forces.bias - forces.passive - forces.known
+    h, target = np.empty(len(a)), np.empty(len(a))
+    for j in range(len(a)):
+        target[j] = a[j] + rate[j] * (rate[j] * error[j] + 2.0 * (v[j] - qvel[j]))
+        h[j] = believed * forces.bias[j] - forces.passive[j] - forces.known[j]
+    for j in range(3):
+        target[j] += rate[j] * (rate[j] * root[0, j] + 2.0 * root[1, j]) + root[2, j]
     for toe in toes:
         h[toe] += forces.passive[toe]
     return h, target
 
 
-@numba.njit(cache=True)
+@_called
 def _limited(
     torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, help_max: float,
     torque_max: float,
 ) -> Array:  # fmt: skip
     """Generalised forces (nv,) within their limits, with what holds the toes to their plan."""
     full = np.zeros(len(error))
-    full[driven] = torque
+    for i in range(len(driven)):
+        full[driven[i]] = torque[i]
     for toe in toes:
         full[toe] += TOE_STIFFNESS * error[toe] + TOE_DAMPING * v[toe]
-    full[:6] *= min(1.0, help_max / max(np.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
-    full[6:] = np.minimum(np.maximum(full[6:], -torque_max), torque_max)
+    share = min(1.0, help_max / max(math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
+    for j in range(len(full)):
+        full[j] = share * full[j] if j < 6 else min(max(full[j], -torque_max), torque_max)
     return full
 
 
-@numba.njit(cache=True)
+@_called
 def _step(
     M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
     moved: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
-    driven, free, weight, bodies, local, point_chain, foot_bodies, foot_chain, force, assist = body
-    cdof, cdof_dot, cvel, centre, qvel, xpos, xmat = state
-    R_sole, R_foot = feet.R_sole, feet.R_foot
-    n = len(driven)
-    axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
-    for j in range(n):
-        axes[j], axes_dot[j], speed[j] = cdof[driven[j]], cdof_dot[driven[j]], qvel[driven[j]]
-    per_foot = bodies.shape[1]
-    tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    n, per_foot = len(body.driven), body.bodies.shape[1]
+    driven = _driven(body, state, target)
+    tasks, wanted, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))
-    linear, angular, bias, rotation_bias = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
-    swept, error = np.empty(3), np.empty(3)
     m, k = 0, 0
     for side in range(2):
-        in_contact = 0
+        in_contact = False
         for i in range(per_foot):
             if not touching[side, i]:
                 continue
-            b = bodies[side, i]
-            rotate(xmat[b].reshape(3, 3), local[i], swept)
-            p = xpos[b] + swept
-            w = cvel[b, :3].copy()
-            cross(w, p - centre, swept)
-            v = cvel[b, 3:] + swept
-            jacobian(axes, point_chain[side, i], centre, p, tasks[m : m + 3], angular)
-            bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, rotation_bias)
-            targets[m : m + 3] = -gains.contact_damping * v - bias
-            weights[m : m + 3] = gains.contact
-            contacts[3 * k : 3 * k + 3] = tasks[m : m + 3]
-            for e in range(4):
-                along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
-                sign = 1.0 if e % 2 == 0 else -1.0
-                edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
+            b = body.bodies[side, i]
+            p = plus(vec3(state.xpos[b]), matvec(axes_of(state, b), vec3(body.local[i])))
+            arm = minus(p, vec3(state.centre))
+            v, w = velocity(state, b, p)
+            chain = body.point_chain[side, i]
+            jacobian(driven.axes, chain, arm, tasks, m, -1)
+            jacobian(driven.axes, chain, arm, contacts, 3 * k, -1)
+            bias, _ = bias_acceleration(driven.axes_dot, chain, driven.speed, v, w, arm)
+            _want(minus(times(-gains.contact_damping, v), bias), gains.contact, wanted, weights, m)
+            _cone(feet.R_sole[side], gains.friction, edges[k])
             cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
-            last[k] = force[side, i]
+            for e in range(4):
+                last[k, e] = body.force[side, i, e]
             m += 3
             k += 1
-            in_contact += 1
-        b = foot_bodies[side]
-        R = xmat[b].reshape(3, 3)
-        w = cvel[b, :3].copy()
-        p = xpos[b].copy()
-        cross(w, p - centre, swept)
-        v = cvel[b, 3:] + swept
-        jacobian(axes, foot_chain[side], centre, p, linear, tasks[m : m + 3])
-        bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, rotation_bias)
-        rotation = np.zeros(3)
+            in_contact = True
+        b = body.feet[side]
+        p, R, chain = vec3(state.xpos[b]), transposed(axes_of(state, b)), body.foot_chain[side]
+        arm = minus(p, vec3(state.centre))
+        v, w = velocity(state, b, p)
+        jacobian(driven.axes, chain, arm, tasks, -1, m)
+        bias, rotation_bias = bias_acceleration(driven.axes_dot, chain, driven.speed, v, w, arm)
+        R_planned, rotation = transposed(mat3(feet.R_foot[side])), (0.0, 0.0, 0.0)
         for axis in range(3):
-            cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
-            rotation += 0.5 * error
+            rotation = plus(rotation, times(0.5, cross(R[axis], R_planned[axis])))
         rate = gains.pivot_rate if in_contact else gains.swing_rate
-        alpha = feet.dw_foot[side] + rate * rate * rotation + 2 * rate * (feet.w_foot[side] - w) - rotation_bias
-        targets[m : m + 3] = alpha
-        weights[m : m + 3] = gains.swing
+        behind = plus(times(rate * rate, rotation), times(2 * rate, minus(vec3(feet.w_foot[side]), w)))
+        alpha = minus(plus(vec3(feet.dw_foot[side]), behind), rotation_bias)
+        held = gains.swing
         if in_contact:
-            rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
-            weights[m : m + 3] = gains.stance + rolling * (gains.pivot - gains.stance)
+            rolling = min(_between(feet.R_sole[side], feet.R_foot[side]) / gains.pivot_rad, 1.0)
+            held = gains.stance + rolling * (gains.pivot - gains.stance)
+        _want(alpha, held, wanted, weights, m)
         m += 3
         if not in_contact:
-            tasks[m : m + 3] = linear
-            targets[m : m + 3] = (
-                feet.a_foot[side] + moved[side, 2] - bias + rate * rate * (feet.p_foot[side] + moved[side, 0] - p)
-                + 2 * rate * (feet.v_foot[side] + moved[side, 1] - v)
-            )  # fmt: skip
-            weights[m : m + 3] = gains.swing
+            off = minus(plus(vec3(feet.p_foot[side]), vec3(moved[side, 0])), p)
+            slow = minus(plus(vec3(feet.v_foot[side]), vec3(moved[side, 1])), v)
+            behind = plus(times(rate * rate, off), times(2 * rate, slow))
+            planned = plus(vec3(feet.a_foot[side]), vec3(moved[side, 2]))
+            jacobian(driven.axes, chain, arm, tasks, m, -1)
+            _want(minus(plus(planned, behind), bias), gains.swing, wanted, weights, m)
             m += 3
-    A, bias_driven = eliminate(M, h, driven, free)
+    A, bias_driven = eliminate(M, h, body.driven, body.free)
     _, torque, now, _ = solve(
-        A, bias_driven, target[driven], weight, Tasks(tasks[:m], targets[:m], weights[:m]),
-        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
+        A, bias_driven, driven.target, body.weight, Tasks(tasks[:m], wanted[:m], weights[:m]),
+        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), body.assist,
     )  # fmt: skip
-    force[:] = 0.0
     k = 0
     for side in range(2):
         for i in range(per_foot):
-            if touching[side, i]:
-                force[side, i] = now[k]
-                k += 1
+            for e in range(4):
+                body.force[side, i, e] = now[k, e] if touching[side, i] else 0.0
+            k += touching[side, i]
     return torque
 
 
-@numba.njit(cache=True)
-def _between(a: Array, b: Array) -> float:
-    """Angle between two unit vectors that are nearly parallel, rad."""
-    return float(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2))
+@numba.njit(**INSIDE)
+def _driven(body: _Body, state: State, target: Array) -> _Driven:
+    """The rows of the driven coordinates."""
+    n = len(body.driven)
+    rows = _Driven(np.empty((n, 6)), np.empty((n, 6)), np.empty(n), np.empty(n))
+    for i in range(n):
+        j = body.driven[i]
+        for k in range(6):
+            rows.axes[i, k], rows.axes_dot[i, k] = state.cdof[j, k], state.cdof_dot[j, k]
+        rows.speed[i], rows.target[i] = state.qvel[j], target[j]
+    return rows
+
+
+@numba.njit(**INSIDE)
+def _want(acceleration: Vec3, weight: float, wanted: Array, weights: Array, m: int) -> None:
+    """Stores three rows of tasks from row m on."""
+    wanted[m], wanted[m + 1], wanted[m + 2] = acceleration
+    weights[m] = weights[m + 1] = weights[m + 2] = weight
+
+
+@numba.njit(**INSIDE)
+def _cone(R_sole: Array, friction: float, edges: Array) -> None:
+    """Writes the four edges of a friction cone on the ground with these axes into (4, 3)."""
+    for e in range(4):
+        sign = friction if e % 2 == 0 else -friction
+        for axis in range(3):
+            edges[e, axis] = R_sole[axis, 2] + sign * R_sole[axis, e // 2]
+
+
+@numba.njit(**INSIDE)
+def _between(A: Array, B: Array) -> float:
+    """Angle between the third columns of two rotations that are nearly parallel, rad."""
+    return math.sqrt((A[0, 2] - B[0, 2]) ** 2 + (A[1, 2] - B[1, 2]) ** 2 + (A[2, 2] - B[2, 2]) ** 2)

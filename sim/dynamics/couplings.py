@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.dynamics.spatial import State, chain_of, cross, rotate
+from stridetwin.sim.dynamics.spatial import State, axes_of, chain_of
+from stridetwin.sim.kinematics import quaternions
+from stridetwin.sim.kinematics.quaternions import cross, mat3, matmul, matvec, minus, plus, times, transposed, vec3
 from stridetwin.sim.wearer.exo_couplings import Coupling
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 
 class CouplingSet(NamedTuple):
@@ -43,47 +48,37 @@ class CouplingSet(NamedTuple):
         )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@_called
 def coupling_forces(couplings: CouplingSet, state: State) -> Array:
     """Generalised force (nv,) of all couplings, as in `exo_couplings.wrench`."""
     bodies, points, law, chain = couplings
-    cdof, cvel, centre, xpos, xmat = state.cdof, state.cvel, state.centre, state.xpos, state.xmat
-    nv = len(cdof)
-    applied = np.zeros(nv)
-    point, arm, w, dp = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    displacement, rate, rotation, rotation_rate = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    force, torque, a, b = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    cdof, cvel = state.cdof, state.cvel
+    applied = np.zeros(len(cdof))
     for c in range(len(bodies)):
-        exo, own = bodies[c]
-        R_exo, R_own = xmat[exo].reshape(3, 3), xmat[own].reshape(3, 3)
-        rotate(R_own, points[c, 1], point)
-        for k in range(3):
-            point[k] += xpos[own, k]
-            arm[k] = point[k] - centre[k]
-            a[k] = point[k] - xpos[exo, k]
-            w[k] = cvel[own, k] - cvel[exo, k]
-        rotate(R_exo.T, a, displacement)
-        cross(w, arm, dp)
-        for k in range(3):
-            displacement[k] -= points[c, 0, k]
-            dp[k] += cvel[own, 3 + k] - cvel[exo, 3 + k]
-        rotate(R_exo.T, dp, rate)
-        R = R_exo.T @ R_own
-        rotation[0], rotation[1], rotation[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-        rotation *= 0.5
-        change = 0.5 * ((R[0, 0] + R[1, 1] + R[2, 2]) * np.eye(3) - R)
-        rotate(R_exo.T, w, a)
-        rotate(change, a, rotation_rate)
-        rotate(law[c, 0], displacement, a)
-        rotate(law[c, 1], rate, b)
-        rotate(R_exo, a + b, force)  # on the exoskeleton
-        rotate(law[c, 2], rotation, a)
-        rotate(law[c, 3], rotation_rate, b)
-        rotate(change.T, a + b, rotation_rate)
-        rotate(R_exo, rotation_rate, torque)
-        cross(arm, force, a)
-        torque += a
-        for j in range(nv):
+        exo, own = bodies[c, 0], bodies[c, 1]
+        R_exo = axes_of(state, exo)
+        to_exo = transposed(R_exo)
+        point = plus(vec3(state.xpos[own]), matvec(axes_of(state, own), vec3(points[c, 1])))
+        arm = minus(point, vec3(state.centre))
+        displacement = minus(matvec(to_exo, minus(point, vec3(state.xpos[exo]))), vec3(points[c, 0]))
+        w = minus(vec3(cvel[own]), vec3(cvel[exo]))
+        dv = cvel[own, 3] - cvel[exo, 3], cvel[own, 4] - cvel[exo, 4], cvel[own, 5] - cvel[exo, 5]
+        rate = matvec(to_exo, plus(dv, cross(w, arm)))
+        R = matmul(to_exo, axes_of(state, own))
+        rotation = times(0.5, (R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]))
+        # half of tr(R) 1 - R: the rate of `rotation` per angular velocity
+        t = R[0][0] + R[1][1] + R[2][2]
+        change = (
+            (0.5 * (t - R[0][0]), -0.5 * R[0][1], -0.5 * R[0][2]),
+            (-0.5 * R[1][0], 0.5 * (t - R[1][1]), -0.5 * R[1][2]),
+            (-0.5 * R[2][0], -0.5 * R[2][1], 0.5 * (t - R[2][2])),
+        )
+        rotation_rate = matvec(change, matvec(to_exo, w))
+        # on the exoskeleton
+        force = matvec(R_exo, plus(matvec(mat3(law[c, 0]), displacement), matvec(mat3(law[c, 1]), rate)))
+        moment = plus(matvec(mat3(law[c, 2]), rotation), matvec(mat3(law[c, 3]), rotation_rate))
+        torque = plus(matvec(R_exo, matvec(transposed(change), moment)), cross(arm, force))
+        for j in range(len(cdof)):
             if chain[c, 0, j] != chain[c, 1, j]:
                 power = 0.0
                 for k in range(3):

@@ -11,14 +11,18 @@ the stance foot and predicted under the next one. A foot that does not press on 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(Path(__file__).parent, llvm_level=1)
 
 OMEGA = 3.2  # 1/s, sqrt(g / height of the centre of mass)
 _FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new foothold
@@ -112,42 +116,47 @@ class StepReplan:
         _update(self.foot, self.root, self.floor, dt, planned, sensed, misplaced)
 
 
-@numba.njit(cache=True)
+@_called
 def _update(
     foot: Array, root: Array, floor: Array, dt: float, planned: PlannedFeet, sensed: Sensed, misplaced: Array
 ) -> None:  # fmt: skip
-    swinging, until_landing, share, R_way = planned.swinging, planned.until_landing, planned.share, planned.R_way
-    normal = planned.R_sole[:, :, 2]
+    swinging, until_landing, R_way = planned.swinging, planned.until_landing, planned.R_way
     com, measured, pressing = sensed
     for k in range(2):
         if not np.isnan(measured[k]):
             floor[k] = measured[k]
         elif swinging[k]:
             floor[k] = floor[1 - k]
-    xi = com[0] - root[0, :2] + (com[1] - root[1, :2]) / OMEGA
-    wanted = np.empty(3)
     for k in range(2):
-        shift, rate, pull = foot[k]
-        pull[:] = 0.0
-        held = foot[1 - k, 0, :2]
-        if swinging[k] and until_landing[k] > _COMMITTED_S:
+        goes, ahead, left = swinging[k] and until_landing[k] > _COMMITTED_S, 0.0, 0.0
+        if goes:
             # the present deviation grows until landing, minus what the centre of pressure corrects until then
-            growth = np.exp(OMEGA * until_landing[k])
-            off = np.sign(xi) * np.maximum(growth * np.abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0)
-            ahead, left = R_way.T @ (off + (1.0 - _BACK) * held)
+            growth = math.exp(OMEGA * until_landing[k])
+            for axis in range(2):
+                xi = com[0, axis] - root[0, axis] + (com[1, axis] - root[1, axis]) / OMEGA
+                off = math.copysign(max(growth * abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0), xi)
+                off += (1.0 - _BACK) * foot[1 - k, 0, axis]
+                ahead += R_way[axis, 0] * off
+                left += R_way[axis, 1] * off
             reach = _ON_EDGES_M if planned.near_edge[k] else _FORWARD_M
             inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
             ahead, left = min(max(ahead, -reach), reach), min(max(left, inner), outer)
-            wanted[:2] = R_way[:, 0] * ahead + R_way[:, 1] * left + misplaced[k]
-            wanted[2] = floor[k] - (normal[k, 0] * wanted[0] + normal[k, 1] * wanted[1]) / normal[k, 2]
-            pull[:] = _FOLLOW * _FOLLOW * (wanted - shift)
-        pull -= 2.0 * _FOLLOW * rate
-        rate += dt * pull
-        if not swinging[k] and not pressing[k]:
-            rate[2], pull[2] = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
-        shift += dt * rate
-    under = share[0] * foot[0, 0] + share[1] * foot[1, 0]
-    rate = OMEGA * (under - root[0])
-    root[2] = (rate - root[1]) / dt
-    root[1] = rate
-    root[0] += dt * rate
+        x = R_way[0, 0] * ahead + R_way[0, 1] * left + misplaced[k, 0]
+        y = R_way[1, 0] * ahead + R_way[1, 1] * left + misplaced[k, 1]
+        normal = planned.R_sole[k, 0, 2], planned.R_sole[k, 1, 2], planned.R_sole[k, 2, 2]
+        wanted = x, y, floor[k] - (normal[0] * x + normal[1] * y) / normal[2]
+        for axis in range(3):
+            rate = foot[k, 1, axis]
+            pull = _FOLLOW * _FOLLOW * (wanted[axis] - foot[k, 0, axis]) if goes else 0.0
+            pull -= 2.0 * _FOLLOW * rate
+            rate += dt * pull
+            if axis == 2 and not swinging[k] and not pressing[k]:
+                rate, pull = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
+            foot[k, 2, axis], foot[k, 1, axis] = pull, rate
+            foot[k, 0, axis] += dt * rate
+    for axis in range(3):
+        under = planned.share[0] * foot[0, 0, axis] + planned.share[1] * foot[1, 0, axis]
+        rate = OMEGA * (under - root[0, axis])
+        root[2, axis] = (rate - root[1, axis]) / dt
+        root[1, axis] = rate
+        root[0, axis] += dt * rate

@@ -6,9 +6,9 @@ The controller does not know the disturbances: true body mass and floor height, 
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,10 +21,15 @@ from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import CONTROL_S, Plan
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
-from stridetwin.sim.dynamics.spatial import State, cross
+from stridetwin.sim.dynamics.spatial import State
 from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.kinematics import quaternions
+from stridetwin.sim.kinematics.quaternions import cross, minus, plus, put, times, vec3
 from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins
@@ -211,7 +216,7 @@ class _Record:
         return STEP_S * np.arange(first, end, dtype=float), self._q[rows], self._torque[rows], self._loads.at(rows)
 
 
-@numba.njit(cache=True)
+@_called
 def _foot_loads(
     side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
     loads: FootRecord,
@@ -220,8 +225,10 @@ def _foot_loads(
     geoms, pos, frame, _, address = contacts
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):
-        p_feet[s], R_feet[s] = xpos[feet[s]], xmat[feet[s]].reshape(3, 3)
-    lift, own, arm = np.zeros(2), np.empty(3), np.empty(3)
+        put(vec3(xpos[feet[s]]), p_feet[s])
+        for k in range(9):
+            R_feet[s, k // 3, k % 3] = xmat[feet[s], k]
+    lift = np.zeros(2)
     for c in range(len(address)):
         if address[c] < 0:
             continue
@@ -229,16 +236,15 @@ def _foot_loads(
         s = side[geoms[c, 0]] if first else side[geoms[c, 1]]
         if s < 0:
             continue
-        f = efc_force[address[c] : address[c] + 3]
-        for k in range(3):
-            own[k] = f[0] * frame[c, k] + f[1] * frame[c, 3 + k] + f[2] * frame[c, 6 + k]
-            if first:
-                own[k] = -own[k]
-        cross(pos[c] - p_feet[s], own, arm)
-        force[s] += own
-        moment[s] += arm
-        cop[s] += f[0] * pos[c]
-        lift[s] += f[0]
+        own, point, normal_force = (0.0, 0.0, 0.0), vec3(pos[c]), efc_force[address[c]]
+        for axis in range(3):
+            f = efc_force[address[c] + axis]
+            own = plus(own, times(f, (frame[c, 3 * axis], frame[c, 3 * axis + 1], frame[c, 3 * axis + 2])))
+        own = times(-1.0 if first else 1.0, own)
+        put(plus(vec3(force[s]), own), force[s])
+        put(plus(vec3(moment[s]), cross(minus(point, vec3(p_feet[s])), own)), moment[s])
+        put(plus(vec3(cop[s]), times(normal_force, point)), cop[s])
+        lift[s] += normal_force
     for s in range(2):
         if lift[s] > 0.0:
-            cop[s] /= lift[s]
+            put(times(1.0 / lift[s], vec3(cop[s])), cop[s])

@@ -9,6 +9,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.kinematics.quaternions import Mat3, Vec3, cross, minus, plus, times, vec3
+from stridetwin.streams.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 
@@ -50,61 +52,56 @@ def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
     return chain
 
 
-@numba.njit(cache=True)
-def cross(a: Array, b: Array, out: Array) -> None:
-    """Cross product of two (3,) vectors into `out`."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+@numba.njit(**INSIDE)
+def axes_of(state: State, body: int) -> Mat3:
+    """Axes of a body in the world."""
+    R = state.xmat[body]
+    return (R[0], R[1], R[2]), (R[3], R[4], R[5]), (R[6], R[7], R[8])
 
 
-@numba.njit(cache=True)
-def rotate(R: Array, a: Array, out: Array) -> None:
-    """R (3, 3) times a (3,) into `out`; for so few numbers faster than a BLAS call."""
-    for k in range(3):
-        out[k] = R[k, 0] * a[0] + R[k, 1] * a[1] + R[k, 2] * a[2]
+@numba.njit(**INSIDE)
+def velocity(state: State, body: int, point: Vec3) -> tuple[Vec3, Vec3]:
+    """Velocity of a point of a body, m/s, and angular velocity of the body, rad/s, world axes."""
+    c = state.cvel[body]
+    w = c[0], c[1], c[2]
+    return plus((c[3], c[4], c[5]), cross(w, minus(point, vec3(state.centre)))), w
 
 
-@numba.njit(cache=True)
-def jacobian(cdof: Array, chain: NDArray[np.bool_], centre: Array, point: Array, linear: Array, angular: Array) -> None:
-    """Fills the Jacobian (3, nv) of a point (3,) of a body and that of its rotation, world axes.
+@numba.njit(**INSIDE)
+def jacobian(cdof: Array, chain: NDArray[np.bool_], arm: Vec3, rows: Array, linear: int, angular: int) -> None:
+    """Writes the Jacobian (3, nv) of a point of a body and that of its rotation, world axes, into rows (m, nv).
 
-    `chain` are the degrees of freedom that move the body; `cdof` and `centre` as in `State`.
+    Args:
+        cdof: As in `State`.
+        chain: (nv,) the degrees of freedom that move the body.
+        arm: The point minus the centre of `State`, m.
+        rows: Output.
+        linear: First row of the point's; -1 for none.
+        angular: First row of the rotation's; -1 for none.
     """
-    x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    x, y, z = arm
     for j in range(len(cdof)):
-        if chain[j]:
+        if linear >= 0:
+            rows[linear, j] = cdof[j, 3] + cdof[j, 1] * z - cdof[j, 2] * y if chain[j] else 0.0
+            rows[linear + 1, j] = cdof[j, 4] + cdof[j, 2] * x - cdof[j, 0] * z if chain[j] else 0.0
+            rows[linear + 2, j] = cdof[j, 5] + cdof[j, 0] * y - cdof[j, 1] * x if chain[j] else 0.0
+        if angular >= 0:
             for k in range(3):
-                angular[k, j] = cdof[j, k]
-            linear[0, j] = cdof[j, 3] + cdof[j, 1] * z - cdof[j, 2] * y
-            linear[1, j] = cdof[j, 4] + cdof[j, 2] * x - cdof[j, 0] * z
-            linear[2, j] = cdof[j, 5] + cdof[j, 0] * y - cdof[j, 1] * x
-        else:
-            for k in range(3):
-                angular[k, j] = 0.0
-                linear[k, j] = 0.0
+                rows[angular + k, j] = cdof[j, k] if chain[j] else 0.0
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def bias_acceleration(
-    cdof_dot: Array, chain: NDArray[np.bool_], centre: Array, qvel: Array, v_point: Array, w: Array, point: Array,
-    linear: Array, angular: Array,
-) -> None:  # fmt: skip
-    """Fills the acceleration at zero joint acceleration (J' q') of a point (3,) of a body, and of its rotation.
+    cdof_dot: Array, chain: NDArray[np.bool_], qvel: Array, v_point: Vec3, w: Vec3, arm: Vec3
+) -> tuple[Vec3, Vec3]:
+    """Acceleration at zero joint acceleration (J' q') of a point of a body, and of its rotation.
 
     The point's velocity `v_point` and the body's angular velocity `w` are in world axes; the rest as for `jacobian`.
     """
-    r = point - centre
-    for k in range(3):
-        angular[k] = 0.0
-        linear[k] = 0.0
+    angular, linear = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for j in range(len(qvel)):
         if chain[j]:
-            for k in range(3):
-                angular[k] += cdof_dot[j, k] * qvel[j]
-                linear[k] += cdof_dot[j, 3 + k] * qvel[j]
-    product = np.empty(3)
-    cross(angular, r, product)
-    linear += product
-    cross(w, v_point, product)
-    linear += product
+            c = cdof_dot[j]
+            angular = plus(angular, times(qvel[j], (c[0], c[1], c[2])))
+            linear = plus(linear, times(qvel[j], (c[3], c[4], c[5])))
+    return plus(plus(linear, cross(angular, arm)), cross(w, v_point)), angular

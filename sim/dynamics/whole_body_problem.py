@@ -12,12 +12,14 @@ problem; the elimination to six rows is ours).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 _NEWTON_STEPS = 25
@@ -56,7 +58,18 @@ class ContactPoints(NamedTuple):
     last: Array
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
+def cholesky(H: Array) -> None:
+    """Overwrites the lower triangle of H (n, n), symmetric and positive definite, by L with L Lᵀ = H."""
+    for i in range(len(H)):
+        for j in range(i + 1):
+            s = H[i, j]
+            for k in range(j):
+                s -= H[i, k] * H[j, k]
+            H[i, j] = math.sqrt(s) if i == j else s / H[j, j]
+
+
+@numba.njit(**INSIDE)
 def forward(L: Array, X: Array) -> None:
     """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
     for i in range(len(L)):
@@ -67,11 +80,17 @@ def forward(L: Array, X: Array) -> None:
             X[i, c] /= L[i, i]
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def solve_positive(H: Array, X: Array) -> None:
-    """Overwrites X (n, m) by H⁻¹ X, H (n, n) symmetric and positive definite."""
-    L = np.linalg.cholesky(H).astype(np.float64)
-    forward(L, X)
+    """Overwrites X (n, m) by H⁻¹ X, H (n, n) symmetric and positive definite, and H by its Cholesky factor."""
+    cholesky(H)
+    forward(H, X)
+    backward(H, X)
+
+
+@numba.njit(**INSIDE)
+def backward(L: Array, X: Array) -> None:
+    """Overwrites X (n, m) by L⁻ᵀ X."""
     for i in range(len(L) - 1, -1, -1):
         for j in range(i + 1, len(L)):
             for c in range(X.shape[1]):
@@ -80,7 +99,7 @@ def solve_positive(H: Array, X: Array) -> None:
             X[i, c] /= L[i, i]
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array]:
     """Forces f >= 0 that minimise ||B f - d||² + Σ r (f - p)², and the residual y = d - B f.
 
@@ -93,27 +112,48 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
         r: (n,) positive.
         p: (n,) natural values of the forces.
     """
-    y, step, value = d.copy(), np.zeros(6), 1e300
+    y, trial, f, value, largest = np.empty(6), np.empty(6), np.empty(len(r)), 1e300, 0.0
+    step, H = np.zeros((6, 1)), np.empty((6, 6))
+    for i in range(6):
+        y[i] = d[i]
+        largest = max(largest, abs(d[i]))
     for _ in range(_NEWTON_STEPS):
         size = 1.0
         while True:
-            trial = y + size * step
-            reach = np.maximum(B.T @ trial + r * p, 0.0)
-            f = reach / r
-            now = float(0.5 * (trial @ trial) - d @ trial + 0.5 * (reach @ f))
+            now = 0.0
+            for i in range(6):
+                trial[i] = y[i] + size * step[i, 0]
+                now += 0.5 * trial[i] * trial[i] - d[i] * trial[i]
+            for j in range(len(r)):
+                reach = r[j] * p[j]
+                for i in range(6):
+                    reach += B[i, j] * trial[i]
+                f[j] = max(reach, 0.0) / r[j]
+                now += 0.5 * r[j] * f[j] * f[j]
             if now <= value + 1e-12 * abs(value) or size < 1e-4:
                 break
             size *= 0.5
-        y, value = trial, now
-        gradient = y - d + B @ f
-        if np.max(np.abs(gradient)) < _TOLERANCE * (1.0 + np.max(np.abs(d))):
+        value, steepest = now, 0.0
+        for i in range(6):
+            y[i] = trial[i]
+            gradient = y[i] - d[i]
+            for j in range(len(r)):
+                gradient += B[i, j] * f[j]
+            step[i, 0] = -gradient
+            steepest = max(steepest, abs(gradient))
+        if steepest < _TOLERANCE * (1.0 + largest):
             break
-        step = -gradient
-        solve_positive(np.eye(6) + (B * np.where(f > 0.0, 1.0 / r, 0.0)) @ B.T, step.reshape(6, 1))
+        for i in range(6):
+            for k in range(i + 1):
+                H[i, k] = 1.0 if i == k else 0.0
+                for j in range(len(r)):
+                    if f[j] > 0.0:
+                        H[i, k] += B[i, j] * B[k, j] / r[j]
+        solve_positive(H, step)
     return f, y
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
     """Mass matrix (a, a) and bias (a,) of the (a,) driven coordinates after elimination of the (b,) free ones.
 
@@ -126,8 +166,6 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
         c[i] = h[driven[i]]
         for j in range(a):
             A[i, j] = M[driven[i], driven[j]]
-    if b == 0:
-        return A, c
     E, X = np.empty((b, b)), np.empty((b, a + 1))
     for i in range(b):
         X[i, a] = h[free[i]]
@@ -135,12 +173,17 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
             E[i, j] = M[free[i], free[j]]
         for j in range(a):
             X[i, j] = M[free[i], driven[j]]
-    across = np.ascontiguousarray(X[:, :a].T)
-    solved = np.linalg.solve(E, X)
-    return A - across @ np.ascontiguousarray(solved[:, :a]), c - across @ solved[:, a].copy()
+    cholesky(E)
+    forward(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
+    for k in range(b):
+        for i in range(a):
+            for j in range(a):
+                A[i, j] -= X[k, i] * X[k, j]
+            c[i] -= X[k, i] * X[k, a]
+    return A, c
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def solve(
     M: Array, h: Array, target: Array, weight: Array, tasks: Tasks, points: ContactPoints, assist: Array
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
@@ -153,39 +196,110 @@ def solve(
         (n,) accelerations; (n,) generalised forces, where those of the root are the assist; (k, 4) contact forces along
         the edges; (6,) residual at the root (0 up to rounding).
     """
-    task_rows, task_target, task_weight = tasks
-    contacts, edges, cost, change, last = points
-    n, k = len(h), len(cost)
-    # the tasks affect only root and legs; elsewhere the Hessian is the diagonal of the weights
-    back = np.empty((n, 7))
-    back[:, :6] = M[:6].T
-    back[:, 6] = weight * target + task_rows.T @ (task_weight * task_target)
-    reached = np.array([j for j in range(n) if np.any(task_rows[:, j] != 0.0)])
-    own = task_rows[:, reached]
-    X = back[reached]
-    solve_positive(np.diag(weight[reached]) + (own.T * task_weight) @ own, X)
-    back /= weight.reshape(-1, 1)
-    back[reached] = X
-    a0 = back[:, 6].copy()
-    back = np.ascontiguousarray(back[:, :6])
-    S = M[:6] @ back + np.diag(assist * assist)
-    lacking = h[:6] + M[:6] @ a0
-    forces, joint_force = np.zeros(4 * k), np.zeros(n)
-    if k > 0:
-        X, r = np.empty((6, 4 * k + 1)), np.repeat(cost, 4) + change
-        for i in range(k):
-            X[:, 4 * i : 4 * i + 4] = np.ascontiguousarray(contacts[3 * i : 3 * i + 3, :6].T) @ edges[i].T
-        X[:, 4 * k] = lacking
-        forward(np.linalg.cholesky(S).astype(np.float64), X)
-        forces, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, change * last.ravel() / r)
-        force = np.empty(3 * k)
-        for i in range(k):
-            force[3 * i : 3 * i + 3] = forces[4 * i : 4 * i + 4] @ edges[i]
-        joint_force = contacts.T @ force
-    multiplier = joint_force[:6] - lacking
-    solve_positive(S, multiplier.reshape(6, 1))
-    qacc = a0 + back @ multiplier
-    torque = M @ qacc + h - joint_force
-    rest = torque[:6] + assist * assist * multiplier
-    torque[:6] = -assist * assist * multiplier
-    return qacc, torque, forces.reshape(k, 4), rest
+    rows, contacts, edges = tasks.rows, points.rows, points.edges
+    n, k = len(h), len(points.weight)
+    # (n, 7) below: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. The tasks affect only
+    # root and legs; elsewhere the Hessian is the diagonal of the weights
+    back, reached = np.empty((n, 7)), _reached(rows)
+    for i in range(n):
+        back[i, 6] = weight[i] * target[i]
+        for j in range(6):
+            back[i, j] = M[j, i]
+    for t in range(len(rows)):
+        for i in range(n):
+            back[i, 6] += rows[t, i] * tasks.weight[t] * tasks.target[t]
+    H, X = np.zeros((len(reached), len(reached))), np.empty((len(reached), 7))
+    for a in range(len(reached)):
+        H[a, a] = weight[reached[a]]
+        for j in range(7):
+            X[a, j] = back[reached[a], j]
+    for t in range(len(rows)):
+        for a in range(len(reached)):
+            weighted = tasks.weight[t] * rows[t, reached[a]]
+            for b in range(a + 1):
+                H[a, b] += weighted * rows[t, reached[b]]
+    solve_positive(H, X)
+    for i in range(n):
+        for j in range(7):
+            back[i, j] /= weight[i]
+    for a in range(len(reached)):
+        for j in range(7):
+            back[reached[a], j] = X[a, j]
+
+    S, lacking = np.empty((6, 6)), np.empty(6)
+    for i in range(6):
+        lacking[i] = h[i]
+        for j in range(6):
+            S[i, j] = assist[i] * assist[i] if i == j else 0.0
+        for m in range(n):
+            lacking[i] += M[i, m] * back[m, 6]
+            for j in range(6):
+                S[i, j] += M[i, m] * back[m, j]
+    cholesky(S)
+    force, joint_force = _bearable(S, lacking, points), np.zeros(n)
+    for i in range(3 * k):
+        along = 0.0
+        for e in range(4):
+            along += force[i // 3, e] * edges[i // 3, e, i % 3]
+        for m in range(n):
+            joint_force[m] += contacts[i, m] * along
+
+    multiplier = np.empty((6, 1))
+    for i in range(6):
+        multiplier[i, 0] = joint_force[i] - lacking[i]
+    forward(S, multiplier)
+    backward(S, multiplier)
+    qacc, torque, rest = np.empty(n), np.empty(n), np.empty(6)
+    for i in range(n):
+        qacc[i] = back[i, 6]
+        for j in range(6):
+            qacc[i] += back[i, j] * multiplier[j, 0]
+    for i in range(n):
+        torque[i] = h[i] - joint_force[i]
+        for m in range(n):
+            torque[i] += M[i, m] * qacc[m]
+    for i in range(6):
+        helped = assist[i] * assist[i] * multiplier[i, 0]
+        rest[i] = torque[i] + helped
+        torque[i] = -helped
+    return qacc, torque, force, rest
+
+
+@numba.njit(**INSIDE)
+def _reached(rows: Array) -> NDArray[np.int64]:
+    """Numbers of the columns that are not 0."""
+    found, count = np.empty(rows.shape[1], np.int64), 0
+    for j in range(rows.shape[1]):
+        for t in range(len(rows)):
+            if rows[t, j] != 0.0:
+                found[count] = j
+                count += 1
+                break
+    return found[:count]
+
+
+@numba.njit(**INSIDE)
+def _bearable(L: Array, lacking: Array, points: ContactPoints) -> Array:
+    """(k, 4) forces along the edges that provide what the root lacks, L the Cholesky factor of S."""
+    k = len(points.weight)
+    X, B, d = np.empty((6, 4 * k + 1)), np.empty((6, 4 * k)), np.empty(6)
+    r, p, forces = np.empty(4 * k), np.empty(4 * k), np.empty((k, 4))
+    for j in range(4 * k):
+        i, e = j // 4, j % 4
+        r[j] = points.weight[i] + points.change_weight
+        p[j] = points.change_weight * points.last[i, e] / r[j]
+        for m in range(6):
+            X[m, j] = 0.0
+            for axis in range(3):
+                X[m, j] += points.rows[3 * i + axis, m] * points.edges[i, e, axis]
+    for m in range(6):
+        X[m, 4 * k] = lacking[m]
+    forward(L, X)
+    for m in range(6):
+        d[m] = X[m, 4 * k]
+        for j in range(4 * k):
+            B[m, j] = X[m, j]
+    f, _ = contact_forces(B, d, r, p)
+    for j in range(4 * k):
+        forces[j // 4, j % 4] = f[j]
+    return forces

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.compiled import cached
 
-@numba.njit(cache=True)
+
+@cached(__file__)
 def smear(
     image: NDArray[np.uint8], blurred: NDArray[np.uint8], places: NDArray[np.int32], clear: NDArray[np.float32],
     corners: NDArray[np.int32], shares: NDArray[np.float32], width: int,

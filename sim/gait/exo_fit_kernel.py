@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import (
     Mat3,
     Vec3,
@@ -19,11 +21,16 @@ from stridetwin.sim.kinematics.quaternions import (
     minus,
     plus,
     put,
+    put_at,
     times,
     transposed,
     vec3,
+    vec3_at,
 )
+from stridetwin.streams.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
+
+_called = cached(__file__, quaternions.__file__, llvm_level=1)
 
 _FAR = 40.0  # widths from a stop, where its torque is below rounding
 # Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
@@ -57,7 +64,7 @@ class Leg(NamedTuple):
     stop: Array
 
 
-@numba.njit(cache=True)
+@_called
 def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
     """Strains (N, 6 C) of the couplings, displacement and rotation, and their Jacobian (N, 6 C, J) at (N, J) rad.
 
@@ -71,7 +78,7 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
     return value, jacobian
 
 
-@numba.njit(cache=True)
+@_called
 def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
     """Moves (N, J) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
 
@@ -80,10 +87,11 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
     dofs = len(leg.axes)
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
     pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
-    step, hessian, moved = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs)
+    step, hessian, moved, guess = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs), np.empty(dofs)
     for i in range(len(q)):
-        guess = q[i].copy()
-        q[i] += moved
+        for j in range(dofs):
+            guess[j] = q[i, j]
+            q[i, j] += moved[j]
         for _ in range(iterations):
             _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
             _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
@@ -98,10 +106,11 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
                 largest = max(largest, abs(step[j]))
             if largest < _FITTED_RAD:
                 break
-        moved = q[i] - guess
+        for j in range(dofs):
+            moved[j] = q[i, j] - guess[j]
 
 
-@numba.njit(cache=True)
+@_called
 def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
     """(N, J) Jᵀ L x and (N, J, J) Jᵀ L J of strains or their rates x (N, 6 C) with gains L (C, 2, 3, 3)."""
     n, dofs = len(value), len(leg.axes)
@@ -111,7 +120,7 @@ def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array,
     return torque, matrix
 
 
-@numba.njit(cache=True)
+@_called
 def march(
     leg: Leg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
 ) -> Array:
@@ -125,7 +134,8 @@ def march(
     rest, jacobian = np.empty(dofs), np.empty((dofs, dofs))
     per, per2 = 2.0 / dt, 4.0 / dt**2
     _meet_stops(leg, stiff[0], force[0], angles[0], x, rest, jacobian, iterations)
-    path[0] = x
+    for j in range(dofs):
+        path[0, j] = x[j]
     for i in range(1, n):
         for j in range(dofs):
             right[j] = force[i, j]
@@ -143,7 +153,7 @@ def march(
     return path
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
     """Torque of a joint's stops, N m, and its slope, N m/rad: the gradient of a smooth energy."""
     stiffness, width = leg.stop
@@ -151,13 +161,13 @@ def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
     torque, slope = 0.0, 0.0
     for x, sign in ((over, 1.0), (under, -1.0)):
         if x > -_FAR:
-            fading = np.exp(-abs(x))
-            torque += sign * (max(x, 0.0) + np.log1p(fading))
+            fading = math.exp(-abs(x))
+            torque += sign * (max(x, 0.0) + math.log1p(fading))
             slope += (1.0 if x > 0.0 else fading) / (1.0 + fading)
     return stiffness * width * torque, stiffness * slope
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _meet_stops(
     leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, rest: Array, jacobian: Array, iterations: int
 ) -> None:  # fmt: skip
@@ -180,7 +190,7 @@ def _meet_stops(
             break
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _strain(
     leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array, axes: Array
 ) -> None:
@@ -200,8 +210,8 @@ def _strain(
         point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
         displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
         x, y, z = matmul(to_body, M)
-        put(displacement, value[6 * c : 6 * c + 3])
-        put(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value[6 * c + 3 : 6 * c + 6])
+        put_at(displacement, value, 6 * c)
+        put_at(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value, 6 * c + 3)
         trace = x[0] + y[1] + z[2]
         for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
             axis = vec3(axes[j])
@@ -213,11 +223,11 @@ def _strain(
                 jacobian[6 * c + 3 + k, j] = twists[k]
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _about(axis: Vec3, angle: float) -> Mat3:
     """Rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = axis
-    cos, sin = np.cos(angle), np.sin(angle)
+    cos, sin = math.cos(angle), math.sin(angle)
     rest = 1.0 - cos
     return (
         (cos + rest * x * x, rest * x * y - sin * z, rest * x * z + sin * y),
@@ -226,16 +236,19 @@ def _about(axis: Vec3, angle: float) -> Mat3:
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _project(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
 ) -> None:  # fmt: skip
     """One instant of `project`."""
-    torque[:], matrix[:] = 0.0, 0.0
+    for j in range(len(torque)):
+        torque[j] = 0.0
+        for k in range(len(torque)):
+            matrix[j, k] = 0.0
     for c in range(len(last)):
         for part in range(2):
             own, first = mat3(law[c, part]), 6 * c + 3 * part
-            strain = (value[first], value[first + 1], value[first + 2])
+            strain = vec3_at(value, first)
             for j in range(last[c] + 1):
                 weighted = matvec(own, _column(jacobian, first, j))
                 torque[j] += dot(weighted, strain)
@@ -246,19 +259,19 @@ def _project(
             matrix[k, j] = matrix[j, k]
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _column(jacobian: Array, first: int, j: int) -> Vec3:
     return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _solve(A: Array, b: Array) -> None:
     """Solves A x = b (A symmetric positive definite) by Cholesky's method in place; b becomes x, A is overwritten."""
     dofs = len(b)
     for j in range(dofs):
         for k in range(j):
             A[j, j] -= A[j, k] * A[j, k]
-        A[j, j] = 1.0 / np.sqrt(A[j, j])
+        A[j, j] = 1.0 / math.sqrt(A[j, j])
         for i in range(j + 1, dofs):
             for k in range(j):
                 A[i, j] -= A[i, k] * A[j, k]

@@ -9,18 +9,24 @@ parameters are fitted to recorded walks by `tools/fit_heel_strike.py`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.kinematics.smooth import ease, ease_rate
+from stridetwin.sim.kinematics import smooth
 from stridetwin.sim.kinematics.track import Track
+from stridetwin.streams.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import cross
+
+_called = cached(__file__, smooth.__file__)
+ease, ease_rate = numba.njit(**INSIDE)(smooth.ease), numba.njit(**INSIDE)(smooth.ease_rate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +111,7 @@ SUPPORT = 10.0
 _UP = 2  # index in displacement (forward, left, up) and rotation
 
 
-@numba.njit(cache=True)
+@_called
 def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
     """A mode's oscillation at (N,) s after a strike, and its time derivative.
 
@@ -120,11 +126,11 @@ def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Arra
     return value, rate
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
     """s(τ) exp(-τ/T), and its time derivative."""
     length = RISE_PERIODS / hz
-    rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, np.exp(-tau / decay_s)
+    rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, math.exp(-tau / decay_s)
     return rise * decay, decay * (rising - rise / decay_s)
 
 
@@ -206,10 +212,12 @@ class UpperMotion:
         """Displacement (N, 3) m and rotation vector (N, 3) rad, at (N,) increasing s, and the rates of both."""
         value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))
         shoe = self._parameters
-        _add_rocks(t, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, value[:, 3:], rate[:, 3:])
+        rows = np.searchsorted(t, [self._rocks.begin, self._rocks.end])
+        _add_rocks(t, rows, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, value, rate)
         # rocking rotates about the ground, so the pivot moves as well
         value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - self._parameters.ground_m) for x in (value, rate))
-        _add_vibrations(t, self._vibrations, value, rate)
+        rows = np.searchsorted(t, [self._vibrations.begin, self._vibrations.end])
+        _add_vibrations(t, rows, self._vibrations, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
     def carried(self, foot: Track) -> Track:
@@ -217,30 +225,36 @@ class UpperMotion:
         return foot.displaced(self.pivot, *self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64)))
 
 
-@numba.njit(cache=True)
-def _add_vibrations(t: Array, vibrations: _Vibrations, value: Array, rate: Array) -> None:
-    """Adds the vibration at (N,) increasing s to (N, 6) displacement and rotation, and to their rates."""
+@_called
+def _add_vibrations(
+    t: Array, rows: NDArray[np.int64], vibrations: _Vibrations, value: Array, rate: Array
+) -> None:  # fmt: skip
+    """Adds the vibration at (N,) increasing s to (N, 6) displacement and rotation, and to their rates.
+
+    `rows` (2, E) are the first row of each vibration, and one past its last.
+    """
     for e in range(len(vibrations.begin)):
         omega = 2 * np.pi * vibrations.hz[e]
-        for i in range(np.searchsorted(t, vibrations.begin[e]), np.searchsorted(t, vibrations.end[e])):
+        for i in range(rows[0, e], rows[1, e]):
             tau = t[i] - vibrations.begin[e]
             size, changing = _envelope(tau, vibrations.hz[e], vibrations.decay_s[e])
             for k in range(6):
                 sine, cosine = (
-                    np.sin(omega * tau + vibrations.phase[e, k]),
-                    np.cos(omega * tau + vibrations.phase[e, k]),
+                    math.sin(omega * tau + vibrations.phase[e, k]),
+                    math.cos(omega * tau + vibrations.phase[e, k]),
                 )
                 value[i, k] += vibrations.amplitude[e, k] * size * sine
                 rate[i, k] += vibrations.amplitude[e, k] * (changing * sine + size * omega * cosine)
 
 
-@numba.njit(cache=True)
+@_called
 def _add_rocks(
-    t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, rotation: Array, rate: Array
+    t: Array, rows: NDArray[np.int64], rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, value: Array,
+    rate: Array,
 ) -> None:  # fmt: skip
-    """Adds the rocking at (N,) increasing s, sines of random phase in a window, to (N, 3) rotation and rate."""
+    """Adds the rocking, sines of random phase in a window; arguments as of `_add_vibrations`."""
     for e in range(len(rocks.begin)):
-        for i in range(np.searchsorted(t, rocks.begin[e]), np.searchsorted(t, rocks.end[e])):
+        for i in range(rows[0, e], rows[1, e]):
             tau = t[i] - rocks.begin[e]
             begun, left = tau / fade_s, (rocks.end[e] - t[i]) / fade_s
             window = ease(begun) * ease(left)
@@ -249,9 +263,9 @@ def _add_rocks(
                 omega = 2 * np.pi * rock_hz[m]
                 for k in range(3):
                     amplitude, angle = rock_rate[m, k] / omega, omega * tau + rocks.phase[e, m, k]
-                    wave = amplitude * np.sin(angle)
-                    rotation[i, k] += window * wave
-                    rate[i, k] += changing * wave + window * amplitude * omega * np.cos(angle)
+                    wave = amplitude * math.sin(angle)
+                    value[i, 3 + k] += window * wave
+                    rate[i, 3 + k] += changing * wave + window * amplitude * omega * math.cos(angle)
 
 
 def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:

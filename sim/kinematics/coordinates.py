@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat, multiply
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import euler_accelerations_to_body
+
+_called = cached(__file__, quaternions.__file__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,17 +83,17 @@ class Coordinates:
         return q, v, a
 
 
-@numba.njit(cache=True)
+@_called
 def _moving(x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array) -> None:
     """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
     for i in range(len(x)):
         y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
-        pose = multiply((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
-        pose = multiply(pose, (np.cos(r), np.sin(r), 0.0, 0.0))
+        pose = multiply((math.cos(y), 0.0, 0.0, math.sin(y)), (math.cos(p), 0.0, math.sin(p), 0.0))
+        pose = multiply(pose, (math.cos(r), math.sin(r), 0.0, 0.0))
         w, qx, qy, qz = pose
         sign = 1.0 if w >= 0.0 else -1.0
         q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * w, sign * qx, sign * qy, sign * qz
-        sp, cp, sr, cr = np.sin(x[i, 4]), np.cos(x[i, 4]), np.sin(x[i, 5]), np.cos(x[i, 5])
+        sp, cp, sr, cr = math.sin(x[i, 4]), math.cos(x[i, 4]), math.sin(x[i, 5]), math.cos(x[i, 5])
         dy, dp, dr = dx[i, 3], dx[i, 4], dx[i, 5]
         v[i, 3], v[i, 4], v[i, 5] = dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy
         for k in range(3):

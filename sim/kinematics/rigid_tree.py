@@ -8,6 +8,7 @@ MuJoCo's layout, and gravity (3,) in m/s².
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import (
     Vec3,
     cross,
@@ -30,8 +32,12 @@ from stridetwin.sim.kinematics.quaternions import (
     times,
     transposed,
     vec3,
+    vec3_at,
 )
+from stridetwin.streams.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
+
+_called = cached(__file__, quaternions.__file__, llvm_level=1)
 
 Indices = NDArray[np.int64]
 
@@ -137,17 +143,17 @@ class _Bodies(NamedTuple):
     axes: Array
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _bodies(tree: Tree) -> _Bodies:
     """Memory for the motion of the bodies."""
     n = len(tree.parent)
     return _Bodies(
         np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)),
-        np.empty((n, 3)), np.empty_like(tree.axis),
+        np.empty((n, 3)), np.empty((len(tree.axis), 3)),
     )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@_called
 def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Poses and velocities of all bodies at N instants.
 
@@ -160,20 +166,25 @@ def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     speed, w = np.empty((n, count, 3)), np.empty((n, count, 3))
     for i in range(n):
         _forward(tree, q[i], v[i], stationary, bodies)
-        p[i], quat[i], speed[i] = bodies.p, bodies.quat, bodies.speed
         for b in range(count):
+            put(vec3(bodies.p[b]), p[i, b])
+            put(vec3(bodies.speed[b]), speed[i, b])
+            for k in range(4):
+                quat[i, b, k] = bodies.quat[b, k]
             put(matvec(transposed(mat3(bodies.R[b])), vec3(bodies.w[b])), w[i, b])
     return p, quat, speed, w
 
 
-@numba.njit(cache=True)
+@_called
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
 
     Returns:
         (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
     """
-    n, bodies, g, whole = len(q), _bodies(tree), vec3(gravity), tree.mass.sum()
+    n, bodies, g, whole = len(q), _bodies(tree), vec3(gravity), 0.0
+    for own in tree.mass:
+        whole += own
     p, force, moment, com = bodies.p, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
         _forward(tree, q[i], v[i], a[i], bodies)
@@ -190,7 +201,7 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     return force, moment, com
 
 
-@numba.njit(cache=True)
+@_called
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
@@ -222,7 +233,7 @@ def hinge_torques(
     return torque
 
 
-@numba.njit(cache=True)
+@_called
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
@@ -268,17 +279,17 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
     return mass, load
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
     """Fills the motion of the bodies: q (nq,), v (nv,) and a (nv,) in MuJoCo's layout."""
     p, quat, R, speed, w, dv, dw, axes = bodies
     for b in range(len(tree.parent)):
         up = tree.parent[b]
         if up < 0:
-            at, goes, gains = vec3(q[:3]), vec3(v[:3]), vec3(a[:3])
+            at, goes, gains = vec3(q), vec3(v), vec3(a)
             pose = (q[3], q[4], q[5], q[6])
             M = matrix(pose)
-            omega, alpha = matvec(M, vec3(v[3:6])), matvec(M, vec3(a[3:6]))
+            omega, alpha = matvec(M, vec3_at(v, 3)), matvec(M, vec3_at(a, 3))
         else:
             omega, alpha = vec3(w[up]), vec3(dw[up])
             r = matvec(mat3(R[up]), vec3(tree.offset[b]))
@@ -295,8 +306,8 @@ def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
             at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
             alpha = plus(alpha, plus(times(a[tree.dof[j]], axis), times(rate, cross(omega, axis))))
             omega = plus(omega, times(rate, axis))
-            sine = np.sin(half)
-            pose = multiply(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
+            sine = math.sin(half)
+            pose = multiply(pose, (math.cos(half), sine * own[0], sine * own[1], sine * own[2]))
             M = matrix(pose)
             r = times(-1.0, matvec(M, vec3(tree.anchor[j])))
             at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
@@ -311,13 +322,13 @@ def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
             put(M[k], R[b, k])
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _gained(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
     """Acceleration of a point at r relative to an origin that accelerates with dv, on a body with rates w and dw."""
     return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _inertial(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
     M, inertia, omega, alpha = mat3(bodies.R[b]), mat3(tree.inertia[b]), vec3(bodies.w[b]), vec3(bodies.dw[b])
@@ -329,7 +340,7 @@ def _inertial(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3,
     return force, plus(cross(arm, force), matvec(M, spin)), arm
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
     """Fills a body's inertia about its own origin, world axes."""
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
@@ -338,7 +349,7 @@ def _inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
         out[k, k] += mass * dot(arm, arm)
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _join(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
     """Adds inertia and first moment of mass of a body at d to those of its carrier."""
     there = plus(first, times(mass, d))  # its first moment about the carrier

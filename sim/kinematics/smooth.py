@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import betainc
@@ -12,17 +11,15 @@ from stridetwin.streams.samples import Array
 _SOFTNESS = 3.4
 
 
-@numba.vectorize(["float64(float64)"], cache=True)
-def ease(s):  # type: ignore[no-untyped-def]
+def ease(s: Array | float) -> Array:
     """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), constant outside; scalars and arrays."""
-    s = min(max(s, 0.0), 1.0)
+    s = np.minimum(np.maximum(s, 0.0), 1.0)
     return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
 
 
-@numba.vectorize(["float64(float64)"], cache=True)
-def ease_rate(s):  # type: ignore[no-untyped-def]
+def ease_rate(s: Array | float) -> Array:
     """Derivative of `ease` by s."""
-    s = min(max(s, 0.0), 1.0)
+    s = np.minimum(np.maximum(s, 0.0), 1.0)
     return 30.0 * (s * (1.0 - s)) ** 2
 
 

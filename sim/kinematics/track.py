@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import (
     cross,
     exp,
@@ -25,7 +25,10 @@ from stridetwin.sim.kinematics.quaternions import (
     times,
     vec3,
 )
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(__file__, quaternions.__file__)
 
 _Columns = tuple[Array, Array, Array, Array]
 """Position, attitude, velocity and rate, as in `Track`."""
@@ -72,7 +75,7 @@ class Track:
             T_body_sensor: (4, 4) sensor frame to body frame.
         """
         T = np.asarray(T_body_sensor, dtype=float)
-        return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3]))
+        return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3].copy()))
 
     def displaced(
         self, pivot: Array, translation: Array, rotation: Array, velocity: Array, rotation_rate: Array
@@ -87,11 +90,16 @@ class Track:
             rotation_rate: (N, 3) rad/s, rate of `rotation`; unless the two are parallel, `rotation` has to stay below
                 some tenths of a radian.
         """
-        return self._as(_displaced(*self._columns, pivot, translation, rotation, velocity, rotation_rate))
+        return self._as(
+            _displaced(
+                *self._columns, pivot, *map(np.ascontiguousarray, (translation, rotation, velocity, rotation_rate))
+            )
+        )
 
     @property
     def _columns(self) -> _Columns:
-        return self.p_body_in_world, self.q_world_body, self.v_body_in_world, self.w_body
+        p, v = np.ascontiguousarray(self.p_body_in_world), np.ascontiguousarray(self.v_body_in_world)
+        return p, np.ascontiguousarray(self.q_world_body), v, np.ascontiguousarray(self.w_body)
 
     def _as(self, columns: _Columns) -> Track:
         """Track of another frame at the same instants."""
@@ -105,9 +113,10 @@ class Track:
         return T
 
 
-@numba.njit(cache=True)
+@_called
 def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
-    p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
+    n = len(p)
+    p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     arm, mount = vec3(lever), quaternion(q_body_sensor)
     back = inverse(mount)
     for i in range(len(p)):
@@ -119,12 +128,13 @@ def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever
     return p_out, q_out, v_out, w_out
 
 
-@numba.njit(cache=True)
+@_called
 def _displaced(
     p: Array, q: Array, v: Array, w: Array, pivot: Array, translation: Array, rotation: Array, velocity: Array,
     rotation_rate: Array,
 ) -> _Columns:  # fmt: skip
-    p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
+    n = len(p)
+    p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     centre = vec3(pivot)
     for i in range(len(p)):
         attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(rotation[i]), vec3(rotation_rate[i])

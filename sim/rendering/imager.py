@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import Imager
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -86,7 +86,7 @@ class Sensor:
         return now
 
 
-@numba.njit(cache=True, error_model="numpy")
+@cached(__file__, error_model="numpy")
 def _developed(
     levels: Pixels, tan2_rows: NDArray[np.float32], tan2_columns: NDArray[np.float32], bank: NDArray[np.float32],
     start: tuple[int, int], variance: NDArray[np.float32], gain: np.float32,

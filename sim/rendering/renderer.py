@@ -16,13 +16,13 @@ from typing import Any, Self
 
 import cv2
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.rendering.sky import Sky, endless_planes
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.sim.world.textures import PERIOD_M
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
@@ -290,7 +290,7 @@ def _in_view(
     return np.asarray(np.all(centre @ inward.T >= -reach[:, None], axis=1))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@cached(__file__, error_model="numpy")
 def _metric_depth(z: DepthImage) -> DepthImage:
     """Depth, m, from an upside-down z-buffer, in which 1 is the near plane and 0 the far one."""
     near, far = np.float32(NEAR_M), np.float32(FAR_M)

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from typing import Self
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(__file__)
 
 _LEVELS = 2048  # of the sine of the elevation
 _SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3  # faces of MuJoCo's sky box
@@ -84,7 +86,7 @@ class Sky:
         )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@_called
 def _paint(
     rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
     steepness: float, edge: float, share: float, haze: Array,

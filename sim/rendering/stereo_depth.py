@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor
 from stridetwin.sim.rendering.imager import SPARE, Pixels
+from stridetwin.streams.compiled import cached
+
+_called = cached(__file__)
 
 # Relative difference of a disparity from the mean around it, beside a depth discontinuity; 0 on a plane.
 _DISCONTINUITY = np.float32(0.012)
@@ -85,7 +87,7 @@ class DepthModel:
         return unmatched
 
 
-@numba.njit(cache=True, error_model="numpy")
+@cached(__file__, error_model="numpy")
 def _counts(depth: Grid, per_m: np.float32) -> Grid:
     """(H, W) disparity in its steps, 0 without depth."""
     counts = np.empty_like(depth)
@@ -95,7 +97,7 @@ def _counts(depth: Grid, per_m: np.float32) -> Grid:
     return counts
 
 
-@numba.njit(cache=True)
+@_called
 def _slanted(
     near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
 ) -> NDArray[np.bool_]:
@@ -115,7 +117,7 @@ def _slanted(
     return slanted
 
 
-@numba.njit(cache=True)
+@_called
 def _measured(
     depth: Grid, counts: Grid, mean: Grid, unmatched: NDArray[np.bool_], front: Grid, back: Grid, mixed: Grid,
     noise: Grid, start: tuple[int, int], depth_of_count: NDArray[np.float32],

@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass, replace
 
 import cv2
-import numba
 import numpy as np
 
 from stridetwin.sim.rendering.imager import Pixels
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
+
+_called = cached(__file__)
 
 _LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
 _COPY_PX = 1.25  # spacing of the copies that are averaged to a blur
@@ -80,7 +82,7 @@ class Sweep:
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-@numba.njit(cache=True)
+@_called
 def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rate: Array, dt: Array) -> Array:
     """As `Sweep.homographies`: K is upper triangular, and so is its inverse."""
     inverse = np.zeros((3, 3))
@@ -114,7 +116,7 @@ def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rat
     return H
 
 
-@numba.njit(cache=True)
+@_called
 def _path_px(H: Array, u: float, v: float) -> float:
     z = H[2, 0] * u + H[2, 1] * v + H[2, 2]
     x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]

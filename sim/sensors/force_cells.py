@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from stridetwin.sim.kinematics.track import Track
@@ -12,8 +11,11 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.model import Instants, SensorModel
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block, Insole, Interaction
+
+_called = cached(__file__)
 
 _CREEP_S = (1.0, 10.0, 100.0)  # time constants; a constant load creeps by the same amount per decade
 _PLAY = 0.1  # of the load: play of the hysteresis
@@ -75,7 +77,7 @@ class ForceCells:
         return load + share * (_played(self._play, load) - load)
 
 
-@numba.njit(cache=True)
+@_called
 def _played(last: Array, load: Array) -> Array:
     """Output of the hysteresis for (N, count) loads, from the (count,) state `last`, which is updated."""
     play = np.empty(load.shape)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import (
     Vec3,
     cross,
@@ -32,9 +33,12 @@ from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.sensors.model import SensorModel
+from stridetwin.streams.compiled import INSIDE, cached
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
+
+_called = cached(__file__, quaternions.__file__)
 
 _SMALL = 1e-3  # rad: below this, series
 
@@ -61,7 +65,7 @@ def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
     return track.t_ns, track.q_world_body, track.v_body_in_world
 
 
-@numba.njit(cache=True)
+@_called
 def _increments(
     t0: NDArray[np.int64], q0: Array, v0: Array, t: NDArray[np.int64], q: Array, v: Array, gravity: Array
 ) -> tuple[Array, Array, Array]:
@@ -79,7 +83,7 @@ def _increments(
     return dts, rates, forces
 
 
-@numba.njit(cache=True)
+@_called
 def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
     """One rate and force for every `steps` intervals with the same rotation and velocity change: no coning or sculling.
 
@@ -121,7 +125,7 @@ def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _left_jacobian_times(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))
@@ -133,7 +137,7 @@ def _left_jacobian_times(phi: Vec3, v: Vec3) -> Vec3:
     return plus(v, plus(times(a, once), times(b, cross(phi, once))))
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _left_jacobian_inverse_times(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))

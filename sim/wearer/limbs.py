@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.kinematics import rigid_tree
+from stridetwin.sim.kinematics import quaternions, rigid_tree
 from stridetwin.sim.kinematics.quaternions import (
     Vec3,
     dot,
@@ -29,7 +29,10 @@ from stridetwin.sim.kinematics.quaternions import (
     vec3,
 )
 from stridetwin.sim.kinematics.rigid_tree import Tree
+from stridetwin.streams.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
+
+_called = cached(__file__, quaternions.__file__)
 
 NEAR_M = SUNK_M = 0.02
 """Shapes nearer to an eye than this do not occlude it, and an eye may be this deep inside its carrier's crude shape."""
@@ -111,7 +114,7 @@ class Shape:
     def first_touch(self, origin: Array, direction: Array) -> float:
         """Distance to the shape in multiples of `direction` (3,) from `origin` (3,), body's frame; inf for a miss."""
         o, d = self.R.T @ (origin - self.p), self.R.T @ direction
-        enters, leaves = _span(
+        enters, leaves = _span_of_one(
             self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
             (float(o[0]), float(o[1]), float(o[2])), (float(d[0]), float(d[1]), float(d[2])),
         )  # fmt: skip
@@ -132,7 +135,7 @@ def shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
     return found
 
 
-@numba.njit(cache=True)
+@_called
 def _hidden(
     kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
     targets: Array,
@@ -157,7 +160,7 @@ def _hidden(
     return found
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     """Whether a shape occludes the segment from o to o + d, in its own frame.
 
@@ -177,7 +180,7 @@ def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     return enters <= 0.0 <= leaves
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
     """Interval of the line o + t d, in the shape's own frame, inside it; empty: (inf, -inf)."""
     if kind == _BOX:
@@ -212,7 +215,10 @@ def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
     return _quadric(dx**2 + dy**2 + dz**2, ox * dx + oy * dy + oz * dz, ox**2 + oy**2 + oz**2 - 1.0)
 
 
-@numba.njit(cache=True)
+_span_of_one = _called(_span)  # for Python
+
+
+@numba.njit(**INSIDE)
 def _slab(o: float, d: float, half: float) -> tuple[float, float]:
     """Interval where o + t d is between -half and half."""
     if d == 0.0:
@@ -221,7 +227,7 @@ def _slab(o: float, d: float, half: float) -> tuple[float, float]:
     return (a, b) if a < b else (b, a)
 
 
-@numba.njit(cache=True)
+@numba.njit(**INSIDE)
 def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
     """Interval where a t² + 2 b t + c is at most 0, for a >= 0."""
     if a == 0.0:

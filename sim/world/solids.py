@@ -12,14 +12,16 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Self
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
 
+_called = cached(__file__)
 
-@numba.njit(cache=True)
+
+@_called
 def cast(origins: Array, directions: Array, normals: Array, offsets: Array, ground: float) -> tuple[Array, Array]:
     """Nearest intersections of rays with solids or the ground plane.
 
@@ -38,14 +40,14 @@ def cast(origins: Array, directions: Array, normals: Array, offsets: Array, grou
     n = len(origins)
     distance, normal = np.empty(n), np.zeros((n, 3))
     for i in range(n):
-        ox, oy, oz = origins[i]
-        dx, dy, dz = directions[i]
+        ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
         best = np.inf
         solid, side = -1, -1
         for s in range(len(offsets)):
             entry, leave, face = -np.inf, np.inf, 0
             for f in range(offsets.shape[1]):
-                nx, ny, nz = normals[s, f]
+                nx, ny, nz = normals[s, f, 0], normals[s, f, 1], normals[s, f, 2]
                 speed = nx * dx + ny * dy + nz * dz
                 gap = offsets[s, f] - (nx * ox + ny * oy + nz * oz)
                 if speed < 0.0:
@@ -64,19 +66,21 @@ def cast(origins: Array, directions: Array, normals: Array, offsets: Array, grou
             best = max((ground - oz) / dz, 0.0)
             normal[i, 2] = 1.0
         elif solid >= 0:
-            normal[i] = normals[solid, side]
+            for k in range(3):
+                normal[i, k] = normals[solid, side, k]
         distance[i] = best
     return distance, normal
 
 
-@numba.njit(cache=True)
+@_called
 def top(
     points: Array, centre: Array, axes: Array, half: Array, mid: Array, slope: Array, touch: float
 ) -> tuple[Array, NDArray[np.intp]]:
     """Highest top over (N, 2) points: (N,) height, -inf for none, and (N,) index of the solid."""
     n = len(points)
-    height, which = np.full(n, -np.inf), np.full(n, -1)
+    height, which = np.empty(n), np.empty(n, np.int64)
     for i in range(n):
+        height[i], which[i] = -np.inf, -1
         for s in range(len(mid)):
             x, y = points[i, 0] - centre[s, 0], points[i, 1] - centre[s, 1]
             along = axes[s, 0, 0] * x + axes[s, 0, 1] * y

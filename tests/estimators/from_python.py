@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from stridetwin import estimators
-from stridetwin.estimators.compiled import cached
+from stridetwin import estimators, sim
+from stridetwin.streams.compiled import cached
 
 from_python: Callable[[Callable[..., Any]], Callable[..., Any]] = cached(
-    *(folder for path in estimators.__path__ for folder in sorted(Path(path).iterdir()) if folder.is_dir()),
+    *(file for part in (estimators, sim) for path in part.__path__ for file in sorted(Path(path).rglob("*.py"))),
     error_model="numpy",
 )
 """Makes, of a function that is compiled for others alone, one that Python can call."""

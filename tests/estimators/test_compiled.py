@@ -12,9 +12,10 @@ from types import ModuleType
 import numba
 import pytest
 
-from stridetwin import estimators
-from stridetwin.estimators import compiled
-from stridetwin.estimators.compiled import SUPPORTED, cached, is_supported, missing_internals
+from stridetwin import estimators, sim
+from stridetwin.streams import compiled
+from stridetwin.streams.compiled import SUPPORTED, cached, is_supported, missing_internals
+from stridetwin.streams.part_compiler import PartLibrary, _all_below
 
 INNER = "from numba import njit\n\n\n@njit\ndef doubled(x):\n    return 2 * x\n"
 OUTER = "from inner import doubled\n\n\ndef outer(x):\n    return doubled(x) + 1\n"
@@ -70,13 +71,14 @@ def imported(tree: ast.Module) -> set[tuple[str, str]]:
 
 def test_python_calls_nothing_that_only_compiled_functions_can():
     """It would end the process without a word."""
-    (root,) = [Path(p) for p in estimators.__path__]
     trees = {
-        ".".join(("stridetwin.estimators", *path.relative_to(root).with_suffix("").parts)): ast.parse(path.read_text())
+        ".".join((part.__name__, *path.relative_to(root).with_suffix("").parts)): ast.parse(path.read_text())
+        for part in (estimators, sim)
+        for root in map(Path, part.__path__)
         for path in sorted(root.rglob("*.py"))
     }
     inside = {(module, n.name) for module, tree in trees.items() for n in tree.body if decorated(n, "INSIDE")}
-    assert len(inside) > 100
+    assert len(inside) > 150
     for module, tree in trees.items():
         called = named_by_python(tree)
         reached = imported(tree) | {(module, name) for name in called}
@@ -122,3 +124,54 @@ def test_with_another_numba_everything_is_compiled_plainly(tmp_path, monkeypatch
     function = plain.cached(tmp_path)(loaded(tmp_path, "outer").outer)
     assert function(3) == 7
     assert sum(function.stats.cache_misses.values()) == 1
+
+
+PART = """
+from numba import njit
+import numpy as np
+from stridetwin.streams.compiled import INSIDE
+
+
+@njit(**INSIDE)
+def power(x, n):
+    result = np.ones(2)
+    for _ in range(n):
+        result *= x
+    return result.sum()
+
+
+def outer(x):
+    return power(x, 2) + power(x, 3) + np.linalg.solve(np.eye(2), np.ones(2)).sum()
+"""
+
+
+def test_a_part_is_compiled_once_for_all_integers(tmp_path):
+    (tmp_path / "parts.py").write_text(PART)
+    module = loaded(tmp_path, "parts")
+    assert cached(tmp_path, llvm_level=1)(module.outer)(2.0) == 2 * (4 + 8) + 2
+    assert len(module.power.signatures) == 1
+
+
+def test_what_numba_added_as_a_part_serves_functions_of_numbas_own_kind(tmp_path):
+    (tmp_path / "parts.py").write_text(PART)
+    module = loaded(tmp_path, "parts")
+    assert cached(tmp_path)(module.outer)(1.0) == 6.0
+    plain = numba.njit(module.outer)
+    assert plain(2.0) == 2 * (4 + 8) + 2
+
+
+def test_a_part_is_linked_after_all_that_call_it():
+    """LLVM drops a function that nothing linked before calls."""
+
+    def part(*called: PartLibrary) -> PartLibrary:
+        made = object.__new__(PartLibrary)
+        made._linking_libraries, made._finalized = list(called), True
+        return made
+
+    lowest = part()
+    low, other = part(lowest), part(lowest)
+    high = part(low, other, lowest)
+    order = _all_below(part(lowest, low, high))
+    assert len(order) == 4
+    for caller in order:
+        assert all(order.index(caller) < order.index(called) for called in caller._linking_libraries)

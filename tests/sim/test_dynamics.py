@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.dynamics import spatial, whole_body_problem
 from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
@@ -17,12 +18,17 @@ from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_weights
-from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, cross, jacobian
-from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, contact_forces, eliminate, solve
+from stridetwin.sim.dynamics.spatial import State, chain_of
+from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
+from tests.estimators.from_python import from_python
+
+bias_acceleration, velocity = from_python(spatial.bias_acceleration), from_python(spatial.velocity)
+jacobian, contact_forces = from_python(spatial.jacobian), from_python(whole_body_problem.contact_forces)
+eliminate, solve = from_python(whole_body_problem.eliminate), from_python(whole_body_problem.solve)
 
 STAIRS: tuple[Segment, ...] = (
     Level(length_m=2.5), Stairs(risers=3), Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=2.0),
@@ -92,17 +98,15 @@ def test_eliminated_joints_move_as_the_engine_says(twin: Twin, moving: mujoco.Mj
 def test_jacobians_are_the_engines(twin: Twin, moving: mujoco.MjData, body: str) -> None:
     model, b = twin.model, twin.model.body(body).id
     point = moving.xpos[b] + moving.xmat[b].reshape(3, 3) @ [0.1, -0.02, 0.03]
-    chain, centre = chain_of(model, b), moving.subtree_com[1]
-    linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
-    jacobian(moving.cdof, chain, centre, point, linear, angular)
+    chain, arm = chain_of(model, b), tuple(point - moving.subtree_com[1])
+    rows = np.empty((6, model.nv))
+    jacobian(moving.cdof, chain, arm, rows, 0, 3)
     expected = np.empty((2, 3, model.nv))
     mujoco.mj_jac(model, moving, expected[0], expected[1], point, b)
-    assert np.allclose([linear, angular], expected, atol=1e-12)
+    assert np.allclose(rows.reshape(2, 3, -1), expected, atol=1e-12)
     mujoco.mj_jacDot(model, moving, expected[0], expected[1], point, b)
-    swept, bias, turn = np.empty(3), np.empty(3), np.empty(3)
-    w = moving.cvel[b, :3].copy()
-    cross(w, point - centre, swept)
-    bias_acceleration(moving.cdof_dot, chain, centre, moving.qvel, moving.cvel[b, 3:] + swept, w, point, bias, turn)
+    v, w = velocity(State.of(moving), b, tuple(point))
+    bias, turn = bias_acceleration(moving.cdof_dot, chain, moving.qvel, v, w, arm)
     assert np.allclose(bias, expected[0] @ moving.qvel, atol=1e-9)
     assert np.allclose(turn, expected[1] @ moving.qvel, atol=1e-9)
 

@@ -40,7 +40,10 @@ from stridetwin.sim.wearer.exoskeleton import (
 )
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
+from tests.estimators.from_python import from_python
 from tests.sim.dh_kinematics import DH_FRAMES, forward_kinematics, frame_0_in_pelvis
+
+stop_torque = from_python(exo_fit_kernel.stop_torque)
 
 
 def stops(q: Array) -> tuple[Array, Array]:
@@ -312,7 +315,7 @@ def test_compiled_strains_are_those_of_the_couplings_on_the_model(side: str) -> 
 def test_compiled_stops_are_the_stops() -> None:
     leg = ExoLeg(wearer(Person()), "l").kernel
     for q in np.linspace(RANGE_RAD[:, 0] - 0.05, RANGE_RAD[:, 1] + 0.05, 40):
-        compiled = np.array([exo_fit_kernel.stop_torque(leg, j, angle) for j, angle in enumerate(q)]).T
+        compiled = np.array([stop_torque(leg, j, angle) for j, angle in enumerate(q)]).T
         np.testing.assert_allclose(compiled, stops(q), rtol=1e-9, atol=1e-9)
 
 

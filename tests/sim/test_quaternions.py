@@ -10,17 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.kinematics.quaternions import (
-    exp,
-    inverse,
-    log,
-    matrix,
-    matrix_from_quat,
-    multiply,
-    of_matrix,
-    quat_from_matrix,
-    rotate,
-)
+from stridetwin.sim.kinematics import quaternions
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix
+from tests.estimators.from_python import from_python
+
+exp, inverse, log = (from_python(f) for f in (quaternions.exp, quaternions.inverse, quaternions.log))
+multiply, rotate = from_python(quaternions.multiply), from_python(quaternions.rotate)
+matrix, of_matrix = from_python(quaternions.matrix), from_python(quaternions.of_matrix)
 
 part = st.floats(-1.0, 1.0)
 vector = st.tuples(part, part, part)

@@ -1,0 +1,105 @@
+"""Compilation of functions: those called by Python are cached, inner ones are compiled at less cost.
+
+Numba has no public way to either. `INTERNALS` names what is used of its inside; `SUPPORTED` the versions in which that
+means what it means here. With any other version everything is compiled by plain `numba.njit(cache=True)`: the numbers
+are the same, compilation takes about twice as long, and a cached function does not notice changes in other files.
+"""
+
+from __future__ import annotations
+
+import importlib
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba import njit
+
+SUPPORTED = ((0, 61), (0, 69))
+"""First version of Numba that is supported, and the first one beyond."""
+INTERNALS = (
+    ("numba._dynfunc", "make_function"),
+    ("numba.core.caching", "IndexDataCacheFile"),
+    ("numba.core.codegen", "JITCodeLibrary._get_module_for_linking"),
+    ("numba.core.codegen", "JITCodeLibrary.finalize"),
+    ("numba.core.compiler", "Compiler.define_pipelines"),
+    ("numba.core.codegen", "JITCodeLibrary._finalize_dynamic_globals"),
+    ("numba.core.compiler", "CompilerBase"),
+    ("numba.core.compiler", "DefaultPassBuilder.define_nopython_pipeline"),
+    ("numba.core.compiler_machinery", "register_pass"),
+    ("numba.core.dispatcher", "Dispatcher.get_call_template"),
+    ("numba.core.typed_passes", "NativeLowering.run_pass"),
+)
+"""Modules of Numba and what of them is used, beside `_cache._cache_file._source_stamp` of a cached function and
+`_compiler.pipeline_class` of any."""
+
+
+def missing_internals() -> list[str]:
+    """The `INTERNALS` that the installed Numba lacks."""
+    lacking = []
+    for module, names in INTERNALS:
+        try:
+            found: Any = importlib.import_module(module)
+            for name in names.split("."):
+                found = getattr(found, name)
+        except (ImportError, AttributeError):
+            lacking.append(f"{module}.{names}")
+    return lacking
+
+
+def is_supported(version: str) -> bool:
+    """Whether a version of Numba lies within `SUPPORTED`."""
+    parts = version.split(".")[:2]
+    numbers = tuple(int(part) for part in parts if part.isdecimal())
+    return SUPPORTED[0] <= numbers < SUPPORTED[1]
+
+
+_WITH_INTERNALS = is_supported(numba.__version__) and not missing_internals()
+INSIDE: dict[str, Any] = {}
+"""Options of a function that Python never calls: its arguments are not taken apart, and LLVM sees it only as a part of
+what calls it (`part_compiler`). Otherwise every function is optimised and made machine code again for each one further
+out; that was half of the compilation."""
+
+if _WITH_INTERNALS:
+    from stridetwin.streams.part_compiler import PartCompiler, entry_compiler
+
+    INSIDE |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def cached(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callable[[F], F]:
+    """Compiles functions that Python calls, and caches them until a source changes.
+
+    numba's cache looks at the file of the cached function alone, and would go on with what that function took in from
+    other files, however much those have changed since. So the stamp of the cache is a checksum of all of
+    them, and what is called inside is not cached.
+
+    Args:
+        sources: Files, and folders of Python files, of all that is compiled into the functions.
+        llvm_level: Of LLVM's optimisation. Level 1 takes a tenth less time than 3, and the numbers are the same; long
+            sequences of scalar operations are no slower, loops over images are by a quarter.
+        options: For numba.
+
+    Returns:
+        Decorator of a plain function, or of one that is compiled for others to call.
+    """
+    stamp = digest_of_sources(*sources)
+    if _WITH_INTERNALS:
+        options |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
+
+    def compiled(function: F) -> F:
+        made: Any = njit(cache=True, **options)(getattr(function, "py_func", function))
+        if _WITH_INTERNALS:
+            made._cache._cache_file._source_stamp = stamp
+        return cast(F, made)
+
+    return compiled
+
+
+def digest_of_sources(*sources: str | Path) -> int:
+    """Checksum, ≥ 0, of files and of the Python files in folders."""
+    paths = [Path(source) for source in sources]
+    files = [file for path in paths for file in (sorted(path.glob("*.py")) if path.is_dir() else [path])]
+    return zlib.crc32(b"".join(file.read_bytes() for file in files))

@@ -1,0 +1,164 @@
+"""Compiles an entry point and what it calls as one program, by Numba internals (`compiled.INTERNALS`).
+
+Numba by itself makes every function a program of its own: it links, optimises and makes machine code of each together
+with all that it calls, again and again on the way out. Here a function that only others call, and each of Numba's own
+that they call, stays a part, until the entry point links all parts and optimises them once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba import _dynfunc, config, types  # type: ignore[attr-defined]
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.dispatcher import Dispatcher
+from numba.core.typed_passes import NativeLowering
+
+
+class PartLibrary(JITCodeLibrary):
+    """Code of a function that only goes into others, neither linked nor made machine code."""
+
+    def finalize(self) -> None:  # noqa: D102
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "external":
+                function.linkage = "linkonce_odr"  # several entry points may contain it
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """With all parts below it, for a library of Numba's own kind, which links only what it calls itself."""
+        if self._shared_module is None:
+            self._shared_module = self._final_module.clone()
+            for library in _all_below(self):
+                self._shared_module.link_in(_own_module(library), preserve=True)
+        return self._shared_module
+
+
+class EntryLibrary(JITCodeLibrary):
+    """Code of an entry point and of all parts that it calls, directly or not."""
+
+    def finalize(self) -> None:  # noqa: D102
+        for library in _all_below(self):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(_own_module(library), preserve=True)
+        self._linking_libraries = []
+        super().finalize()
+
+
+def _own_module(library: Any) -> Any:
+    return library._final_module if isinstance(library, PartLibrary) else library._get_module_for_linking()
+
+
+def _all_below(library: Any) -> list[Any]:
+    """Each library once that a part or an entry point calls, directly or through parts.
+
+    Callers come before what they call: LLVM leaves out a function that nothing linked before calls.
+    """
+    finished: dict[Any, None] = {}
+    open_ = [(library, iter(library._linking_libraries))]
+    entered = {library}
+    while open_:
+        caller, called = open_[-1]
+        below = next(called, None)
+        if below is None:
+            finished[caller] = None
+            open_.pop()
+        elif below not in entered:
+            below._ensure_finalized()
+            entered.add(below)
+            open_.append((below, iter(below._linking_libraries if isinstance(below, PartLibrary) else ())))
+    return [below for below in reversed(finished) if below is not library]
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class PartLowering(NativeLowering):
+    """Leaves out machine code of its own."""
+
+    _name = "part_lowering"
+
+    def run_pass(self, state: Any) -> bool:  # noqa: D102
+        state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        key = _dynfunc.make_function(state.cr.fndesc.lookup_module(), "part", "", 0, state.cr.env, (state.library,))
+        state.targetctx.insert_user_function(key, state.cr.fndesc, [state.library])
+        state.cr = state.cr._replace(cfunc=key)
+        return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class EntryLowering(NativeLowering):
+    """Links and optimises all parts at once."""
+
+    _name = "entry_lowering"
+
+    def run_pass(self, state: Any) -> bool:  # noqa: D102
+        state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return bool(super().run_pass(state))
+
+
+class PartCompiler(CompilerBase):
+    """Compiles for other compiled functions only."""
+
+    def define_pipelines(self) -> list[Any]:  # noqa: D102
+        return _pipelines(self.state, PartLowering)
+
+
+class EntryCompiler(CompilerBase):
+    """Compiles what Python calls."""
+
+    llvm_level = 3
+
+    def compile_extra(self, func: Any) -> Any:  # noqa: D102
+        with _in_parts(self.llvm_level):
+            return super().compile_extra(func)
+
+    def define_pipelines(self) -> list[Any]:  # noqa: D102
+        return _pipelines(self.state, EntryLowering)
+
+
+def _pipelines(state: Any, lowering: type[NativeLowering]) -> list[Any]:
+    made = DefaultPassBuilder.define_nopython_pipeline(state)
+    made.passes = [(lowering if p is NativeLowering else p, why) for p, why in made.passes]
+    made.finalize()
+    return [made]
+
+
+def entry_compiler(llvm_level: int) -> type[EntryCompiler]:
+    """The compiler of what Python calls, with a level of LLVM's optimisation, 1 to 3."""
+    return type("EntryCompiler", (EntryCompiler,), {"llvm_level": llvm_level})
+
+
+@contextmanager
+def _in_parts(llvm_level: int) -> Iterator[None]:
+    """Changes Numba while an entry point is compiled, under Numba's lock.
+
+    What Numba adds, and Python never calls, is compiled as parts. And a part is compiled for an integer, not again for
+    each number that is written in a call.
+    """
+    default_compiler: Any = Compiler
+    default_dispatcher: Any = Dispatcher
+    settings: Any = config
+    plain, plain_call, plain_level = Compiler.define_pipelines, Dispatcher.get_call_template, settings.OPT
+
+    def define_pipelines(self: Any) -> list[Any]:
+        added = self.state.flags.no_compile or self.state.func_id.modname.startswith("numba.")
+        return _pipelines(self.state, PartLowering) if added else plain(self)
+
+    def get_call_template(self: Any, args: Any, kws: Any) -> Any:
+        if self._compiler.pipeline_class is PartCompiler:
+            args = tuple(types.unliteral(a) for a in args)
+        return plain_call(self, args, kws)
+
+    default_compiler.define_pipelines, default_dispatcher.get_call_template = define_pipelines, get_call_template
+    settings.OPT = min(plain_level, type(plain_level)(llvm_level))
+    try:
+        yield
+    finally:
+        settings.OPT = plain_level
+        default_compiler.define_pipelines, default_dispatcher.get_call_template = plain, plain_call
