@@ -1,4 +1,4 @@
-"""Compilation of the estimators: as of all compiled functions, and `so3`, which they share, is among the sources."""
+"""Compilation of the estimators, as of all compiled functions; the algebra that they share is among the sources."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from stridetwin.streams.compiled import INSIDE, F
 
 __all__ = ["INSIDE", "cached"]
 
-_SO3 = Path(__file__).with_name("so3.py")
+_SHARED = [Path(__file__).with_name(name) for name in ("so3.py", "matrices.py", "cholesky.py")]
 
 
 def cached(*sources: str | Path, **options: Any) -> Callable[[F], F]:
     """Compiles functions that Python calls; see `streams.compiled.cached`."""
-    return compiled.cached(_SO3, *sources, **options)
+    return compiled.cached(*_SHARED, *sources, **options)

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.cholesky import solve
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -96,7 +98,7 @@ def fit_corners(
     return found
 
 
-@cached(_HERE, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _wave(u: float, sd: float) -> tuple[float, float, float]:
     """Smoothed square wave of period 2 that rises at 0, its slope, and its derivative by sd; for |u| < 2."""
     first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges smoothed as far as u
@@ -116,7 +118,7 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
     return value, slope, by_sd
 
 
-@cached(_HERE, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _fit(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
     fit_blur: bool, p: CornerFitParameters, out: Array,
@@ -152,9 +154,13 @@ def _fit(
     x, y, contrast, blur_u, blur_v = 0.0, 0.0, 0.0, blur[0], blur[1]
     free = _UNKNOWNS if fit_blur else _UNKNOWNS - 2
     N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_UNKNOWNS)
+    L, step = np.zeros((free, free)), np.zeros(free)
     settled = False
     for iteration in range(p.rounds + 1):
-        N[:], g[:] = 0.0, 0.0
+        for j in range(free):
+            g[j] = 0.0
+            for k in range(free):
+                N[j, k] = 0.0
         squares = 0.0
         for i in range(count):
             u = ux * (dx[i] - x) + uy * (dy[i] - y)
@@ -199,11 +205,13 @@ def _fit(
         if fit_blur:  # weak prior: the blur of a corner of few pixels is not observable
             N[4, 4] += p.blur_information * contrast * contrast
             N[5, 5] += p.blur_information * contrast * contrast
-        step = np.linalg.solve(N, g)
+        if not solve(N, g, free, 0.0, L, step):
+            return
         moved = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
-        step[:2] *= min(1.0, p.step_max / (moved + 1e-12))
-        x, y, mean, contrast = x + step[0], y + step[1], mean + step[2], contrast + step[3]
-        settled = abs(step[0]) + abs(step[1]) < p.settled_px and (iteration > p.position_rounds or not fit_blur)
+        limited = min(1.0, p.step_max / (moved + 1e-12))
+        dx_px, dy_px = limited * step[0], limited * step[1]
+        x, y, mean, contrast = x + dx_px, y + dy_px, mean + step[2], contrast + step[3]
+        settled = abs(dx_px) + abs(dy_px) < p.settled_px and (iteration > p.position_rounds or not fit_blur)
         if fit_blur and iteration > p.position_rounds:
             blur_u = min(max(blur_u + step[4], 0.5 * blur_u, p.blur_min), 2.0 * blur_u, p.blur_max)
             blur_v = min(max(blur_v + step[5], 0.5 * blur_v, p.blur_min), 2.0 * blur_v, p.blur_max)

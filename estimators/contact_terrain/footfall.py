@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import Sole
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, CellParameters, FootfallParameters
+from stridetwin.estimators.matrices import dot, rotate
+from stridetwin.estimators.so3 import hat
 from stridetwin.streams.samples import Array
 
 
@@ -124,11 +126,19 @@ class Footfall:
 @cached(_HERE)
 def _axes(forward: Array, up: Array) -> Array:
     """(3, 3) rotation whose z axis is along `up`, and whose x axis is as close to `forward` as possible."""
-    z = up / math.sqrt(up @ up)
-    x = forward - (forward @ z) * z
-    x /= math.sqrt(x @ x)
-    R = np.empty((3, 3))
-    R[:, 0], R[:, 1], R[:, 2] = x, np.cross(z, x), z
+    z, x, R = np.empty(3), np.empty(3), np.empty((3, 3))
+    length = math.sqrt(dot(up, up))
+    for i in range(3):
+        z[i] = up[i] / length
+    along = dot(forward, z)
+    for i in range(3):
+        x[i] = forward[i] - along * z[i]
+    length = math.sqrt(dot(x, x))
+    for i in range(3):
+        x[i] /= length
+    y = rotate(hat(z), x)
+    for i in range(3):
+        R[i, 0], R[i, 1], R[i, 2] = x[i], y[i], z[i]
     return R
 
 

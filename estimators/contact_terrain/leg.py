@@ -12,9 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
+from stridetwin.estimators.matrices import copy_matrix, identity, mul, rotate, transposed
+from stridetwin.estimators.so3 import hat
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -59,20 +62,23 @@ def links(leg: Leg) -> Links:
 def _parts(rows: tuple[DhRow, ...]) -> Array:
     parts, still = [], np.eye(3)
     for row in rows:
-        still = still @ frame(row.alpha, 0.0, 0.0, row.theta)[:3, :3]
+        alone = np.array([[row.alpha, 0.0, 0.0, row.theta]])
+        still = still @ forward(alone, np.array([False]), np.empty(0))[0, :3, :3]
         if row.turns:
             parts.append(still)
             still = np.eye(3)
     return np.array([*parts, still])
 
 
-@cached(_HERE)
+@njit(**INSIDE)
 def frame(alpha: float, a: float, d: float, theta: float) -> Array:
     """(4, 4) pose of a frame in the one before: equation (1). See docs/contact_terrain.md (1)."""
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
-    return np.array(
-        [[c, -s, 0.0, a], [s * ca, c * ca, -sa, -sa * d], [s * sa, c * sa, ca, ca * d], [0.0, 0.0, 0.0, 1.0]]
-    )
+    T = identity(4)
+    T[0, 0], T[0, 1], T[0, 3] = c, -s, a
+    T[1, 0], T[1, 1], T[1, 2], T[1, 3] = s * ca, c * ca, -sa, -sa * d
+    T[2, 0], T[2, 1], T[2, 2], T[2, 3] = s * sa, c * sa, ca, ca * d
+    return T
 
 
 @cached(_HERE)
@@ -85,18 +91,18 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
         q: Angles of the joints in the order of the frames that they rotate, rad.
     """
     poses = np.empty((len(table), 4, 4))
-    T, joint = np.eye(4), 0
+    T, joint = identity(4), 0
     for i in range(len(table)):
         theta = table[i, 3]
         if turns[i]:
             theta += q[joint]
             joint += 1
-        T = T @ frame(table[i, 0], table[i, 1], table[i, 2], theta)
-        poses[i] = T
+        T = mul(T, frame(table[i, 0], table[i, 1], table[i, 2], theta))
+        copy_matrix(T, poses[i])
     return poses
 
 
-@cached(_HERE)
+@njit(**INSIDE)
 def joint_angles(parts: Array, R: Array) -> Array:
     """Angles of n = 1-3 joints from the rotation that they and the parts between them make up, rad.
 
@@ -111,25 +117,24 @@ def joint_angles(parts: Array, R: Array) -> Array:
         R: (3, 3).
     """
     n = len(parts) - 1
-    M = np.ascontiguousarray(parts[0].T) @ R @ np.ascontiguousarray(parts[n].T)
+    M = mul(mul(transposed(parts[0]), R), transposed(parts[n]))
     q = np.empty(n)
     if n == 1:
         q[0] = math.atan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])
         return q
-    between = parts[1].copy()
+    between = parts[1]
     if n == 3:
-        before, beyond = parts[1][2], parts[2][:, 2]
-        a = before[0] * beyond[0] + before[1] * beyond[1]
-        b = before[1] * beyond[0] - before[0] * beyond[1]
+        a = parts[1, 2, 0] * parts[2, 0, 2] + parts[1, 2, 1] * parts[2, 1, 2]
+        b = parts[1, 2, 1] * parts[2, 0, 2] - parts[1, 2, 0] * parts[2, 1, 2]
         middle, reach = math.atan2(b, a), math.hypot(a, b)
-        cosine = max(-1.0, min(1.0, (M[2, 2] - before[2] * beyond[2]) / reach))
+        cosine = max(-1.0, min(1.0, (M[2, 2] - parts[1, 2, 2] * parts[2, 2, 2]) / reach))
         apart = math.acos(cosine)
         first, second = _wrapped(middle + apart), _wrapped(middle - apart)
         q[1] = first if abs(first) < abs(second) else second
-        turn = np.array(
-            [[math.cos(q[1]), -math.sin(q[1]), 0.0], [math.sin(q[1]), math.cos(q[1]), 0.0], [0.0, 0.0, 1.0]]
-        )
-        between = parts[1] @ turn @ parts[2]
+        turn = identity(3)
+        turn[0, 0], turn[0, 1] = math.cos(q[1]), -math.sin(q[1])
+        turn[1, 0], turn[1, 1] = math.sin(q[1]), math.cos(q[1])
+        between = mul(mul(parts[1], turn), parts[2])
     q[0] = _wrapped(math.atan2(M[1, 2], M[0, 2]) - math.atan2(between[1, 2], between[0, 2]))
     q[n - 1] = _wrapped(math.atan2(between[2, 1], between[2, 0]) - math.atan2(M[2, 1], M[2, 0]))
     return q
@@ -146,28 +151,36 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
         knee: Angle of the joint that rotates the knee's frame, rad.
     """
     R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
-    hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R[0].T) @ np.ascontiguousarray(R_world_thigh))
-    R_thigh_knee = np.eye(3)
+    hip = joint_angles(leg.hip_parts, mul(transposed(R[0]), R_world_thigh))
+    T_thigh_knee, R_thigh_knee = identity(4), np.empty((3, 3))
     for i in range(leg.thigh, leg.knee):
         theta = leg.table[i, 3] + (knee if leg.turns[i] else 0.0)
-        R_thigh_knee = R_thigh_knee @ np.ascontiguousarray(frame(leg.table[i, 0], 0.0, 0.0, theta)[:3, :3])
-    R_knee_foot = (
-        np.ascontiguousarray(R_thigh_knee.T)
-        @ np.ascontiguousarray(R_world_thigh.T)
-        @ np.ascontiguousarray(R_world_foot)
-    )
+        T_thigh_knee = mul(T_thigh_knee, frame(leg.table[i, 0], 0.0, 0.0, theta))
+    for i in range(3):
+        for j in range(3):
+            R_thigh_knee[i, j] = T_thigh_knee[i, j]
+    R_knee_foot = mul(mul(transposed(R_thigh_knee), transposed(R_world_thigh)), R_world_foot)
     ankle = joint_angles(leg.ankle_parts, R_knee_foot)
-    return np.concatenate((hip, np.array([knee]), ankle))
+    q = np.empty(len(hip) + 1 + len(ankle))
+    for i in range(len(hip)):
+        q[i] = hip[i]
+    q[len(hip)] = knee
+    for i in range(len(ankle)):
+        q[len(hip) + 1 + i] = ankle[i]
+    return q
 
 
 @cached(_HERE)
 def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
     """Whether a joint of the ankle is within a margin (rad) of one of its stops: q as of `leg_angles`, rad."""
-    ankle = q[len(q) - len(ankle_stops) :]
-    return bool(np.any(ankle < ankle_stops[:, 0] + margin) or np.any(ankle > ankle_stops[:, 1] - margin))
+    for i in range(len(ankle_stops)):
+        angle = q[len(q) - len(ankle_stops) + i]
+        if angle < ankle_stops[i, 0] + margin or angle > ankle_stops[i, 1] - margin:
+            return True
+    return False
 
 
-@cached(_HERE)
+@njit(**INSIDE)
 def _wrapped(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
@@ -191,17 +204,20 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
         (3,) m, origin of the last frame; (3, OFFSETS) its derivative by the offsets.
     """
     poses = forward(leg.table, leg.turns, q)
-    R_base = np.ascontiguousarray(R[0])
-    hip, at_knee = _at(R_base, poses[leg.thigh - 1]), _at(R_base, poses[leg.knee - 1])
-    ankle, foot = _at(R_base, poses[leg.knee]), _at(R_base, poses[-1])
-    axis = R_base @ np.ascontiguousarray(poses[leg.knee - 1, :3, 2])
+    hip, at_knee = _column(R[0], poses[leg.thigh - 1], 3), _column(R[0], poses[leg.knee - 1], 3)
+    ankle, foot = _column(R[0], poses[leg.knee], 3), _column(R[0], poses[len(poses) - 1], 3)
+    thigh, shank = _between(hip, at_knee), _between(at_knee, ankle)
+    axis = _column(R[0], poses[leg.knee - 1], 2)
+    by_knee = rotate(hat(axis), shank)
+    thigh_m, shank_m = math.sqrt(_squared(thigh)), math.sqrt(_squared(shank))
     J = np.zeros((3, OFFSETS))
-    J[:, BACK : BACK + 3] = rotation_jacobian(hip, R[0])
-    J[:, THIGH + 3 * side : THIGH + 3 * side + 3] = rotation_jacobian(ankle - hip, R[1 + side])
-    J[:, FOOT + 3 * side : FOOT + 3 * side + 3] = rotation_jacobian(foot - ankle, R[3 + side])
-    J[:, KNEE + side] = np.cross(axis, ankle - at_knee)
-    J[:, LENGTH + 2 * side] = (at_knee - hip) / np.sqrt(np.sum((at_knee - hip) ** 2))
-    J[:, LENGTH + 2 * side + 1] = (ankle - at_knee) / np.sqrt(np.sum((ankle - at_knee) ** 2))
+    _put(rotation_jacobian(hip, R[0]), J, BACK)
+    _put(rotation_jacobian(_between(hip, ankle), R[1 + side]), J, THIGH + 3 * side)
+    _put(rotation_jacobian(_between(ankle, foot), R[3 + side]), J, FOOT + 3 * side)
+    for i in range(3):
+        J[i, KNEE + side] = by_knee[i]
+        J[i, LENGTH + 2 * side] = thigh[i] / thigh_m
+        J[i, LENGTH + 2 * side + 1] = shank[i] / shank_m
     return foot, J
 
 
@@ -213,10 +229,34 @@ def rotation_jacobian(arm: Array, R: Array) -> Array:
         arm: (3,) m, the vector in the world.
         R: (3, 3) of the frame.
     """
-    x, y, z = arm
-    return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ np.ascontiguousarray(R)
+    return mul(transposed(hat(arm)), R)
 
 
-@cached(_HERE)
-def _at(R_base: Array, pose: Array) -> Array:
-    return R_base @ np.ascontiguousarray(pose[:3, 3])
+@njit(**INSIDE)
+def _column(R: Array, pose: Array, column: int) -> Array:
+    """(3,) column of a (4, 4) pose, rotated by R: 3 is its origin."""
+    v = np.empty(3)
+    for i in range(3):
+        v[i] = pose[i, column]
+    return rotate(R, v)
+
+
+@njit(**INSIDE)
+def _between(a: Array, b: Array) -> Array:
+    """(3,) vector from a to b."""
+    v = np.empty(3)
+    for i in range(3):
+        v[i] = b[i] - a[i]
+    return v
+
+
+@njit(**INSIDE)
+def _squared(v: Array) -> float:
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+
+
+@njit(**INSIDE)
+def _put(block: Array, J: Array, column: int) -> None:
+    for i in range(3):
+        for j in range(3):
+            J[i, column + j] = block[i, j]

@@ -17,6 +17,7 @@ import numpy as np
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.leg import BACK, KNEE, LENGTH, OFFSETS, SAG
 from stridetwin.estimators.contact_terrain.parameters import OffsetParameters
+from stridetwin.estimators.matrices import mul, transposed
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -131,15 +132,40 @@ def _update(
     """Kalman update by y = H z + noise, which holds with a prior probability; also returns the posterior one.
 
     See docs/contact_terrain.md (9), (10). Shapes: z (n,), P (n, n), H (m, n), y (m,), noise (m,) variances. If it does
-    not hold, y is distributed over the volume `spread`.
+    not hold, y is distributed over the volume `spread`. m is 1 or 2.
     """
-    PH = P @ H.T
-    S = H @ PH + np.diag(noise)
-    innovation = y - H @ z
-    inverse = np.linalg.inv(S)
-    gain = PH @ inverse
-    density = math.exp(-0.5 * innovation @ inverse @ innovation) / math.sqrt(np.linalg.det(2.0 * math.pi * S))
+    n, m = P.shape[0], H.shape[0]
+    PH = mul(P, transposed(H))
+    S = mul(H, PH)
+    innovation, inverse = np.empty(m), np.empty((m, m))
+    for i in range(m):
+        S[i, i] += noise[i]
+        innovation[i] = y[i]
+        for j in range(n):
+            innovation[i] -= H[i, j] * z[j]
+    determinant = S[0, 0]
+    inverse[0, 0] = 1.0 / S[0, 0]
+    if m == 2:
+        determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+        inverse[0, 0], inverse[0, 1] = S[1, 1] / determinant, -S[0, 1] / determinant
+        inverse[1, 0], inverse[1, 1] = -S[1, 0] / determinant, S[0, 0] / determinant
+    gain = mul(PH, inverse)
+    squared = 0.0
+    for i in range(m):
+        for j in range(m):
+            squared += innovation[i] * inverse[i, j] * innovation[j]
+    density = math.exp(-0.5 * squared) / math.sqrt((2.0 * math.pi) ** m * determinant)
     share = prior * density / (prior * density + (1.0 - prior) / spread)
-    move = gain @ innovation
-    P = P - share * gain @ PH.T + share * (1.0 - share) * np.outer(move, move)
-    return z + share * move, 0.5 * (P + P.T), share  # asymmetric rounding errors would grow from step to step
+    move, moved, updated = np.zeros(n), np.empty(n), np.empty((n, n))
+    for i in range(n):
+        for j in range(m):
+            move[i] += gain[i, j] * innovation[j]
+        moved[i] = z[i] + share * move[i]
+    explained = mul(gain, transposed(PH))
+    for i in range(n):
+        for j in range(n):  # the mean of both halves: asymmetric rounding errors would grow from step to step
+            updated[i, j] = (
+                0.5 * (P[i, j] + P[j, i] - share * (explained[i, j] + explained[j, i]))
+                + share * (1.0 - share) * move[i] * move[j]
+            )
+    return moved, updated, share

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate, beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, fixed_contact
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
@@ -207,7 +206,7 @@ class Proposed:
             at = slice(FOOT + 3 * side, FOOT + 3 * side + 3)
             vector = vector + sign * arm
             J[:, at] += sign * rotation_jacobian(arm, R_foot)
-            f = R_sole[:, 0]
+            f = R_sole[:, 0].copy()
             slopes[k] = math.asin(max(-1.0, min(1.0, f[2])))
             J_slopes[k, at] = rotation_jacobian(f, R_foot)[2] / math.cos(slopes[k])
         strained = np.array([self._contacts[new].strained, self._contacts[old].strained])
@@ -243,11 +242,10 @@ class Proposed:
         )  # fmt: skip
 
 
-@cached(_HERE)
 def _normal(R_world_sole: Array, slope: float) -> Array:
     """(3,) the sole's normal, rotated to the estimated slope."""
-    forward = np.array([R_world_sole[0, 0], R_world_sole[1, 0], 0.0])
-    forward *= math.cos(slope) / math.sqrt(forward @ forward)
-    forward[2] = math.sin(slope)
-    normal = np.cross(forward, np.ascontiguousarray(R_world_sole[:, 1]))
-    return normal / math.sqrt(normal @ normal)
+    x, y = R_world_sole[0, 0], R_world_sole[1, 0]
+    level = math.cos(slope) / math.hypot(x, y)
+    left = R_world_sole[:, 1]
+    normal = np.cross(np.array([level * x, level * y, math.sin(slope)]), left)
+    return np.asarray(normal / np.linalg.norm(normal))

@@ -18,11 +18,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators import so3
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, AttitudeNoise, TickParameters
+from stridetwin.estimators.matrices import copy_matrix, dot, mul, transposed
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
+from stridetwin.streams.so3 import exp
 
 _HERE = Path(__file__).parent
 
@@ -112,7 +116,7 @@ class TickBuilder:
         for topic, (i, _) in self._attitude.items():
             late = (self._now - self._last[topic]) * 1e-9
             if late > self._parameters.together_s:
-                R[i], fresh[i] = R[i] @ exp_so3(late * self._rate[i]), False
+                R[i], fresh[i] = R[i] @ exp(late * self._rate[i]), False
         dt = (self._now - self._tick_ns) * 1e-9
         if self._tick_ns < 0 or dt > self._parameters.hold_s:
             dt = 0.0
@@ -140,23 +144,13 @@ def _is_valid(sample: Sample, limits: TickParameters) -> bool:
 @cached(_HERE)
 def matrix(q: Array) -> Array:
     """(3, 3) rotation of a quaternion (w, x, y, z)."""
-    w, x, y, z = q / np.sqrt(np.sum(q * q))
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
-@cached(_HERE)
-def exp_so3(turn: Array) -> Array:
-    """(3, 3) rotation by a rotation vector, rad."""
-    angle = math.sqrt(np.sum(turn * turn))
-    x, y, z = turn
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-9:
-        return np.eye(3) + K
-    return np.eye(3) + math.sin(angle) / angle * K + (1.0 - math.cos(angle)) / angle**2 * (K @ K)
+    size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    w, x, y, z = q[0] / size, q[1] / size, q[2] / size, q[3] / size
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return R
 
 
 class _State(NamedTuple):
@@ -197,25 +191,33 @@ def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fre
     for i in range(len(R)):
         since[i] += dt
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
-            R[i] = last[i] @ exp_so3(since[i] * last_rate[i])
+            copy_matrix(mul(last[i], so3.exp(_scaled(since[i], last_rate[i]))), R[i])
             variance[i] += noise.lost_sd_rad**2
             continue
         if variance[i] < 0.0 or dt <= 0.0:
-            R[i], variance[i] = measured[i], noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
+            copy_matrix(measured[i], R[i])
+            variance[i] = noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
         else:
-            R[i] = last[i] @ exp_so3(0.5 * since[i] * (last_rate[i] + rate[i]))
+            turn = np.empty(3)
+            for j in range(3):
+                turn[j] = 0.5 * since[i] * (last_rate[i, j] + rate[i, j])
+            moved = mul(last[i], so3.exp(turn))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
-            share = min(math.sqrt(np.sum(rate[i] * rate[i])) / noise.full_motion_radps, 1.0)
+            share = min(math.sqrt(dot(rate[i], rate[i])) / noise.full_motion_radps, 1.0)
             sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
-            R[i] = exp_so3(gain * _log_so3(measured[i] @ np.ascontiguousarray(R[i].T))) @ R[i]
-        last[i], last_rate[i], since[i] = R[i], rate[i], 0.0
+            off = so3.log(mul(measured[i], transposed(moved)))
+            copy_matrix(mul(so3.exp(_scaled(gain, off)), moved), R[i])
+        copy_matrix(R[i], last[i])
+        for j in range(3):
+            last_rate[i, j] = rate[i, j]
+        since[i] = 0.0
 
 
-@cached(_HERE)
-def _log_so3(R: Array) -> Array:
-    """(3,) rotation vector, rad; for rotations below π."""
-    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine, cosine = math.sqrt(np.sum(turn * turn)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
-    return turn if sine < 1e-9 else turn * (math.atan2(sine, cosine) / sine)
+@njit(**INSIDE)
+def _scaled(share: float, v: Array) -> Array:
+    found = np.empty(3)
+    for i in range(3):
+        found[i] = share * v[i]
+    return found

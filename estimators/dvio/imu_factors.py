@@ -14,21 +14,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import (
-    REORDERED,
-    clear,
-    clear_block,
-    copy,
-    copy_matrix,
-    identity,
-    mat3,
-    mul,
-    propagated,
-    rotate,
-    rotate_back,
-    transposed,
-    vec3,
-)
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE,
@@ -46,6 +31,21 @@ from stridetwin.estimators.dvio.state import (
     Preintegration,
     Prior,
     Window,
+)
+from stridetwin.estimators.matrices import (
+    REORDERED,
+    clear,
+    clear_block,
+    copy,
+    copy_matrix,
+    identity,
+    mat3,
+    mul,
+    propagated,
+    rotate,
+    rotate_back,
+    transposed,
+    vec3,
 )
 from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacobian_inverse
 from stridetwin.streams.samples import Array

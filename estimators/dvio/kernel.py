@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from stridetwin.estimators import cholesky, matrices
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.dvio import (
-    algebra,
     imu_factors,
     landmarks,
     nav_state,
@@ -19,13 +19,13 @@ from stridetwin.estimators.dvio import (
 
 _called = cached(Path(__file__).parent, error_model="numpy")
 
-inverse = _called(algebra.inverse)
+inverse = _called(matrices.inverse)
 integrate = _called(imu_factors.integrate)
 add_increment, plausible = _called(nav_state.add_increment), _called(nav_state.plausible)
 pose_and_covariance = _called(nav_state.pose_and_covariance)
 view, add_inertial = _called(projection.view), _called(imu_factors.add_inertial)
 add_planes, add_camera_factors = _called(planes.add_planes), _called(landmarks.add_camera_factors)
-solve, move, marginalize = _called(solver.solve), _called(solver.move), _called(solver.marginalize)
+solve, move, marginalize = _called(cholesky.solve), _called(solver.move), _called(solver.marginalize)
 predict_observations, cull = _called(landmarks.predict_observations), _called(landmarks.cull)
 parallax, rehost = _called(landmarks.parallax), _called(landmarks.rehost)
 cornerness, pick, read_depth = _called(patches.cornerness_at), _called(patches.pick), _called(patches.read_depth)

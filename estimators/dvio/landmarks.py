@@ -14,18 +14,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import (
-    REORDERED,
-    clear,
-    clear_block,
-    copy,
-    copy_matrix,
-    mul,
-    rotate,
-    rotate_back,
-    transposed,
-    vec3,
-)
 from stridetwin.estimators.dvio.projection import (
     COLUMNS,
     HOST,
@@ -50,6 +38,18 @@ from stridetwin.estimators.dvio.state import (
     Frames,
     Landmarks,
     Window,
+)
+from stridetwin.estimators.matrices import (
+    REORDERED,
+    clear,
+    clear_block,
+    copy,
+    copy_matrix,
+    mul,
+    rotate,
+    rotate_back,
+    transposed,
+    vec3,
 )
 from stridetwin.streams.samples import Array
 

@@ -10,9 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import copy_matrix, identity, mat3, mul, propagated
 from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
+from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, propagated
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import clear, clear_block, copy_matrix, inverse
+from stridetwin.estimators.matrices import clear, clear_block, copy_matrix, inverse
 from stridetwin.streams.samples import Array
 
 

@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import copy, copy_matrix, dot, inverse, mat3, mul, rotate, rotate_back, vec3
 from stridetwin.estimators.dvio.projection import at_exposure, huber
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -33,6 +32,7 @@ from stridetwin.estimators.dvio.state import (
     Planes,
     Window,
 )
+from stridetwin.estimators.matrices import copy, copy_matrix, dot, inverse, mat3, mul, rotate, rotate_back, vec3
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, of the plane, and of the observing frame's pose.

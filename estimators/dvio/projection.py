@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import copy, copy_matrix, mul, rotate, transposed, vec3
 from stridetwin.estimators.dvio.state import CALIBRATION, D_FOCAL, D_OFFSET, D_SCALE, Calibration, Frames
+from stridetwin.estimators.matrices import copy, copy_matrix, mul, rotate, transposed, vec3
 from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import matvec
+from stridetwin.estimators.matrices import matvec
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import exp
 

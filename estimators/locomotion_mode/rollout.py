@@ -26,6 +26,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
     mode_table,
     path_scale,
 )
+from stridetwin.estimators.matrices import mul
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -168,17 +169,19 @@ def _chain(
                     for q in range(S):
                         v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
                         alpha[k + 1, h, b, q] += v * weight[b, q]
-            total += alpha[k + 1, h].sum()
-        alpha[k + 1] /= max(total, 1e-300)
+            for b in range(P):
+                for q in range(S):
+                    total += alpha[k + 1, h, b, q]
+        _divide(alpha[k + 1], total)
     density, on, flow = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P))
-    beta = np.ones((H, P, S))
+    beta, ends = np.ones((H, P, S)), np.empty((P, S))
     for k in range(K - 1, -1, -1):
         back = np.zeros((H, P, S))
         largest = 0.0
         for h in range(H):
-            ends = weight * beta[h]
             for b in range(P):
                 for q in range(S):
+                    ends[b, q] = weight[b, q] * beta[h, b, q]
                     v = alpha[k + 1, h, b, q] * beta[h, b, q]
                     density[k, q] += v
                     on[k, b] += v
@@ -189,7 +192,7 @@ def _chain(
                     for q in range(S):
                         v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
                         flow[k, a, b] += v * ends[b, q]
-            onto_even, onto_over = even @ ends, over @ ends
+            onto_even, onto_over = mul(even, ends), mul(over, ends)
             for a in range(P):
                 for p in range(S):
                     if alpha[k, h, a, p] < density_min:
@@ -200,11 +203,28 @@ def _chain(
                     )
                     back[h, a, p] = v
                     largest = max(largest, v)
-        beta = back / max(largest, 1e-300)
-        density[k] /= max(density[k].sum(), 1e-300)
-        on[k] /= max(on[k].sum(), 1e-300)
-        flow[k] /= max(flow[k].sum(), 1e-300)
+        beta = back
+        _divide(beta, largest)
+        _normalise(density[k])
+        _normalise(on[k])
+        _normalise(flow[k])
     return density, on, flow
+
+
+@njit(**INSIDE)
+def _divide(values: Array, by: float) -> None:
+    """Divides values by a number that is 0 where they all are."""
+    for i in np.ndindex(values.shape):
+        values[i] /= max(by, 1e-300)
+
+
+@njit(**INSIDE)
+def _normalise(values: Array) -> None:
+    """Scales values to the sum 1."""
+    total = 0.0
+    for i in np.ndindex(values.shape):
+        total += float(values[i])
+    _divide(values, total)
 
 
 @njit(**INSIDE)

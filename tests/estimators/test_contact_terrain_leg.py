@@ -9,17 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.contact_terrain import leg as compiled
 from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
-from stridetwin.estimators.contact_terrain.leg import at_stop, forward, joint_angles, leg_angles, links
+from stridetwin.estimators.contact_terrain.leg import at_stop, forward, leg_angles, links
 from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.sim.config import Level, Person, Route, TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.errors import ConfigError
+from tests.estimators.from_python import from_python
 from tests.sim.dh_kinematics import forward_kinematics
 
 ANGLES = st.lists(st.floats(-1.2, 1.2), min_size=6, max_size=6).map(np.array)
 SIDES = st.sampled_from("lr")
+
+joint_angles = from_python(compiled.joint_angles)
 
 
 def exoskeleton():
