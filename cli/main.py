@@ -82,7 +82,8 @@ def _run(call: Call, console: Console) -> int:
     except (KeyboardInterrupt, SystemError) as error:
         if not was_interrupted(error):
             raise
-        return _failed(console, "stopped") + 128
+        kept = str(error) if isinstance(error, KeyboardInterrupt) else ""
+        return _failed(console, f"stopped; {kept}" if kept else "stopped") + 128
     console.close()
     try:
         if call.options.json:

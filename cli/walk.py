@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,10 +30,12 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 if TYPE_CHECKING:
     from stridetwin.scenarios.campaign.campaign_file import Campaign
     from stridetwin.scenarios.campaign.generate import Options
+    from stridetwin.scenarios.campaign.plan import Walk
     from stridetwin.scenarios.cost import Cost
     from stridetwin.scenarios.scenario_file import Scenario
 
 _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
+_PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,19 +164,15 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
     return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=code)
 
 
-def _announce_campaign(campaign: Campaign, options: Options, missing: int) -> None:
-    """Says what the missing walks of a campaign take, if it is long."""
-    from stridetwin.scenarios.campaign.extremes import base_scenarios
+def _announce_campaign(campaign: Campaign, options: Options, missing: Sequence[Walk]) -> None:
+    """Says what the missing walks of a campaign take, if it is long, by a few of them with the values drawn."""
+    from stridetwin.scenarios.campaign.extremes import valid_scenarios
     from stridetwin.scenarios.cost import cost_of, scaled
 
-    extra = options.extra
-    configs = [base.config for base in base_scenarios(campaign)]
-    kept = [tuple(group for group in config.sensors if group not in extra.off) for config in configs]
-    configs = [
-        replace(config, sensors=sensors, physics=extra.physics or config.physics)
-        for config, sensors in zip(configs, kept)
-    ]
-    _announce(scaled(cost_of(configs), missing), options.workers)
+    few = missing[:: max(1, len(missing) // _PRICED_WALKS)]
+    configs = [scenario.config for scenario in valid_scenarios(campaign, few)]
+    if configs:
+        _announce(scaled(cost_of(configs), len(missing)), options.workers)
 
 
 def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:

@@ -21,7 +21,7 @@ _LONG_CPU_S = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """Cost of walks: their number, seconds walked, size in MB, and CPU time in s."""
+    """Cost of walks: their number, seconds walked, size in MB, and CPU time in s without the start of a process."""
 
     walks: int
     walked_s: float
@@ -31,12 +31,12 @@ class Cost:
     @property
     def is_long(self) -> bool:
         """Whether it takes a minute or more, so that a user wants to know beforehand."""
-        return self.cpu_s > _LONG_CPU_S
+        return _START_CPU_S + self.cpu_s > _LONG_CPU_S
 
     def words(self, workers: int = 1) -> str:
         """In words, such as `3 walks, about 1 minute of walking, 380 MB, 0:01:20 with 1 process`."""
         size = f"{self.size_mb / 1000:.1f} GB" if self.size_mb >= 1000 else f"{self.size_mb:.0f} MB"
-        time = timedelta(seconds=round(self.cpu_s / workers, -1 if self.cpu_s > _LONG_CPU_S else 0))
+        time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1 if self.is_long else 0))
         walks = f"{self.walks} walk{'s' * (self.walks != 1)}"
         names = f"{workers} process{'es' * (workers != 1)}"
         return f"{walks}: about {self.walked_s:.0f} s of walking, {size}, {time} with {names}"
@@ -51,7 +51,7 @@ def cost_of(configs: Iterable[TwinConfig]) -> Cost:
         count, walked = count + 1, walked + seconds
         size += seconds * _rate(_MB_PER_S, _REST_MB_PER_S, config.sensors)
         rest = _REST_CPU_PER_S * (_DYNAMIC if config.physics == "dynamic" else 1.0)
-        cpu += _START_CPU_S + seconds * _rate(_CPU_PER_S, rest, config.sensors)
+        cpu += seconds * _rate(_CPU_PER_S, rest, config.sensors)
     return Cost(walks=count, walked_s=walked, size_mb=size, cpu_s=cpu)
 
 

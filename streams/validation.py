@@ -175,7 +175,7 @@ def expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
         root: The schema with the definitions.
         value: The present value; a similar valid word is suggested.
     """
-    names = [word for schema in schemas for word in _enumerated(schema)]
+    names = list(dict.fromkeys(word for schema in schemas for word in _enumerated(schema)))
     said = [suggest(value, names)] if names else []
     said += [words for schema in schemas if (words := _in_words(schema, root))]
     if keys := _keys(schemas):

@@ -7,6 +7,8 @@ Each variable is set to its ends on each scenario, while the others are at their
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from stridetwin.scenarios.campaign.named_files import (
     parse_scenario,
 )
 from stridetwin.scenarios.campaign.people import Group
-from stridetwin.scenarios.campaign.plan import Extra, in_force, people, scenario_of
+from stridetwin.scenarios.campaign.plan import Extra, Walk, in_force, people, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -40,6 +42,19 @@ def base_scenarios(campaign: Campaign) -> list[Scenario]:
         (folder / SCENARIOS).mkdir()
         copy_files(folder, campaign.own)
         return [_unchanged(folder, campaign, base) for base in campaign.bases]
+
+
+def valid_scenarios(campaign: Campaign, walks: Iterable[Walk]) -> list[Scenario]:
+    """The scenarios of some walks, without those that are invalid with the values drawn."""
+    found = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / SCENARIOS).mkdir()
+        copy_files(folder, campaign.own)
+        for walk in walks:
+            with suppress(StrideTwinError):
+                found.append(parse_scenario(folder, walk.scenario))
+    return found
 
 
 def check_extremes(campaign: Campaign, extra: Extra) -> None:

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
-from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.plan import Extra, Walk, plan
 from stridetwin.scenarios.campaign.request import claim, request
 from stridetwin.scenarios.campaign.walk import (
     ACCEPTED,
@@ -89,7 +89,10 @@ class Done:
 
 
 def generate(
-    campaign: Campaign, options: Options, progress: Progress, announce: Callable[[int], None] = lambda missing: None
+    campaign: Campaign,
+    options: Options,
+    progress: Progress,
+    announce: Callable[[Sequence[Walk]], None] = lambda missing: None,
 ) -> Done:
     """Generates the walks that the folder lacks for this configuration and version of the code.
 
@@ -97,10 +100,11 @@ def generate(
         campaign: The campaign.
         options: Folder, workers and what differs from the campaign's file.
         progress: Receives the stage and its progress (0-1).
-        announce: Receives the number of walks to generate, before the first.
+        announce: Receives the walks to generate, before the first.
 
     Raises:
         StrideTwinError: Any usage error; finished walks are kept.
+        KeyboardInterrupt: As raised by a Ctrl-C, with the number of walks that are kept.
     """
     progress("plan", 0.0)
     if options.seed is not None:
@@ -130,12 +134,16 @@ def generate(
             for name in (manifests.NAME, manifests.CARD_NAME):
                 (options.folder / name).unlink(missing_ok=True)
         copy_files(options.folder, campaign.own)
-        announce(len(missing))
+        announce([job.walk for job in missing])
         stage = f"walks, {outdated} of another version again" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
-        for row in executors.rows(missing, options.workers, options.scheduler):
-            rows[row["walk"]] = row
-            progress(stage, len(rows) / len(jobs))
+        try:
+            for row in executors.rows(missing, options.workers, options.scheduler):
+                rows[row["walk"]] = row
+                progress(stage, len(rows) / len(jobs))
+        except KeyboardInterrupt as stop:
+            kept = f"{len(rows)} of {len(jobs)} walks are in {options.folder}"
+            raise KeyboardInterrupt(f"{kept}; the same command continues") from stop
         content = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
         for name, text in ((manifests.CARD_NAME, manifests.card(content)), (manifests.NAME, json_text(content))):
             with whole_file(options.folder / name) as file:

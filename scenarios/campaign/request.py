@@ -18,6 +18,7 @@ from stridetwin.streams.files import whole_file
 
 NAME = "request.json"
 _ANOTHER = "expected the same request to resume, or another folder"
+_WORDS = {"off": "sensors switched off:"}
 
 
 def request(campaign: Campaign, extra: Extra, own: Mapping[str, str]) -> dict[str, Any]:
@@ -75,12 +76,12 @@ def _differing(had: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
     """The values that differ, as text; "" for the same request."""
     now = json.loads(json_text(dict(asked)))
     parts = [
-        f"{key} {_text(had.get(key))}, not {_text(value)}"
+        f"{_WORDS.get(key, key)} {_text(had.get(key))}, not {_text(value)}"
         for key, value in now.items()
         if key != "digest" and had.get(key) != value
     ]
     if not parts and had.get("digest") != now["digest"]:
-        parts = ["its campaign file had other contents"]
+        parts = ["its campaign file, or a file that it names, has changed since"]
     return "; ".join(parts)
 
 

@@ -84,7 +84,7 @@ def recognise(path: Path) -> str:
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
-    raise ConfigError(path, "", "a file of unknown content", f"one of {', '.join(KINDS)}")
+    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {', '.join(KINDS)}")
 
 
 def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:

@@ -519,7 +519,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path):
     (tmp_path / "folder").mkdir()
     for name, says in (
         ("empty.mcap", "empty"),
-        ("notes.txt", "unknown content.*expected one of mcap"),
+        ("notes.txt", "unknown content: expected a recording of one of the kinds mcap"),
         ("walk.bag", "no ROS 1 bag"),
         ("folder", "unknown layout.*euroc, tum, 7scenes"),
         ("nowhere", "No such file"),

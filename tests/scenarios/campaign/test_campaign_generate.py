@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 from concurrent.futures import Future
@@ -324,13 +325,13 @@ def test_a_folder_belongs_to_one_request(one, campaign, home, tmp_path, capsys):
             ["--seed", "4"],
             "of another request (seed 3, not 4): expected the same request to resume, or another folder",
         ),
-        (["--only", "foot_ins"], "has walks of another request (off none, not foot_camera"),
+        (["--only", "foot_ins"], "has walks of another request (sensors switched off: none, not foot_camera"),
         (["--physics", "dynamic"], "has walks of another request (physics as in the scenario, not dynamic)"),
     ):
         assert main(["generate", path, *arguments, "-o", str(folder)]) == 2
         assert words in capsys.readouterr().err
     for old, new, words in (
-        ("[0.9, 1.2]", "[0.9, 1.3]", "its campaign file had other contents"),
+        ("[0.9, 1.2]", "[0.9, 1.3]", "its campaign file, or a file that it names, has changed since"),
         ("walks: 3", "walks: 2", "has 1 walks beyond those asked for, from walk_00002 on"),
     ):
         assert main(["generate", str(write(tmp_path / "own", SMALL.replace(old, new))), "-o", str(folder)]) == 2
@@ -357,3 +358,23 @@ def test_ctrl_c_inside_compiled_code_stops_the_campaign(campaign, tmp_path, monk
     monkeypatch.setattr(campaign_walk, "record", interrupted)
     with pytest.raises(KeyboardInterrupt):
         campaign_walk.make(jobs_of(campaign, tmp_path)[0])
+
+
+def test_the_cost_announced_is_that_of_the_values_set(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(executors, "rows", lambda *_: [])
+    text = "campaign: far\nwalks: 40\nscenarios: [demo]\nset: {sensors: [foot_imu]}\n"
+    with pytest.raises(KeyError):  # no walk has a row
+        main(["generate", str(write(tmp_path, text)), "-o", str(tmp_path / "out")])
+    size_mb = float(re.search(r"40 walks: .* s of walking, ([\d.]+) MB", capsys.readouterr().err)[1])
+    assert size_mb < 40 * 30  # with cameras, a walk of the demo has 400 MB
+
+
+def test_ctrl_c_says_what_is_kept_and_how_to_continue(tmp_path, monkeypatch, capsys):
+    def rows(jobs, *_):
+        yield {"walk": jobs[0].walk.name}
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(executors, "rows", rows)
+    folder = tmp_path / "out"
+    assert main(["generate", str(write(tmp_path)), "-o", str(folder)]) == 130
+    assert f"error: stopped; 1 of 3 walks are in {folder}; the same command continues" in capsys.readouterr().err
