@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from stridetwin.evaluation.gate.own_estimators import OwnEstimator
     from stridetwin.evaluation.path_scores import Scores
 
+_FRAME = "foot_l/imu"
 _SHOWN_STEPS = {
     "slope_rmse_deg": "slope °",
     "elevation_rmse_mm": "elevation mm",
@@ -103,7 +104,9 @@ class ScoreOptions(Options):
         ),
     ] = field(default_factory=list)
     timeout: Annotated[float, option("Time limit of a program, s.", "S", positive)] = 600.0
-    frame: Annotated[str, option("Frame that these three estimate.")] = "foot_l/imu"
+    frame: Annotated[
+        str | None, option(f"Frame that these three estimate, unless a class declares its own (default {_FRAME}).")
+    ] = None
     align: Annotated[Literal["start", "yaw", "se3"], option("Alignment of paths with the truth.")] = "start"
     baseline: Annotated[Path | None, option("An earlier `score --json`; exit 1 if a score is worse.", "FILE")] = None
     least: Annotated[
@@ -232,7 +235,7 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     """Estimators that replace the built-in ones; an invalid one is reported before anything is scored."""
     from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, TumFile
 
-    frame = arguments.frame
+    frame = arguments.frame or _FRAME
     own: list[OwnEstimator] = []
     for text in arguments.estimate:
         name, file = _named(text, "--estimate", "FILE")
@@ -247,6 +250,10 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         program = Program(name=name, command=words, frame=frame, timeout_s=arguments.timeout)
         program.words()
         own.append(program)
+    frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own}
+    if own and arguments.frame is not None and arguments.frame not in frames:
+        declared = f"{', '.join(sorted(frames))}, as the classes declare"
+        raise ConfigError("command line", "--frame", arguments.frame, declared)
     names = [estimator.name for estimator in own]
     if twice := [name for name in names if names.count(name) > 1]:
         raise StrideTwinError(f"invalid name {twice[0]!r} of two estimators: expected a name for each")

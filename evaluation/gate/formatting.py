@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 from stridetwin.evaluation.gate.compare import BETTER, MISSING, NEW, SAME, WALKS, Comparison, Line
 
 HEAD = ("estimator", "score", "mean", "baseline", "now", "change", "95 % interval", "p", "verdict")
+_NOT_WORSE = "not worse"
+"""Of a score without a significant change for the worse or the better, or within the tolerance."""
 _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -53,7 +55,16 @@ def cells(line: Line) -> list[str]:
         interval = f"limit {line.limit:.4g}"
     p = "-" if line.p is None else f"{line.p:.4f}"
     metric = f"|{line.metric}|" if line.absolute else line.metric
-    return [line.estimator, metric, line.mean or "-", *values, change, interval, p, line.verdict]
+    return [
+        line.estimator,
+        metric,
+        line.mean or "-",
+        *values,
+        change,
+        interval,
+        p,
+        _NOT_WORSE if line.verdict == SAME else line.verdict,
+    ]
 
 
 def changed(comparison: Comparison) -> list[Line]:
@@ -64,7 +75,10 @@ def changed(comparison: Comparison) -> list[Line]:
 def verdict(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
     """The result of a comparison in one line."""
     count, tested = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
-    words = f"{count} of {tested} scores worse than the baseline" if count else f"none of {tested} scores is worse"
+    missing = " or missing" if any(line.verdict == MISSING for line in comparison.regressions) else ""
+    words = (
+        f"{count} of {tested} scores worse than the baseline{missing}" if count else f"none of {tested} scores is worse"
+    )
     return words + (f"{' and' if count else ', but'} {len(failed)} failed" if failed else "")
 
 
@@ -82,7 +96,7 @@ def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
     if changes:
         out += [*_markdown_table(changes), ""]
     if same:
-        out += ["<details><summary>", f"{len(same)} scores unchanged", "</summary>", "", *_markdown_table(same), ""]
+        out += ["<details><summary>", f"{len(same)} scores {_NOT_WORSE}", "</summary>", "", *_markdown_table(same), ""]
         out += ["</details>", ""]
     return "\n".join(out)
 
@@ -151,7 +165,7 @@ def sentence(line: Line) -> str:
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
     _, _, _, baseline, now, change, interval, *_ = cells(line)
-    words = {BETTER: "better", SAME: "unchanged"}.get(line.verdict, line.verdict)
+    words = {BETTER: "better", SAME: _NOT_WORSE}.get(line.verdict, line.verdict)
     mean = f" in the {line.mean} mean" if line.mean else ""
     return f"{name}: {words}, {baseline} to {now}{mean} ({change}, {interval})"
 

@@ -31,6 +31,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrup
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Trajectory, trajectory_of
+from stridetwin.streams.validation import suggest
 
 TRUTH = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception
@@ -102,6 +103,11 @@ class PythonClass(OwnEstimator):
             raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
         return found
 
+    @property
+    def own_frame(self) -> str:
+        """The frame that the class declares, else `frame`."""
+        return getattr(self.load(), "frame", None) or self.frame
+
     def path(self, recording: Recording) -> Estimate:
         """The path that the class estimates from a recording.
 
@@ -110,8 +116,7 @@ class PythonClass(OwnEstimator):
         """
         kind = self.load()
         with _code_of_others(self.place):
-            frame = getattr(kind, "frame", None) or self.frame
-            return Estimate(name=self.name, frame=frame, path=estimated_path(kind(recording.rig), recording))
+            return Estimate(name=self.name, frame=self.own_frame, path=estimated_path(kind(recording.rig), recording))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,18 +186,28 @@ def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
         recording: Its truth is withheld from the estimator.
 
     Raises:
-        StrideTwinError: It gives no pose, or its stamps do not increase.
+        StrideTwinError: It is a class, reads a topic that is not there or gives no pose, or its stamps do not increase.
     """
+    if isinstance(estimator, type):
+        name = estimator.__name__
+        raise StrideTwinError(f"invalid class {name}: expected an object of it, such as {name}(recording.rig)")
+    name, poses = type(estimator).__name__, []
+    sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
     wanted = getattr(estimator, "topics", None)
     if wanted is None:
-        wanted = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
-    truths = [topic for topic in wanted if topic.startswith(TRUTH)]
-    if truths:
-        raise StrideTwinError(f"{type(estimator).__name__}.topics: invalid {truths[0]}: expected topics of sensors")
-    name, poses = type(estimator).__name__, []
+        wanted = sensors
+    for topic in wanted:
+        if topic.startswith(TRUTH):
+            raise StrideTwinError(f"{name}.topics: invalid {topic}: expected topics of sensors")
+        if topic not in sensors:
+            raise StrideTwinError(f"{name}.topics: invalid {topic!r}: expected {suggest(topic, sensors)}")
     for sample in recording.samples(wanted):
-        if (pose := pose_of(estimator.update(sample), name)) is not None:
-            poses.append(pose)
+        if (pose := pose_of(estimator.update(sample), name)) is None:
+            continue
+        if poses and pose.t_ns <= poses[-1].t_ns:
+            later = f"more than {poses[-1].t_ns}, the stamp of the previous pose"
+            raise StrideTwinError(f"{name}.update: t_ns: invalid {pose.t_ns}: expected {later}")
+        poses.append(pose)
     if not poses:
         raise StrideTwinError(f"{name}.update has returned no estimate")
     return trajectory_of(poses)
@@ -204,8 +219,12 @@ def _code_of_others(where: str) -> Iterator[None]:
     try:
         with redirect_stdout(sys.stderr):
             yield
-    except (StrideTwinError, KeyboardInterrupt):
+    except KeyboardInterrupt:
         raise
+    except StrideTwinError as error:
+        if not (place := _place(error)):
+            raise
+        raise StrideTwinError(f"{where}: {error}{place}") from error
     except BaseException as error:
         if was_interrupted(error):
             raise KeyboardInterrupt from error

@@ -57,12 +57,16 @@ def jobs_of(sources: Sequence[Path], **settings: Any) -> list[Job]:
     """The jobs of some sources: recordings, and every accepted walk of campaigns.
 
     Raises:
-        StrideTwinError: A campaign's folder has no accepted walk, or its recordings differ from its list.
+        StrideTwinError: A campaign's folder has no accepted walk, its recordings differ from its list, or a folder
+            holds campaigns instead of being one.
     """
     jobs: list[Job] = []
     for source in sources:
         if (source / manifest.NAME).is_file():
             jobs += _of_campaign(source, settings)
+        elif inside := sorted(source.glob(f"*/{manifest.NAME}")):
+            here = inside[0].parent
+            raise StrideTwinError(f"{source}: no campaign: expected a folder that generate has written, such as {here}")
         else:
             jobs.append(Job(name=source.stem, path=source, **settings))
     return [replace(jobs[0], strict=True)] if len(jobs) == 1 else jobs

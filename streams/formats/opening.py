@@ -154,7 +154,8 @@ def _folder_kind(path: Path) -> str:
         return "tum"
     if seven_scenes.frames_folder(path) is not None:
         return "7scenes"
-    raise ConfigError(path, "", "a folder of unknown layout", f"one of {', '.join(KINDS[2:6])}")
+    kinds = ", ".join(KINDS[2:6])
+    raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
 
 
 def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:

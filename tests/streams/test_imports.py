@@ -521,7 +521,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path):
         ("empty.mcap", "empty"),
         ("notes.txt", "unknown content: expected a recording of one of the kinds mcap"),
         ("walk.bag", "no ROS 1 bag"),
-        ("folder", "unknown layout.*euroc, tum, 7scenes"),
+        ("folder", "unknown layout: expected a folder of one of the kinds .*euroc, tum, 7scenes"),
         ("nowhere", "No such file"),
     ):
         with pytest.raises(StrideTwinError, match=says):

@@ -107,3 +107,10 @@ def test_a_folder_that_is_not_as_its_manifest_says_is_refused(campaign):
     (campaign / "manifest.json").write_text('{"format": "another"}')
     with pytest.raises(StrideTwinError, match="invalid manifest of a campaign"):
         jobs_of([campaign], **asked)
+
+
+def test_a_folder_that_holds_campaigns_is_told_from_one(tmp_path):
+    (tmp_path / "walks").mkdir()
+    (tmp_path / "walks" / "manifest.json").touch()
+    with pytest.raises(StrideTwinError, match=f"no campaign: expected a folder that generate has .*{tmp_path}/walks"):
+        jobs_of([tmp_path])

@@ -48,6 +48,7 @@ def test_markdown_shows_what_changed_and_folds_the_rest(worse, fine):
     assert "| mine | overall |" in text
     assert f"**{len(worse.regressions)} worse**" in text
     assert text.index("overall") < text.index("<details>")
+    assert re.search(r"\d+ scores not worse\n</summary>", text)
     assert "**nothing worse**" in markdown(fine)
 
 
@@ -57,6 +58,7 @@ def test_the_table_names_what_is_worse_first(worse, fine):
     assert changed(worse)[0].verdict == "worse"
     assert verdict(fine) == f"none of {len(fine.lines)} scores is worse"
     assert changed(fine) == []
+    assert cells(fine.lines[0])[-1] == "not worse"
 
 
 def test_means_are_named_and_signed_scores_compared_by_size_say_so():

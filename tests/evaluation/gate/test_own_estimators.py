@@ -68,6 +68,15 @@ class Five(Odd):
 class Far(Odd):
     def tell(self, e): return SimpleNamespace(**vars(e) | {"p_frame_in_world": (0, 1e200, 0)})
 
+class Elsewhere(Left):
+    topics = ("/foot_x/imu",)
+
+class NoSuchImu(Left):
+    def __init__(self, rig): rig.imu("/foot_left/imu")
+
+class Timeless(Odd):
+    def tell(self, e): return SimpleNamespace(**vars(e) | {"t_ns": 5})
+
 class Framed(Left):
     frame = ["a"]
 
@@ -168,6 +177,12 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
     ("name", "said"),
     [
         ("own_filters:Greedy", "Greedy.topics: invalid /truth/foot_l/imu/odometry: expected topics"),
+        ("own_filters:Elsewhere", r"Elsewhere.topics: invalid '/foot_x/imu': expected .*did you mean '/foot_[lr]/imu'"),
+        (
+            "own_filters:NoSuchImu",
+            r"own_filters:NoSuchImu: .* no IMU '/foot_left/imu'; .* \(own_filters.py:\d+, in __i",
+        ),
+        ("own_filters:Timeless", "Timeless.update: t_ns: invalid 5: expected more than 5, the stamp of the previous"),
         ("own_filters:Silent", "Silent.update has returned no estimate"),
         (
             "own_filters:Broken",
@@ -365,3 +380,17 @@ def test_a_level_too_low_for_the_baseline_is_reported_before_anything_is_scored(
     words = ["score", "no-such.mcap", "--baseline", str(tmp_path / "base.json"), "--false-alarms", "0.01"]
     assert main(words) == 2
     assert "--false-alarms: invalid 0.01: expected 0.024 or more, with the 120" in capsys.readouterr().err
+
+
+def test_a_frame_that_no_estimator_has_is_refused(walk, place, capsys):
+    command = ["score", str(walk / "recording.mcap"), "--estimator", "mine=own_filters:Right", "--frame", "foot_left"]
+    assert main(command) == 2
+    said = "--frame: invalid 'foot_left': expected foot_r/imu, as the classes declare"
+    assert said in capsys.readouterr().err
+
+
+def test_a_class_in_place_of_an_object_is_refused(recording):
+    with pytest.raises(
+        StrideTwinError, match=r"invalid class Recording: expected an object of it, such as Recording\("
+    ):
+        estimated_path(Recording, recording)
