@@ -134,6 +134,12 @@ def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
     return problem
 
 
+def _size(result: dict[str, Any]) -> str:
+    walks, shown = len(result["walks"]), len(result["table"])
+    places = f"{result['tried']} places and the unchanged one on {walks} walk{'s' * (walks != 1)}"
+    return f"{places}; {shown} of them in the table, all in places.csv" if shown <= result["tried"] else places
+
+
 def placement_lines(result: dict[str, Any]) -> list[str | Table]:
     """The table, and which differences in it are significant."""
     from stridetwin.studies.placement.page import said, said_value
@@ -146,5 +152,5 @@ def placement_lines(result: dict[str, Any]) -> list[str | Table]:
     ]  # fmt: skip
     lines: list[str | Table] = [table(rows, ["place", *result["free"], *scores], text_columns=0)]
     lines += [f"{row['rank']} failed: {row['failed']}" for row in result["table"] if "failed" in row]
-    lines += ["", *result["words"], "", f"{result['tried']} places on {len(result['walks'])} walks"]
+    lines += ["", *result["words"], "", _size(result)]
     return [*lines, *([f"{result['failed']} of them failed somewhere"] if result["failed"] else [])]

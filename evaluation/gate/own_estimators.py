@@ -30,7 +30,7 @@ from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.trajectory import Trajectory, trajectory_of
+from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 from stridetwin.streams.validation import suggest
 
 TRUTH = "/truth/"
@@ -191,7 +191,8 @@ def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
     if isinstance(estimator, type):
         name = estimator.__name__
         raise StrideTwinError(f"invalid class {name}: expected an object of it, such as {name}(recording.rig)")
-    name, poses = type(estimator).__name__, []
+    name = type(estimator).__name__
+    poses: list[Pose] = []
     sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
     wanted = getattr(estimator, "topics", None)
     if wanted is None:

@@ -25,6 +25,7 @@ from stridetwin.scenarios.versions import digest
 from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
+from stridetwin.streams.validation import suggest
 from stridetwin.studies.placement import visibility
 from stridetwin.studies.placement.forecast import Forecast
 from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
@@ -269,7 +270,7 @@ class Measure:
         for score in self._problem.scores:
             reported = [score.reported_instead(row.get("estimators", {})) for row in rows]
             if not score.geometric and all(reported):
-                valid = f"of this estimator: {', '.join(sorted(set().union(*reported)))}"
+                valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"
                 raise ConfigError(self._problem.path, "scores", score.name, valid)
 
 

@@ -26,8 +26,10 @@ def placement_page(
     problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], image: BodyImage | None
 ) -> str:
     """The page of a placement: the losses (P,) of all places, the result of `run_placement`, and the body map."""
-    chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
+    chips = [f"{result['tried']} places and as it is", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
+    if len(result["table"]) <= result["tried"]:
+        lead += f" These are {len(result['table'])} of them; places.csv has all."
     if result["walks_of_table"] != result["walks"]:
         lead += f" The table is from {len(result['walks_of_table'])} walks that the search has not seen."
     sections = [

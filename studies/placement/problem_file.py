@@ -316,6 +316,8 @@ def check_ends(problem: Problem, folder: Path) -> None:
 def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinError:
     if error.source == knob.at.source:
         return error
+    if f"{knob.at.path}.".startswith(f"free.{error.field}.{error.value}."):  # a key that the scenario does not have
+        return knob.at.error(error.value, error.valid)
     return knob.at.error(end, f"what {base.name} can have ({_inner(error)})")
 
 

@@ -52,17 +52,22 @@ def check_request(folder: Path, request: Mapping[str, Any], resume: bool) -> Non
         resume: Whether an earlier run is to be continued.
 
     Raises:
-        StrideTwinError: It holds a placement that is not to be continued, or another one.
+        StrideTwinError: It holds a placement that is not to be continued, another one, or results of another command.
     """
-    if not resume and any((folder / name).exists() for name in (ROWS, REQUEST)):
-        raise StrideTwinError(f"{folder}: holds a placement: expected --resume to continue it, or another folder")
     try:
         before = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
-        return
-    if before != json.loads(json_text(request)):
-        name = before.get("placement") if isinstance(before, dict) else None
-        raise StrideTwinError(f"{folder}: holds another placement, {name!r}: expected another folder")
+        before = None
+    if isinstance(before, dict) and "placement" not in before:
+        raise StrideTwinError(f"{folder}: holds results of another command: expected another folder")
+    if not resume and any((folder / name).exists() for name in (ROWS, REQUEST)):
+        raise StrideTwinError(f"{folder}: holds a placement: expected --resume to continue it, or another folder")
+    if before is not None and before != (asked := json.loads(json_text(request))):
+        name = before["placement"]
+        differing = ", ".join(key for key, value in asked.items() if before.get(key) != value)
+        raise StrideTwinError(
+            f"{folder}: holds another placement, {name!r} (other {differing}): expected another folder"
+        )
 
 
 def keep_request(folder: Path, request: Mapping[str, Any]) -> None:

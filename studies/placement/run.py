@@ -93,6 +93,7 @@ def _request(problem: Problem) -> dict[str, Any]:
         "placement": problem.description,
         "scenarios": [plain_of(problem, base, Place()) for base in problem.bases],
         "free": [[k.name, k.low, k.high, k.step, list(k.values)] for k in problem.knobs],
+        "surfaces": [[free.surface, dict(free.fixed)] for free in problem.free if free.surface is not None],
         "scores": [[score.name, score.weight] for score in problem.scores],
     }
 

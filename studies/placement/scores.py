@@ -74,14 +74,18 @@ class Score:
 
     def of(self, scores: Mapping[str, Mapping[str, float]]) -> float:
         """The value among an estimator's scores; the mean of both feet where there are two, NaN where it is missing."""
-        metric = self.name.partition(".")[2]
-        found = [own[metric] for own in self._of_estimator(scores) if metric in own]
+        found = [own[self.metric] for own in self._of_estimator(scores) if self.metric in own]
         return sum(found) / len(found) if found else math.nan
+
+    @property
+    def metric(self) -> str:
+        """Its name without that of its estimator; empty where it has none."""
+        return self.name.partition(".")[2]
 
     def reported_instead(self, scores: Mapping[str, Mapping[str, float]]) -> list[str]:
         """Other scores that its estimator reports, where it reports some but not this one."""
         reported = {metric for own in self._of_estimator(scores) for metric in own}
-        return [] if self.name.partition(".")[2] in reported else sorted(reported)
+        return [] if self.metric in reported else sorted(reported)
 
     def _of_estimator(self, scores: Mapping[str, Mapping[str, float]]) -> list[Mapping[str, float]]:
         estimator = self.name.partition(".")[0]

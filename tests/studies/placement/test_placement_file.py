@@ -84,6 +84,10 @@ def test_invalid_values_are_refused_before_the_first_walk(tmp_path):
     }
     with pytest.raises(StrideTwinError, match="no surface at a height of 190 mm"):
         check_ends(read_problem(written(tmp_path, free=surface)), tmp_path)
+    misspelt = {"sensors.foot_imu.position_m": surface["sensors.foot_imu.position_mm"] | {"up_mm": 60}}
+    said = r"free\.sensors\.foot_imu\.position_m\.around_deg: invalid 'position_m': .* mean 'position_mm'\?"
+    with pytest.raises(StrideTwinError, match=said):
+        check_ends(read_problem(written(tmp_path, free=misspelt)), tmp_path)
 
 
 def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):

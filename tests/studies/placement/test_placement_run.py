@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from stridetwin.cli.main import main
+from stridetwin.cli.studies import placement_lines
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
@@ -118,9 +119,9 @@ def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
 
 
 def test_a_score_that_no_estimator_reports_ends_the_run_with_the_first_place(tmp_path):
-    node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.nope"]}
+    node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.end_eror_m"]}
     node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
-    with pytest.raises(StrideTwinError, match=r"scores: invalid 'foot_ins\.nope': expected of this .*end_error_m"):
+    with pytest.raises(StrideTwinError, match=r"scores: invalid 'foot_ins\.end_eror_m': .* mean 'end_error_m'\?"):
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
@@ -136,11 +137,30 @@ def test_a_folder_belongs_to_one_placement_which_only_resume_continues(tmp_path)
     with pytest.raises(StrideTwinError, match="out: holds a placement: expected --resume to continue it"):
         run_placement(asked, out, silent)
     other = read_problem(problem(tmp_path, PARTS | {"placement": "Other parts", "scores": ["foot_weight_g"]}))
-    with pytest.raises(StrideTwinError, match="holds another placement, 'Parts by weight'"):
+    with pytest.raises(
+        StrideTwinError, match=r"holds another placement, 'Parts by weight' \(other placement, scores\)"
+    ):
         run_placement(other, replace(out, resume=True), silent)
     assert {p: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.is_file()} == before
+    (tmp_path / "campaign").mkdir()
+    (tmp_path / "campaign" / "request.json").write_text('{"campaign": "mine"}')
+    with pytest.raises(StrideTwinError, match="campaign: holds results of another command: expected another folder"):
+        run_placement(asked, replace(out, folder=tmp_path / "campaign"), silent)
     more = run_placement(asked, replace(out, resume=True, walks=2), silent)
     assert len(more["walks"]) == 2
+
+
+def test_another_distance_from_the_surface_is_another_placement(tmp_path):
+    def imu(off_mm):
+        on = {"over": "shoe", "around_deg": {"between": [90, 180], "step": 90}, "up_mm": 60, "off_mm": off_mm}
+        node = PARTS | {"seeds": 1, "free": {"sensors.foot_imu.position_mm": on}}
+        return read_problem(problem(tmp_path, node))
+
+    out = Options(folder=tmp_path / "out")
+    result = run_placement(imu(10), out, silent)
+    assert placement_lines(result)[-1] == "2 places and the unchanged one on 1 walk"
+    with pytest.raises(StrideTwinError, match=r"\(other surfaces\): expected another folder"):
+        run_placement(imu(12), replace(out, resume=True), silent)
 
 
 def test_only_what_the_scores_need_is_simulated_and_estimated(tmp_path, monkeypatch):
