@@ -19,7 +19,7 @@ from stridetwin.studies.placement.problem_file import AS_IT_IS, Problem, format_
 from stridetwin.studies.placement.significance import front, intervals
 
 _DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
-_MOST_DOTS = 2000
+_MOST_DOTS, _FEW_DOTS, _DOT_PX = 2000, 50, 4
 
 
 def placement_page(
@@ -38,7 +38,7 @@ def placement_page(
                 rendered("list", words=result["words"])),
     ]  # fmt: skip
     if image is not None:
-        tag = Markup('<img src="{}" alt="{}" style="max-width:100%">')
+        tag = Markup('<div style="overflow-x:auto"><img src="{}" alt="{}" style="width:100%;min-width:640px"></div>')
         sections.append(section("On the body", image.words, tag.format(data_uri(image.png, "image/png"), image.words)))
     if drawn := value_map(problem, searched, losses):
         sections.append(section("Score over two values", "The other values are the best ones.", drawn))
@@ -98,7 +98,7 @@ def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
     )  # fmt: skip
     plot.heatmap(xs, ys, best, label=score.name, reverse=not score.higher_is_better)
     top = np.unravel_index(np.argmin(least), least.shape)
-    plot.dots([xs[top[1]]], [ys[top[0]]], ERROR, size=12, symbol="x", label="best")
+    plot.dots([xs[top[1]]], [ys[top[0]]], ERROR, size=12, symbol="x", label=_best_label(losses))
     return plot.html()
 
 
@@ -137,9 +137,21 @@ def _over_numbers(knob: Knob, problem: Problem, searched: Measured, losses: Arra
     x = [searched.places[i].values[knob.name] for i in shown]
     means = searched.values[shown, :, k].mean(axis=1)
     plot = Plot(title=knob.name, x_label=knob.name, y_label=problem.scores[k].name)
-    plot.dots(x, means, _DOT, size=4, label="place")
-    plot.dots(x[:1], means[:1], _BEST, size=9, label="best")
+    plot.dots(x, means, _DOT, size=_dot_px(len(x)), label="place")
+    plot.dots(x[:1], means[:1], _BEST, size=9, label=_best_label(losses))
+    if np.isfinite(losses[0]):
+        unchanged = float(searched.values[0, :, k].mean())
+        plot.line([min(x), max(x)], [unchanged, unchanged], _AS_IT_IS, width=1.2, label="unchanged")
     return plot.html()
+
+
+def _best_label(losses: Array) -> str:
+    """Name of the best place of a figure without the unchanged one, which may be better."""
+    return "best but for the unchanged" if np.argmin(losses) == 0 else "best"
+
+
+def _dot_px(count: int) -> int:
+    return _DOT_PX if count > _FEW_DOTS else 2 * _DOT_PX
 
 
 def fronts(problem: Problem, searched: Measured, losses: Array) -> list[Markup]:
@@ -148,7 +160,7 @@ def fronts(problem: Problem, searched: Measured, losses: Array) -> list[Markup]:
     for k in range(1, len(problem.scores)):
         pair = [0, k]
         there = np.isfinite(means[:, pair]).all(axis=1)
-        if not there.any():
+        if not there.any() or not np.ptp(means[there][:, pair], axis=0).all():  # without a choice between the two
             continue
         sides = np.column_stack([problem.scores[i].losses(means[:, i]) for i in pair])
         best = sorted(front(np.where(there[:, None], sides, np.inf)), key=lambda i: means[i, 0])
@@ -156,7 +168,7 @@ def fronts(problem: Problem, searched: Measured, losses: Array) -> list[Markup]:
         rows = rows[np.argsort(losses[rows], kind="stable")][:_MOST_DOTS]
         names = problem.scores[0].name, problem.scores[k].name
         plot = Plot(title=" and ".join(names), x_label=names[0], y_label=names[1], height=320)
-        plot.dots(means[rows, 0], means[rows, k], _DOT, size=4, label="place")
+        plot.dots(means[rows, 0], means[rows, k], _DOT, size=_dot_px(len(rows)), label="place")
         plot.line(means[best, 0], means[best, k], _BEST, width=1.2, label="Pareto front")
         plot.dots(means[best, 0], means[best, k], _BEST, size=8, label="Pareto front")
         if there[0]:

@@ -270,3 +270,12 @@ def test_a_page_without_scores_of_other_places_has_no_figures_of_them(tmp_path):
     assert [row["label"] for row in result["table"]] == ["as it is"]
     assert result["failed"] == result["tried"] == 8
     assert "Score over each value" not in (tmp_path / "out" / "placement.html").read_text()
+
+
+def test_the_page_shows_the_unchanged_place_and_leaves_out_what_does_not_vary(tmp_path):
+    node = SIGHT | {"scores": ["visibility_pct", "weight_g"]}  # the weight is the same everywhere
+    run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    page = (tmp_path / "out" / "placement.html").read_text(encoding="utf-8")
+    assert '"unchanged"' in page.split("Score over each value")[1]
+    assert "Trade-offs between scores" not in page
+    assert "places.csv has all" not in page  # nine of nine
