@@ -9,8 +9,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
+from importlib.metadata import version
 from inspect import Parameter, Signature, get_annotations
-from typing import Any, TextIO, get_type_hints
+from typing import Annotated, Any, TextIO, get_type_hints
 
 import typer
 
@@ -46,7 +47,7 @@ def parse(argv: Sequence[str] | None = None) -> Call:
     """Parses a command line, by default that of this process.
 
     Raises:
-        SystemExit: With code 0 after help; with code 2 and one line on stderr after a usage error.
+        SystemExit: With code 0 after help or the version; with code 2 and one line on stderr after a usage error.
     """
     try:
         made = typer.main.get_command(_app())(argv, _NAME, standalone_mode=False)
@@ -118,10 +119,24 @@ def _deprecations_shown() -> Iterator[None]:
 
 def _app() -> typer.Typer:
     app = typer.Typer(name=_NAME, help=_HELP, epilog=_EXIT_CODES)
-    app.callback()(lambda: None)
+    app.callback(help=_HELP)(_all_commands)
     for name, command in COMMANDS.items():
         app.command(name, help=command.options.__doc__)(_callback(name, command))
     return app
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        print(f"{_NAME} {version(_NAME)}")
+        raise typer.Exit
+
+
+def _all_commands(
+    version: Annotated[
+        bool, typer.Option("--version", metavar="", help="Print the version.", is_eager=True, callback=_show_version)
+    ] = False,
+) -> None:
+    """Options beside the commands."""
 
 
 def _callback(name: str, command: Command) -> Callable[..., Call]:

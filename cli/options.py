@@ -111,7 +111,7 @@ def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] |
 
 def switch(name: str, help: str) -> Any:
     """An option without a value."""
-    return typer.Option(name, help=help)
+    return typer.Option(name, help=help, metavar="")  # it takes no value, such as <bool>
 
 
 def output_option(help: str, metavar: str = "FILE") -> Any:

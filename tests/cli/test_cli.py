@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from contextlib import redirect_stdout
+from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
@@ -74,6 +75,12 @@ def test_every_command_has_help(capsys, command):
         main([*command, "--help"])
     assert stop.value.code == 0
     assert "Usage: stridetwin" in capsys.readouterr().out
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["--version"])
+    assert (stop.value.code, capsys.readouterr().out) == (0, f"stridetwin {version('stridetwin')}\n")
 
 
 def test_run_leaves_every_file_and_says_where_the_report_is(walk):

@@ -67,6 +67,7 @@ def refused(path) -> str:
             "'light,texture': 1\n  'light , texture': 2\n  gait.speed_mps",
             "set.light , texture: invalid 'light , texture': expected every place once",
         ),
+        ("[0.9, 1.2]", "[90, 130]", "set.gait.speed_mps: invalid 'uniform 90 to 130': expected 0.05-2.1"),
         ("  gait.speed_mps", "  person.height_m", "set.person.height_m: invalid 'person.height_m': expected no per"),
         ("seed: 3", "splits: {shares: {train: 0.7}}", "splits.shares: invalid {'train': 0.7}: expected shares"),
         ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: invalid '../x': expected names of lower-case"),
