@@ -152,7 +152,7 @@ def check_table(check: Check) -> list[str]:
 
 
 def _line(cells: Sequence[str]) -> str:
-    return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>11}" for c in cells[2:])
+    return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>12}" for c in cells[2:])
 
 
 def _remark(row: dict[str, Any]) -> str:
