@@ -100,7 +100,7 @@ def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -
             start=a, start_sd=p.occluded_edge_sd_m if k else 0.0,
             end=b, end_sd=p.occluded_edge_sd_m if k < len(edges) else 0.0,
             drop=step.elevation if k else 0.0, drop_sd=step.elevation_sd, slope=slope, slope_sd=slope_sd,
-            mode=step.mode if step.mode in ("RA", "RD") else "LG",
+            mapped_slope=slope, mode=step.mode if step.mode in ("RA", "RD") else "LG",
         )
         for k, (a, b) in enumerate(pairwise(bounds))
     ]  # fmt: skip
@@ -240,7 +240,7 @@ class Foothold:
     ) -> None:  # fmt: skip
         """Estimates where a foot has landed, and updates the step statistics.
 
-        See docs/locomotion_mode.md (10).
+        See docs/locomotion_mode.md (12).
 
         Args:
             landing: The touch-down.

@@ -61,6 +61,11 @@ class LocomotionModeParameters:
         ramp_rad: Smallest slope of a ramp: half of the gentlest ramp that is built for walking, 5°.
         slope_sd_rad: Smallest standard deviation of a slope.
         flat_sd_rad: Standard deviation of the slope of ground built level.
+        level_sd_rad: The same where nothing is known of the ground.
+        ramp_sd_rad: The same of ramps, about level.
+        level_share: Share of level ground among planes too long for a tread.
+        lean_sd_rad: Standard deviation of the map's lean along the path.
+        lean_reach_sd: Largest lean, in standard deviations.
         change_m: Mean distance between changes of unobserved ground.
         ramp_step: Prior ratio of step lengths on ramps to those on level ground.
         ramp_step_sd: Its standard deviation.
@@ -96,7 +101,6 @@ class LocomotionModeParameters:
         flight_cosine: Smallest cosine between the path and the direction of a flight.
         tread_sd_share: Factor on the error of distances between edges of one flight, which share most of their error.
         tread_down_factor: Factor on the error of descending treads, of which the camera sees only strips.
-        significant_sd: Standard deviations beyond which a slope is significant.
         hidden_riser_sd: Relative standard deviation of unobserved risers from usual ones.
         hidden_tread_sd: The same for treads.
         alike_riser_sd: The same for risers of stairs like the last observed ones.
@@ -166,7 +170,12 @@ class LocomotionModeParameters:
     occluded_edge_sd_m: float = 0.04
     ramp_rad: float = 0.0436
     slope_sd_rad: float = 0.0055
-    flat_sd_rad: float = 0.0175
+    flat_sd_rad: float = 0.006
+    level_sd_rad: float = 0.0175
+    ramp_sd_rad: float = 0.12
+    level_share: float = 0.85
+    lean_sd_rad: float = 0.009
+    lean_reach_sd: float = 4.0
     change_m: float = 2.0
     ramp_step: float = 0.80
     ramp_step_sd: float = 0.12
@@ -202,7 +211,6 @@ class LocomotionModeParameters:
     flight_cosine: float = 0.8
     tread_sd_share: float = 0.7
     tread_down_factor: float = 2.0
-    significant_sd: float = 3.0
     hidden_riser_sd: float = 0.40
     hidden_tread_sd: float = 0.15
     alike_riser_sd: float = 0.05

@@ -13,7 +13,8 @@ import numpy as np
 from stridetwin.estimators.contact_terrain.estimate import above
 from stridetwin.estimators.locomotion_mode.estimate import MODES
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.terrain_map import Change, Profile, Ramp, TerrainEstimate
+from stridetwin.estimators.locomotion_mode.vertical import without_lean
+from stridetwin.estimators.terrain_map import Change, Profile, TerrainEstimate
 from stridetwin.streams.samples import Array
 
 
@@ -30,6 +31,7 @@ class Segment:
         drop_sd: Standard deviation where unobserved, m.
         slope: rad, uphill positive.
         slope_sd: Standard deviation, rad.
+        mapped_slope: Slope in the map, which may lean.
         mode: Mode of steps within the segment: LG, RA or RD.
     """
 
@@ -41,6 +43,7 @@ class Segment:
     drop_sd: float
     slope: float
     slope_sd: float
+    mapped_slope: float
     mode: str
 
     @property
@@ -94,19 +97,24 @@ def segments_along(
         bounds += _bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
     bounds = [*bounds[first : first + p.segments_max], _Bound(math.inf, 0.0, 0.0)]
-    made = []
-    for one, other in pairwise(bounds):
-        if _is_tread(one, other, p):
-            slope, slope_sd = 0.0, p.flat_sd_rad
-        else:
-            slope, slope_sd = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
-        made.append(
-            Segment(
-                start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
-                slope=slope, slope_sd=slope_sd, mode="LG" if abs(slope) < p.ramp_rad else "RA" if slope > 0 else "RD",
-            )
-        )  # fmt: skip
-    return made
+    mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, p.level_sd_rad), []
+    for k, (one, other) in enumerate(pairwise(bounds)):
+        measured = None
+        if not _is_tread(one, other, p):
+            measured = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
+        if measured is not None:
+            mapped[k], sd[k] = measured
+            known.append(k)
+    slope = mapped.copy()
+    slope[known], sd[known] = without_lean(mapped[known], sd[known], p)
+    return [
+        Segment(
+            start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
+            slope=float(slope[k]), slope_sd=float(sd[k]), mapped_slope=float(mapped[k]),
+            mode="LG" if abs(slope[k]) < p.ramp_rad else "RA" if slope[k] > 0 else "RD",
+        )
+        for k, (one, other) in enumerate(pairwise(bounds))
+    ]  # fmt: skip
 
 
 def _without_small_objects(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change]:
@@ -214,19 +222,15 @@ def _hidden_steps(fall: float, usual: Flight | None, p: LocomotionModeParameters
 def _slope(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
     p: LocomotionModeParameters,
-) -> tuple[float, float]:  # fmt: skip
-    """Slope of a segment and its standard deviation; ground that is not a ramp in the map is level as built."""
+) -> tuple[float, float] | None:  # fmt: skip
+    """Slope of a segment in the map and its standard deviation; None where no plane is known."""
     planes = {} if estimate is None else estimate.planes
     inside = profile.plane[(profile.s > start) & (profile.s < end) & (profile.plane >= 0)]
     known = [int(i) for i in inside if int(i) in planes]
     if not known or estimate is None:
-        return 0.0, p.flat_sd_rad
+        return None
     plane = planes[int(np.bincount(known).argmax())]
-    slope, sd = math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd)
-    if isinstance(estimate.terrain_of(plane.id), Ramp) or abs(slope) > p.significant_sd * math.hypot(sd, p.flat_sd_rad):
-        return slope, sd
-    share = p.flat_sd_rad**2 / (p.flat_sd_rad**2 + sd**2)
-    return share * slope, math.sqrt(share) * sd
+    return math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd)
 
 
 def segment_under(ground: Sequence[Segment], s: float, p: LocomotionModeParameters) -> int:
@@ -243,10 +247,10 @@ def surface_along(ground: Sequence[Segment], s: Array) -> tuple[Array, Array, Ar
         here = (s >= segment.start) & (s < segment.end) if k else s < segment.end
         begin = segment.start if k else 0.0
         base += segment.drop if k else 0.0
-        height[here] = base + math.tan(segment.slope) * (s[here] - begin)
+        height[here] = base + math.tan(segment.mapped_slope) * (s[here] - begin)
         slope[here], slope_sd[here] = segment.slope, segment.slope_sd
         if math.isfinite(segment.end):
-            base += math.tan(segment.slope) * (segment.end - begin)
+            base += math.tan(segment.mapped_slope) * (segment.end - begin)
     return height, slope, slope_sd
 
 

@@ -10,7 +10,7 @@ from stridetwin.streams.errors import ConfigError, check_numbers
 
 _ORDERED = (
     ("range_min_m", "range_max_m"), ("riser_min_m", "riser_max_m"), ("tread_min_m", "tread_max_m"),
-    ("flat_rad", "bent_rad"), ("bent_rad", "ramp_rad"), ("voxel_size_m", "truncation_m"),
+    ("level_rad", "flat_rad"), ("flat_rad", "bent_rad"), ("bent_rad", "ramp_rad"), ("voxel_size_m", "truncation_m"),
 )  # fmt: skip
 
 
@@ -126,7 +126,8 @@ class TerrainMapParameters:
         discontinuity_px: Reach of the test, pixels of a 640-pixel image.
         depth_noise_per_m: Standard deviation of the depth divided by its square, 1/m.
         ahead_m: Distance ahead of the camera at which the top view is centred.
-        flat_rad: A plane with a smaller slope is flat.
+        level_rad: A plane with a smaller slope is level: half of the gentlest ramp that is built for walking.
+        flat_rad: A plane with a smaller slope may be a tread.
         bent_rad: Largest apparent slope of a flat plane that pose errors have bent.
         ramp_rad: Largest slope of a ramp.
         ramp_area_m2: Smallest area of a ramp.
@@ -165,6 +166,7 @@ class TerrainMapParameters:
         gap_m: Largest distance of an inferred edge from the unobserved gap.
         edge_m: Smallest height step of an edge.
         slope_break_rad: Smallest slope change of a slope break.
+        slope_break_sd: Its smallest number of standard deviations.
         tsdf, rays, clusters, edges, profile: Parameters of the stages.
 
     All, and those of the stages, are hand-chosen on twin walks of tuning seeds (below 1000), except dimensions of
@@ -182,6 +184,7 @@ class TerrainMapParameters:
     discontinuity_px: float = 1.0
     depth_noise_per_m: float = 0.004
     ahead_m: float = 1.6
+    level_rad: float = math.radians(2.5)
     flat_rad: float = math.radians(5.0)
     bent_rad: float = math.radians(10.0)
     ramp_rad: float = math.radians(25.0)
@@ -220,7 +223,8 @@ class TerrainMapParameters:
     even_sd_m: float = 0.015
     gap_m: float = 0.05
     edge_m: float = 0.04
-    slope_break_rad: float = math.radians(4.0)
+    slope_break_rad: float = math.radians(1.5)
+    slope_break_sd: float = 4.0
     tsdf: TsdfParameters = field(default_factory=TsdfParameters)
     rays: RayParameters = field(default_factory=RayParameters)
     clusters: ClusterParameters = field(default_factory=ClusterParameters)

@@ -143,13 +143,14 @@ def _edge_or_slope_break(
     drop = float(other.height(place) - one.height(place))
     slopes = [float(q.gradient @ forward) for q in (one, other)]
     bend = math.atan(slopes[1]) - math.atan(slopes[0])
-    if is_flat(one, p) and is_flat(other, p):
+    bends = abs(bend) > max(
+        p.slope_break_rad, p.slope_break_sd * math.hypot(*(_slope_sd(q, forward) for q in (one, other)))
+    )
+    if not bends and is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
         after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, p.edges.border_m) for q in (other, one))
         drop, bend = after - before, 0.0
-    if abs(bend) > p.slope_break_rad and abs(drop) < abs(slopes[1] - slopes[0]) * (
-        abs(start - end) / 2 + p.profile.slope_break_m
-    ):
+    if bends and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + p.profile.slope_break_m):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward
         sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
@@ -166,6 +167,11 @@ def _edge_or_slope_break(
             return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
     s = end + p.voxel_size_m / 2 if drop < 0 else start - p.voxel_size_m / 2
     return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_size_m / 2), drop=drop, bend=0.0)
+
+
+def _slope_sd(plane: Plane, forward: Array) -> float:
+    """Standard deviation of a plane's slope along a (2,) direction."""
+    return math.sqrt(max(float(forward @ plane.covariance[1:, 1:] @ forward), 0.0))
 
 
 def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:

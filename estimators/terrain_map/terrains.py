@@ -25,12 +25,22 @@ class _Known(NamedTuple):
 
 
 def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
-    """Whether a plane is flat within its uncertainty.
+    """Whether a plane may be a tread: flat within its uncertainty."""
+    return _less_than(p.flat_rad, plane, p)
+
+
+def is_level(plane: Plane, p: TerrainMapParameters) -> bool:
+    """Whether a plane is level within its uncertainty."""
+    return _less_than(p.level_rad, plane, p)
+
+
+def _less_than(slope_rad: float, plane: Plane, p: TerrainMapParameters) -> bool:
+    """Whether a plane may slope by less.
 
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
     does not make it a ramp.
     """
-    if plane.slope < p.flat_rad + min(p.significant_sd * plane.slope_sd, p.bent_rad):
+    if plane.slope < slope_rad + min(p.significant_sd * plane.slope_sd, p.bent_rad):
         return True
     return plane.slope < p.bent_rad and plane.rise < p.kerb_m
 
@@ -69,7 +79,7 @@ class Terrains:
         for plane in planes.values():
             if plane.id in treads:
                 continue
-            if is_flat(plane, p):
+            if is_level(plane, p):
                 found.append(Level(id=plane.id, plane=plane.id))
             elif plane.slope <= p.ramp_rad and plane.area_m2 >= p.ramp_area_m2:
                 heading = math.atan2(*plane.gradient[::-1])

@@ -37,7 +37,8 @@ def ground(*bounds, slopes=None):
     return [
         Segment(
             start=a[0], start_sd=0.005, end=b[0], end_sd=0.005, drop=a[1], drop_sd=0.0,
-            slope=math.radians(slope), slope_sd=0.01, mode="LG" if abs(slope) < 2.5 else "RA" if slope > 0 else "RD",
+            slope=math.radians(slope), slope_sd=0.01, mapped_slope=math.radians(slope),
+            mode="LG" if abs(slope) < 2.5 else "RA" if slope > 0 else "RD",
         )
         for a, b, slope in zip(places[:-1], places[1:], slopes)
     ]  # fmt: skip

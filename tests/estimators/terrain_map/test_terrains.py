@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.terrains import is_flat
+from stridetwin.estimators.terrain_map.terrains import is_flat, is_level
 
 P = TerrainMapParameters()
 
@@ -42,5 +42,17 @@ def test_a_plane_rises_by_its_slope_over_its_length(degrees, along, across, turn
         (11.8, 0.15, False),  # a strip of a ramp
     ],
 )
-def test_what_rises_by_less_than_a_kerb_is_no_ramp(degrees, along_m, flat):
+def test_a_tread_may_lean(degrees, along_m, flat):
     assert is_flat(rectangle(degrees, along_m, turn=0.7), P) == flat
+
+
+@pytest.mark.parametrize(
+    ("degrees", "along_m", "level"),
+    [
+        (2.0, 5.0, True),
+        (3.5, 5.0, False),  # the gentlest ramps of building codes have 2.9°, 1:20
+        (3.5, 0.5, True),  # rises by less than a kerb
+    ],
+)
+def test_a_gentle_ramp_is_not_level(degrees, along_m, level):
+    assert is_level(rectangle(degrees, along_m), P) == level
