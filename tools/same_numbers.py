@@ -8,6 +8,7 @@ job and exits with 1 where a figure differs. Timings are left out, and `RENAMED`
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -83,6 +84,13 @@ def figures_of(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[s
         yield path, RENAMED.get(value, value) if isinstance(value, str) else value
 
 
+def _relative(old: Any, new: Any) -> float:
+    """Difference of two figures over the larger of them; infinite where they are not two numbers."""
+    if not isinstance(old, int | float) or not isinstance(new, int | float):
+        return math.inf
+    return float(abs(old - new) / max(abs(old), abs(new)))
+
+
 def compare(before: Path, after: Path) -> bool:
     """Prints which jobs agree; true where all do."""
     same = True
@@ -94,7 +102,8 @@ def compare(before: Path, after: Path) -> bool:
             continue
         old, new = (dict(figures_of(json.loads(f.read_text(encoding="utf-8")))) for f in (file, other))
         unequal = [path for path in old.keys() | new.keys() if old.get(path, ...) != new.get(path, ...)]
-        print(f"{file.stem}: {len(old)} figures, {len(unequal)} differ")
+        largest = max((_relative(old.get(path), new.get(path)) for path in unequal), default=0.0)
+        print(f"{file.stem}: {len(old)} figures, {len(unequal)} differ, by {largest:.1e} of the larger value at most")
         for path in sorted(unequal)[:10]:
             print(f"  {'.'.join(path)}: {old.get(path, 'missing')} -> {new.get(path, 'missing')}")
         same = same and not unequal
