@@ -302,9 +302,8 @@ def _footstep(
 
 
 def _riser(a: _Row, b: _Row) -> float:
-    """Height of the riser between two footprints, m; 0 without one, or on a ramp."""
-    ramp = "ramp" in (a.strip.terrain, b.strip.terrain)
-    return 0.0 if a.strip is b.strip or ramp else b.z - a.z
+    """Height of the risers between two footprints, m; 0 without one."""
+    return 0.0 if a.strip is b.strip else b.strip.z0 - a.strip.z1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

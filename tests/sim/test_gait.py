@@ -66,6 +66,16 @@ def test_stance_does_not_slip(twin: Twin) -> None:
     assert max(gait.slip(twin, side) for side in "lr") < 0.002
 
 
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("stairs_first", [False, True])
+def test_a_ramp_begins_and_ends_at_a_stair_without_a_landing(down: bool, stairs_first: bool) -> None:
+    pair = [Stairs(risers=3, down=down), Ramp(angle_rad=np.radians(6.0), rise_m=0.3, down=down)]
+    segments = (Level(length_m=2.0), *(pair if stairs_first else pair[::-1]), Level(length_m=2.0))
+    twin = Twin(TwinConfig(name="joined", route=Route(segments=segments), sensors=()), 7)
+    assert max(gait.penetration(twin, side) for side in "lr") < 0.005
+    assert max(gait.slip(twin, side) for side in "lr") < 0.002
+
+
 def test_joints_stay_in_human_ranges_and_knees_never_bend_backwards(twin: Twin) -> None:
     for joint, (low, high) in gait.HUMAN_DEG.items():
         least, most = gait.joint_range_deg(twin, joint)
