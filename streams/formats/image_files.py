@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.bounded import LARGEST_IMAGE, MOST_PIXELS, decode_image, read_bytes
+from stridetwin.streams.bounded import read_bytes
+from stridetwin.streams.bounded_images import LARGEST_IMAGE, MOST_PIXELS, decode_image
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
 from stridetwin.streams.recording.imported import ImageStream

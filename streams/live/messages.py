@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from stridetwin.streams.bounded import check_pixels, image_size
+from stridetwin.streams.bounded_images import check_pixels, image_size
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from stridetwin.streams.bounded import check_pixels
+from stridetwin.streams.bounded_images import check_pixels
 from stridetwin.streams.errors import StrideTwinError, needing
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.live.messages import Message

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
 
-from stridetwin.streams.bounded import check_pixels, decode_image
+from stridetwin.streams.bounded_images import check_pixels, decode_image
 from stridetwin.streams.recording.ros_samples import frame_id
 from stridetwin.streams.recording.ros_types import deserialise, serialise
 from stridetwin.streams.rig import CameraCalibration

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rigs import every_small_block, small_rig
 
-from stridetwin.streams.bounded import image_size
+from stridetwin.streams.bounded_images import image_size
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.live.messages import Decoder, Encoder, Message, stored_messages
 from stridetwin.streams.live.wire import (

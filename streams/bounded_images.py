@@ -1,0 +1,70 @@
+"""Size limits for untrusted images: see `bounded`."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+LARGEST_IMAGE = 64 << 20
+"""Largest image file, bytes."""
+MOST_PIXELS = 1 << 24
+"""Most pixels of a stored image, 4096 × 4096: bounds the size to which a message of a few bytes could unpack."""
+MOST_SCANS = 100
+"""Most scans of a JPEG; a progressive one has about ten, and each costs a pass over all pixels."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_MOST_MARKS = 10_000
+"""Most segments of a JPEG before its size; one with metadata alone has a few hundred."""
+_JPEG_SCAN = b"\xff\xda"
+_JPEG_BARE = frozenset([0x01, *range(0xD0, 0xD9)])
+
+
+def image_size(data: bytes) -> tuple[int, int]:
+    """Width and height in the header of a JPEG or PNG, without unpacking it.
+
+    Raises:
+        ValueError: The data is neither.
+    """
+    if data.startswith(_PNG) and data[12:16] == b"IHDR" and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+        return width, height
+    at = 2
+    for _ in range(_MOST_MARKS if data.startswith(b"\xff\xd8") else 0):
+        if at + 9 > len(data) or data[at] != 0xFF:
+            break
+        marker = data[at + 1]
+        if marker in _JPEG_SIZES:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        at += 2 if marker in _JPEG_BARE else 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    raise ValueError("an image that is neither JPEG nor PNG")
+
+
+def check_pixels(width: int, height: int, most: int = MOST_PIXELS) -> None:
+    """Rejects images that are too large.
+
+    Raises:
+        ValueError: The image has more than `most` pixels.
+    """
+    if not 0 < width * height <= most:
+        raise ValueError(f"invalid image of {width} × {height}: expected up to {most} pixels")
+
+
+def decode_image(data: bytes) -> NDArray[Any] | None:
+    """Decodes a JPEG or PNG with OpenCV; None for damaged data.
+
+    Raises:
+        ValueError: The data is neither, declares more than `MOST_PIXELS`, or has more than `MOST_SCANS` scans.
+    """
+    check_pixels(*image_size(data))
+    # The data of a scan never contains these two bytes, so no decoder finds more scans than this.
+    if not data.startswith(_PNG) and (scans := data.count(_JPEG_SCAN)) > MOST_SCANS:
+        raise ValueError(f"invalid JPEG of {scans} scans: expected up to {MOST_SCANS}")
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
