@@ -25,16 +25,7 @@ from stridetwin.estimators.foot_ins.quaternions import (
     transposed,
     vec3,
 )
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    D_ATTITUDE,
-    IGNORED,
-    PHASE,
-    T_LAST,
-    TRACKING,
-    VELOCITY,
-    Memory,
-)
+from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, IGNORED, PHASE, T_LAST, TRACKING, VELOCITY
 from stridetwin.estimators.foot_ins.strapdown import mirror, transpose_rows
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.published import published_step, relative_position_update
@@ -53,13 +44,13 @@ _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_lev
 
 
 @njit(**INSIDE)
-def in_inertial_world(memory: Memory, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
+def in_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
     """The sample (rad/s, m/s²) in a world without rotation: minus the Earth's rate and the Coriolis force.
 
     Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
     """
-    coriolis = cross(earth, vec3(memory.nominal, VELOCITY))
-    to_sensor = transposed(rotation_matrix(quaternion(memory.nominal, ATTITUDE)))
+    coriolis = cross(earth, vec3(nominal, VELOCITY))
+    to_sensor = transposed(rotation_matrix(quaternion(nominal, ATTITUDE)))
     return plus(rate, -1.0, rotate(to_sensor, earth)), plus(force, -2.0, rotate(to_sensor, coriolis))
 
 
@@ -117,7 +108,7 @@ def run(
             memory = pair.feet[f]
             rate, scales = vec3(events.rate[row], 0), vec3(pair.scales[f], 0)
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
-            rate, force = in_inertial_world(memory, earth, rate, vec3(events.force[row], 0))
+            rate, force = in_inertial_world(memory.nominal, earth, rate, vec3(events.force[row], 0))
             if possible(feet[f], rate, force):
                 apply_gyro_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
             if parameters.published:
@@ -166,7 +157,7 @@ def predict_board(
     then_ns = t_ns + round(1e9 * pair.late[camera])
     known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)
     known = _predict_pose(pair, foot, parameters, camera, then_ns, 0.0, T)
-    predict_pose(pair)
+    predict_pose(pair.covariance, pair.work, pair.board)
     for i in range(6):
         for j in range(6):
             covariance[i, j] = pair.board.covariance[i, j]

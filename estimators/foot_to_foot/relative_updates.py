@@ -8,6 +8,7 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import (
+    Workspace,
     back_substitute,
     clear,
     correct,
@@ -92,7 +93,7 @@ def board_update(
     walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
     p, R = board_in_camera(pair, camera, a, b)
     work, board, P = pair.work, pair.board, pair.covariance
-    predict_pose(pair)
+    predict_pose(pair.covariance, work, board)
     for i in range(6):
         for j in range(6):
             by_clock = work.jacobian[i, CLOCKS + camera] * work.jacobian[j, CLOCKS + camera]
@@ -105,7 +106,7 @@ def board_update(
     if not ahead:
         return UNUSED
     P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
-    _measure_states(pair, 1.0 / (alone * shared))
+    _measure_states(work, board.reduced, 1.0 / (alone * shared))
     length = gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
     pair.nis[OBSERVATIONS, 0] += normalized_innovation(work, 6, 1.0 / (shared * shared)) ** 2 / 6.0
     pair.nis[OBSERVATIONS, 1] += 1.0
@@ -115,18 +116,18 @@ def board_update(
 
 
 @njit(**INSIDE)
-def predict_pose(pair: Pair) -> None:
-    """Writes the covariance of the pose of `board_in_camera`, G P Gᵀ, into `pair.board`."""
-    spread_measurements(pair.covariance, pair.work, 0, 6)
+def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
+    """Writes the covariance of the pose of `board_in_camera`, G P Gᵀ, into `board`."""
+    spread_measurements(P, work, 0, 6)
     for i in range(6):
         for j in range(i + 1):
-            pair.board.covariance[i, j] = pair.board.covariance[j, i] = pair.work.spread[i, j]
+            board.covariance[i, j] = board.covariance[j, i] = work.spread[i, j]
 
 
 @njit(**INSIDE)
-def _measure_states(pair: Pair, weight: float) -> None:
+def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
     """Replaces the derivatives G of the pose by `weight` T G, those of the measurement T of the pose."""
-    T, G, column = pair.board.reduced.jacobian, pair.work.jacobian, pair.work.solved
+    T, G, column = reduced.jacobian, work.jacobian, work.solved
     for j in range(G.shape[1]):
         for i in range(6):
             column[i] = G[i, j]
@@ -135,7 +136,7 @@ def _measure_states(pair: Pair, weight: float) -> None:
             for k in range(6):
                 G[i, j] += weight * T[i, k] * column[k]
     for i in range(6):
-        pair.work.innovation[i] = weight * pair.board.reduced.innovation[i]
+        work.innovation[i] = weight * reduced.innovation[i]
 
 
 @njit(**INSIDE)
