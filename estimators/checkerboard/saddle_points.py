@@ -13,6 +13,7 @@ from scipy.special import erf
 
 from stridetwin.estimators.cholesky import solve
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.matrices import clear, clear_block
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -157,10 +158,8 @@ def _fit(
     L, step = np.zeros((free, free)), np.zeros(free)
     settled = False
     for iteration in range(p.rounds + 1):
-        for j in range(free):
-            g[j] = 0.0
-            for k in range(free):
-                N[j, k] = 0.0
+        clear(g)
+        clear_block(N, free)
         squares = 0.0
         for i in range(count):
             u = ux * (dx[i] - x) + uy * (dy[i] - y)

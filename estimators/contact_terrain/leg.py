@@ -16,7 +16,7 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
-from stridetwin.estimators.matrices import copy_matrix, identity, mul, rotate, transposed
+from stridetwin.estimators.matrices import copy_matrix, dot, identity, mul, rotate, transposed
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.samples import Array
 
@@ -209,7 +209,7 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
     thigh, shank = _between(hip, at_knee), _between(at_knee, ankle)
     axis = _column(R[0], poses[leg.knee - 1], 2)
     by_knee = rotate(hat(axis), shank)
-    thigh_m, shank_m = math.sqrt(_squared(thigh)), math.sqrt(_squared(shank))
+    thigh_m, shank_m = math.sqrt(dot(thigh, thigh)), math.sqrt(dot(shank, shank))
     J = np.zeros((3, OFFSETS))
     _put(rotation_jacobian(hip, R[0]), J, BACK)
     _put(rotation_jacobian(_between(hip, ankle), R[1 + side]), J, THIGH + 3 * side)
@@ -248,11 +248,6 @@ def _between(a: Array, b: Array) -> Array:
     for i in range(3):
         v[i] = b[i] - a[i]
     return v
-
-
-@njit(**INSIDE)
-def _squared(v: Array) -> float:
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 
 
 @njit(**INSIDE)

@@ -58,7 +58,7 @@ class LocomotionModeParameters:
         tread_min_m: Shortest tread.
         tread_max_m: Longest tread; longer flat ground is a landing.
         occluded_edge_sd_m: Standard deviation of an occluding edge.
-        ramp_rad: Smallest slope of a ramp: half of the gentlest ramp that is built for walking, 5°.
+        ramp_rad: Smallest slope of a ramp: the gentlest ramps of building codes have 2.9°, 1:20.
         slope_sd_rad: Smallest standard deviation of a slope.
         flat_sd_rad: Standard deviation of the slope of ground built level.
         level_sd_rad: The same where nothing is known of the ground.

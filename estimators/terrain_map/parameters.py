@@ -126,7 +126,7 @@ class TerrainMapParameters:
         discontinuity_px: Reach of the test, pixels of a 640-pixel image.
         depth_noise_per_m: Standard deviation of the depth divided by its square, 1/m.
         ahead_m: Distance ahead of the camera at which the top view is centred.
-        level_rad: A plane with a smaller slope is level: half of the gentlest ramp that is built for walking.
+        level_rad: A plane with a smaller slope is level: the gentlest ramps of building codes have 2.9°, 1:20.
         flat_rad: A plane with a smaller slope may be a tread.
         bent_rad: Largest apparent slope of a flat plane that pose errors have bent.
         ramp_rad: Largest slope of a ramp.

@@ -149,7 +149,7 @@ def _edge_or_slope_break(
     if not bends and is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
         after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, p.edges.border_m) for q in (other, one))
-        drop, bend = after - before, 0.0
+        drop = after - before
     if bends and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + p.profile.slope_break_m):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward

@@ -133,8 +133,7 @@ def _rises(holds: Sequence[Foothold]) -> list[float]:
         before = holds[i - 1] if i else None
         if before is not None and before.s == hold.s and before.strip is hold.strip and i > 1:
             before = holds[i - 2]
-        far = before is None or hold.strip is before.strip or hold.s - before.s >= 1.0
-        rise = 0.0 if far or before is None else hold.strip.z0 - before.strip.z1
+        rise = 0.0 if before is None or hold.s - before.s >= 1.0 else _riser(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
 
@@ -277,8 +276,8 @@ def _footstep(
 ) -> Footstep:  # fmt: skip
     slope, heading = row.strip.slope, float(way.heading(row.s))
     rise = row.z - before.z
-    risen, next_risen = _riser(before, row), _riser(row, after)
-    joined = _riser(own_before, row) if before.strip is row.strip and before.s == row.s else 0.0
+    risen, next_risen = _riser(before.strip, row.strip), _riser(row.strip, after.strip)
+    joined = _riser(own_before.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
     mode = "SA" if risen >= _STAIR_MODE_M else "SD" if risen <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
@@ -301,9 +300,9 @@ def _footstep(
     )  # fmt: skip
 
 
-def _riser(a: _Row, b: _Row) -> float:
-    """Height of the risers between two footprints, m; 0 without one."""
-    return 0.0 if a.strip is b.strip else b.strip.z0 - a.strip.z1
+def _riser(a: Strip, b: Strip) -> float:
+    """Height of the risers between two footprints on these strips, m; 0 without one."""
+    return 0.0 if a is b else b.z0 - a.z1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -58,7 +58,7 @@ def check_request(folder: Path, request: Mapping[str, Any], resume: bool) -> Non
         before = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
         before = None
-    if isinstance(before, dict) and "placement" not in before:
+    if before is not None and not (isinstance(before, dict) and "placement" in before):
         raise StrideTwinError(f"{folder}: holds results of another command: expected another folder")
     if not resume and any((folder / name).exists() for name in (ROWS, REQUEST)):
         raise StrideTwinError(f"{folder}: holds a placement: expected --resume to continue it, or another folder")

@@ -57,16 +57,16 @@ class Broken(Left):
 class Odd(Left):
     def update(self, sample):
         e = super().update(sample)
-        return e and self.tell(e)
+        return e and self.changed(e)
 
 class Zero(Odd):
-    def tell(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (0, 0, 0, 0)})
+    def changed(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (0, 0, 0, 0)})
 
 class Five(Odd):
-    def tell(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (5.0, 0, 0, 0)})
+    def changed(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (5.0, 0, 0, 0)})
 
 class Far(Odd):
-    def tell(self, e): return SimpleNamespace(**vars(e) | {"p_frame_in_world": (0, 1e200, 0)})
+    def changed(self, e): return SimpleNamespace(**vars(e) | {"p_frame_in_world": (0, 1e200, 0)})
 
 class Elsewhere(Left):
     topics = ("/foot_x/imu",)
@@ -75,7 +75,7 @@ class NoSuchImu(Left):
     def __init__(self, rig): rig.imu("/foot_left/imu")
 
 class Timeless(Odd):
-    def tell(self, e): return SimpleNamespace(**vars(e) | {"t_ns": 5})
+    def changed(self, e): return SimpleNamespace(**vars(e) | {"t_ns": 5})
 
 class Framed(Left):
     frame = ["a"]

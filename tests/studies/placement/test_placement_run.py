@@ -143,9 +143,12 @@ def test_a_folder_belongs_to_one_placement_which_only_resume_continues(tmp_path)
         run_placement(other, replace(out, resume=True), silent)
     assert {p: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.is_file()} == before
     (tmp_path / "campaign").mkdir()
-    (tmp_path / "campaign" / "request.json").write_text('{"campaign": "mine"}')
-    with pytest.raises(StrideTwinError, match="campaign: holds results of another command: expected another folder"):
-        run_placement(asked, replace(out, folder=tmp_path / "campaign"), silent)
+    for of_another in ('{"campaign": "mine"}', '["mine"]'):
+        (tmp_path / "campaign" / "request.json").write_text(of_another)
+        with pytest.raises(
+            StrideTwinError, match="campaign: holds results of another command: expected another folder"
+        ):
+            run_placement(asked, replace(out, folder=tmp_path / "campaign"), silent)
     more = run_placement(asked, replace(out, resume=True, walks=2), silent)
     assert len(more["walks"]) == 2
 
