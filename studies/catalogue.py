@@ -140,6 +140,18 @@ STUDIES = {
         "mode prediction under injected faults: odometry lost, no depth, a dead insole, a bad view",
         "zhao2023.mode_faults",
     ),
+    "terrain_zoo": Study(
+        "modes over 33 kinds of ground, gait, camera and light, a quarter of which were never tuned on",
+        "terrain_zoo.zoo_walk",
+        tables="terrain_zoo.zoo_results",
+        kind=MODES,
+    ),
+    "terrain_zoo_tuning": Study(
+        "the kinds of terrain_zoo on which parameters may be tuned, other seeds",
+        "terrain_zoo.zoo_walk",
+        tables="terrain_zoo.zoo_results",
+        kind=MODES,
+    ),
     "assistance": Study(
         "assistance by mode in closed loop: work saved with modes from legs, camera or truth", "assistance"
     ),

@@ -296,15 +296,15 @@ def report(result: dict[str, Any]) -> str:
         section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall(result))),
         _conditions(result),
         _table_2(result),
-        section("Confusion matrix", lead_confusion, _confusion(result["summary"][ours]["confusion"])),
+        section("Confusion matrix", lead_confusion, confusion_table(result["summary"][ours]["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
             boxes([preformatted(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
             "stack",
         ),
-        section("Lead time", lead_lead, _lead(steps)),
-        section("Calibration", lead_calibration, _calibration(steps[ours])),
+        section("Lead time", lead_lead, lead_plot(steps)),
+        section("Calibration", lead_calibration, calibration_plot(steps[ours])),
     ]
     name = result["experiment"]
     return page(
@@ -364,7 +364,9 @@ def _table_2(result: dict[str, Any]) -> str:
     return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table(head, rows))
 
 
-def _confusion(counts: dict[str, dict[str, int]]) -> str:
+def confusion_table(counts: dict[str, dict[str, int]]) -> str:
+    """Steps by true and predicted mode, as HTML."""
+
     def cell(row: dict[str, int], mode: str) -> str:
         share = 100.0 * row[mode] / max(sum(row.values()), 1)
         return _two(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
@@ -392,7 +394,8 @@ def _spread(quantity: str, result: dict[str, Any]) -> str:
     return plot.html()
 
 
-def _lead(steps: dict[str, list[ScoredMode]]) -> str:
+def lead_plot(steps: dict[str, list[ScoredMode]]) -> str:
+    """Histogram of the lead times by method, as HTML."""
     plot = Plot(
         title="Lead time", x=(0.0, 5.0), x_label="time before touch-down, s", y_label="share of the steps, %",
         height=280,
@@ -404,7 +407,8 @@ def _lead(steps: dict[str, list[ScoredMode]]) -> str:
     return plot.html()
 
 
-def _calibration(steps: Sequence[ScoredMode]) -> str:
+def calibration_plot(steps: Sequence[ScoredMode]) -> str:
+    """Share of correct predictions by predicted probability, as HTML."""
     bins = reliability(steps)
     plot = Plot(
         title="Calibration", x=(0.0, 1.05), y=(0.0, 1.12), x_label="predicted probability",

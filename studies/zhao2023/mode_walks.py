@@ -35,7 +35,7 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.trajectory import Pose, Trajectory
 from stridetwin.studies.case import Case
 from stridetwin.studies.fault_injection import Samples
 from stridetwin.studies.walks import fell_at_s, recorded
@@ -249,7 +249,11 @@ def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dic
 
 
 def posed(
-    recording: Recording, mount: str, poses: str, inject: Callable[[Samples], Samples] = lambda samples: samples
+    recording: Recording,
+    mount: str,
+    poses: str,
+    inject: Callable[[Samples], Samples] = lambda samples: samples,
+    seen: Callable[[Pose], None] = lambda pose: None,
 ) -> Samples:
     """Poses of the camera's IMU, depth and insoles in time order.
 
@@ -258,6 +262,7 @@ def posed(
         mount: Mount of the camera.
         poses: Of `POSES`.
         inject: Fault of the samples, before any estimator reads them.
+        seen: Gets every valid pose of the odometry, with its covariance.
     """
     camera = depth_calibration(recording.rig)
     if poses == "given":
@@ -270,6 +275,7 @@ def posed(
         if isinstance(sample, Imu | Image | Depth):
             pose = pose_of(odometry.update(sample))
             if pose is not None and pose.valid:
+                seen(pose)
                 yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
         if isinstance(sample, Depth | Insole):
             yield sample

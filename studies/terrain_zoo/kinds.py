@@ -1,0 +1,393 @@
+"""The kinds of walks: what each changes in a walk that is otherwise drawn at random.
+
+Every walk has its own person, speed, gaze, mount, surroundings, light, and calibration errors (`anyone`); a kind then
+replaces what it is about. Kinds with `tuned=False` never appear in `terrain_zoo_tuning`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stridetwin.sim.config import (
+    Gait,
+    Gaze,
+    Lanes,
+    Level,
+    Person,
+    Ramp,
+    Route,
+    Segment,
+    Stairs,
+    Thing,
+    Turn,
+    TwinConfig,
+)  # fmt: skip
+from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.nominal import CalibrationSd
+from stridetwin.sim.parts.sensor_config import SensorConfig
+
+Rng = np.random.Generator
+Kind = Callable[[TwinConfig, Rng], TwinConfig]
+
+SENSORS = ("insole", "head_imu", "head_camera")
+CALIBRATED = CalibrationSd(
+    rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3
+)
+"""Errors of a careful calibration, as in the walks that test the odometry."""
+_STOP_M = 0.45
+_BMI = (19.0, 30.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A kind in the catalogue.
+
+    Attributes:
+        words: Description, for tables.
+        make: From a random walk to one of this kind.
+        tuned: Whether parameters may be tuned on walks of this kind.
+    """
+
+    words: str
+    make: Kind
+    tuned: bool = True
+
+
+KINDS: dict[str, Entry] = {}
+
+
+def _kind(words: str, *, tuned: bool = True) -> Callable[[Kind], Kind]:
+    def add(make: Kind) -> Kind:
+        KINDS[make.__name__] = Entry(words=words, make=make, tuned=tuned)
+        return make
+
+    return add
+
+
+def drawn(name: str, seed: int) -> TwinConfig:
+    """The walk of a kind and a seed."""
+    rng = np.random.default_rng([seed, sum(name.encode())])
+    return replace(KINDS[name].make(anyone(rng), rng), name=name)
+
+
+def anyone(rng: Rng) -> TwinConfig:
+    """Anyone on level ground: person, gait, camera and surroundings are drawn."""
+    height_m = float(rng.uniform(1.52, 1.93))
+    mass_kg = float(np.clip(rng.uniform(*_BMI) * height_m**2, 45.0, 110.0))
+    person = Person(height_m=height_m, mass_kg=mass_kg, sex=str(rng.choice(["male", "female"])))
+    gaze = Gaze(kind=str(rng.choice(["ahead", "terrain", "wandering"])))
+    gait = Gait(speed_mps=float(rng.uniform(0.7, 1.35)), step_sd=float(rng.uniform(0.01, 0.03)), gaze=gaze)
+    camera = SensorConfig(pitch_down_rad=math.radians(rng.uniform(20.0, 30.0)), calibration_sd=CALIBRATED)
+    route = Route(
+        segments=(Level(length_m=15.0),), width_m=float(rng.uniform(1.2, 2.4)),
+        scenery=str(rng.choice(["outdoor", "room", "corridor"])), texture=str(rng.choice(["rich", "rich", "plain"])),
+        light=float(rng.uniform(0.75, 1.1)),
+    )  # fmt: skip
+    return TwinConfig(
+        name="anyone", route=route, person=person, exo=None, gait=gait, sensors=SENSORS,
+        fittings={"head_camera": camera}, rig_mount=str(rng.choice(["head", "chest"])),
+    )  # fmt: skip
+
+
+def _over(config: TwinConfig, *middle: Segment, before_m: float = 3.0, after_m: float = 2.5) -> TwinConfig:
+    """The walk over segments, with level ground before and after them."""
+    segments = (Level(length_m=before_m), *middle, Level(length_m=after_m))
+    return replace(config, route=replace(config.route, segments=segments))
+
+
+def _seen_by(config: TwinConfig, **changes: object) -> TwinConfig:
+    """The walk with a changed camera."""
+    camera = replace(config.fittings["head_camera"], **changes)
+    return replace(config, fittings={**config.fittings, "head_camera": camera})
+
+
+def _ramp(rng: Rng, low_deg: float, high_deg: float, length_m: float = 4.0, *, down: bool) -> Ramp:
+    """A ramp about as long as given."""
+    angle = math.radians(rng.uniform(low_deg, high_deg))
+    return Ramp(angle_rad=angle, rise_m=max(0.06, length_m * math.tan(angle)), down=down)
+
+
+def _ramps(config: TwinConfig, rng: Rng, low_deg: float, high_deg: float) -> TwinConfig:
+    """Up, a landing, and down."""
+    up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
+    return _over(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
+
+
+def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Stairs:
+    return Stairs(
+        risers=int(rng.integers(risers[0], risers[1] + 1)), riser_m=1e-3 * float(rng.uniform(*riser_mm)),
+        tread_m=1e-3 * float(rng.uniform(*tread_mm)),
+    )  # fmt: skip
+
+
+def _up_and_down(config: TwinConfig, rng: Rng, stair: Stairs) -> TwinConfig:
+    return _over(config, stair, Level(length_m=float(rng.uniform(1.5, 2.5))), replace(stair, down=True))
+
+
+def _usual_stair(rng: Rng) -> Stairs:
+    return _stair(rng, (140, 190), (260, 320), (3, 5))
+
+
+@_kind("level, 15 m straight")
+def level(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """As drawn."""
+    del rng
+    return config
+
+
+@_kind("ramps of 2-3.5°")
+def ramp_2_3(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Slopes near the threshold of a ramp."""
+    return _ramps(config, rng, 2.0, 3.5)
+
+
+@_kind("ramps of 3.5-6°")
+def ramp_3_6(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Slopes that wheelchairs need."""
+    return _ramps(config, rng, 3.5, 6.0)
+
+
+@_kind("ramps of 6-16°")
+def ramp_6_16(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Steep ramps."""
+    return _ramps(config, rng, 6.0, 16.0)
+
+
+@_kind("a ramp of 4-8° with a landing")
+def ramp_with_landing(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Two ramps of one direction."""
+    down = bool(rng.integers(2))
+    first = _ramp(rng, 4.0, 8.0, 3.0, down=down)
+    return _over(config, first, Level(length_m=float(rng.uniform(1.3, 2.0))), first)
+
+
+@_kind("a path with a cross slope of 1-4°")
+def cambered(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Level along, tilted across."""
+    cross = math.radians(float(rng.choice([-1, 1]) * rng.uniform(1.0, 4.0)))
+    segments = (Level(length_m=3.0), Level(length_m=5.0, cross_slope_rad=cross), Level(length_m=3.0))
+    return replace(config, route=replace(config.route, segments=segments))
+
+
+@_kind("a ramp directly before or after a stair")
+def ramp_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Without a landing between them."""
+    stair = replace(_usual_stair(rng), down=bool(rng.integers(2)))
+    ramp = _ramp(rng, 4.0, 9.0, 3.0, down=bool(rng.integers(2)))
+    return _over(config, *((ramp, stair) if rng.integers(2) else (stair, ramp)))
+
+
+@_kind("a ramp up directly followed by one down", tuned=False)
+def crest(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """A crest or a dip between slopes."""
+    up, down = (_ramp(rng, 4.0, 9.0, 3.5, down=way) for way in (False, True))
+    return _over(config, *((up, down) if rng.integers(2) else (down, up)))
+
+
+@_kind("stairs of 100-220 mm")
+def stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Common and steep flights."""
+    return _up_and_down(config, rng, _stair(rng, (100, 220), (250, 350), (3, 6)))
+
+
+@_kind("stairs of 60-120 mm")
+def low_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Low and deep steps."""
+    return _up_and_down(config, rng, _stair(rng, (60, 120), (300, 450), (3, 6)))
+
+
+@_kind("stairs with treads of 400-600 mm", tuned=False)
+def deep_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Treads of one or two paces."""
+    return _up_and_down(config, rng, _stair(rng, (90, 160), (400, 600), (3, 4)))
+
+
+@_kind("uneven stairs")
+def uneven_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Every riser of its own height."""
+    even = _usual_stair(rng)
+    heights = tuple(float(h) for h in even.heights_m[0] + rng.uniform(-0.02, 0.02, even.risers))
+    return _up_and_down(config, rng, replace(even, riser_m=heights))
+
+
+@_kind("a kerb of 80-150 mm")
+def kerb(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """One riser up, one down."""
+    return _up_and_down(config, rng, _stair(rng, (80, 150), (300, 300), (1, 1)))
+
+
+@_kind("thresholds of 20-45 mm")
+def threshold(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Rises that are no stair."""
+    return _up_and_down(config, rng, _stair(rng, (20, 45), (300, 300), (1, 1)))
+
+
+@_kind("a kerb, a gentle ramp, three steps down", tuned=False)
+def street(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Different ground within a few metres."""
+    step = _stair(rng, (90, 140), (300, 300), (1, 1))
+    steps = replace(_stair(rng, (130, 180), (280, 330), (3, 3)), down=True)
+    landing = Level(length_m=float(rng.uniform(1.5, 2.2)))
+    return _over(config, step, landing, _ramp(rng, 3.5, 6.0, 3.0, down=False), landing, steps)
+
+
+@_kind("stairs step by step")
+def step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Both feet on each tread."""
+    gait = replace(
+        config.gait, stairs="step_by_step", leading_foot=str(rng.choice(["l", "r"])),
+        speed_mps=float(rng.uniform(0.5, 0.9)),
+    )  # fmt: skip
+    return _up_and_down(replace(config, gait=gait), rng, _stair(rng, (130, 190), (260, 330), (4, 6)))
+
+
+@_kind("a limp on stairs and a ramp")
+def limp(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Steps of unequal length."""
+    gait = replace(config.gait, asymmetry=float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.25)))
+    walker = replace(config, gait=gait)
+    return _over(walker, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 9.0, down=True))
+
+
+@_kind("shuffling over a ramp and a stair")
+def shuffle(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Short flat steps."""
+    gait = replace(config.gait, shuffle=float(rng.uniform(0.3, 0.8)), speed_mps=float(rng.uniform(0.5, 0.9)))
+    ramp = _ramp(rng, 4.0, 7.0, 3.0, down=False)
+    return _over(replace(config, gait=gait), ramp, Level(length_m=1.5), replace(_usual_stair(rng), down=True))
+
+
+@_kind("a stroll with pauses")
+def stroll(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Changing speed, and standing still anywhere."""
+    gait = Gait.of_pattern("wander", gaze=config.gait.gaze)
+    return _over(replace(config, gait=gait), _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4, 9, down=True))
+
+
+@_kind("fast over stairs")
+def fast(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """At 1.5 to 1.9 m/s."""
+    gait = Gait.of_pattern("jog", gaze=config.gait.gaze, speed_mps=float(rng.uniform(1.5, 1.9)))
+    return _up_and_down(replace(config, gait=gait), rng, _usual_stair(rng))
+
+
+@_kind("a turn just before a stair")
+def turn_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """The stair comes into view late."""
+    turn = Turn(angle_rad=math.radians(float(rng.choice([-1, 1]) * rng.uniform(60, 100))), radius_m=1.2)
+    return _over(config, turn, Level(length_m=float(rng.uniform(1.0, 2.0))), _usual_stair(rng))
+
+
+@_kind("stair, ramp and level side by side", tuned=False)
+def lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """The way leads over one of three."""
+    stair, ramp = _usual_stair(rng), _ramp(rng, 5.0, 10.0, 3.0, down=False)
+    chains = ((stair,), (ramp,), (Level(length_m=3.0),))
+    order = rng.permutation(3)
+    side_by_side = Lanes(lanes=tuple(chains[i] for i in order), walk=int(rng.integers(3)))
+    return _over(replace(config, route=replace(config.route, scenery="outdoor", width_m=1.2)), side_by_side)
+
+
+@_kind("a mount 2° off")
+def mount_off(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """The camera's nominal pose is wrong by 2° (standard deviation) about each axis, and 10 mm."""
+    wrong = _seen_by(config, calibration_sd=replace(CALIBRATED, rotation_rad=math.radians(2.0), position_m=0.01))
+    return _over(wrong, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 8.0, down=True))
+
+
+def _by_camera(config: TwinConfig, rng: Rng, name: str) -> TwinConfig:
+    """Up a stair and down a ramp, seen by another camera."""
+    seen = _seen_by(config, part=part(name))
+    return _over(seen, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 8.0, down=True))
+
+
+@_kind("camera D435")
+def d435(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Narrower, twice the noise, rolling shutter."""
+    return _by_camera(config, rng, "D435")
+
+
+@_kind("camera D435i, infrared", tuned=False)
+def d435i(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Global shutter and wide view."""
+    return _by_camera(config, rng, "D435i")
+
+
+@_kind("camera OAK-D", tuned=False)
+def oak_d(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Coarser steps of disparity."""
+    return _by_camera(config, rng, "OAK-D")
+
+
+@_kind("camera Azure Kinect", tuned=False)
+def azure_kinect(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Time of flight."""
+    return _by_camera(config, rng, "Azure-Kinect")
+
+
+@_kind("15 images per second", tuned=False)
+def slow_camera(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Half the usual rate."""
+    slow = _seen_by(config, rate_hz=15.0)
+    return _over(slow, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 8.0, down=True))
+
+
+@_kind("white walls in dim light")
+def dim(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Few points to track."""
+    route = replace(config.route, texture="white", scenery="room", light=float(rng.uniform(0.5, 0.7)))
+    return _up_and_down(replace(config, route=route), rng, _usual_stair(rng))
+
+
+@_kind("sunlight")
+def sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Noisy depth outdoors, with shadows."""
+    route = replace(config.route, scenery="outdoor", light=float(rng.uniform(1.1, 1.3)))
+    seen = _seen_by(replace(config, route=route), part=part("D455-sunlight"), shadows=True)
+    return _over(seen, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 3.5, 8.0, down=True))
+
+
+@_kind("people walking about")
+def crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Two to four of them."""
+    route = replace(config.route, bystanders=int(rng.integers(2, 5)), width_m=2.4, scenery="outdoor")
+    return _up_and_down(replace(config, route=route), rng, _usual_stair(rng))
+
+
+def _clutter(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
+    """A table beside the way, a stripe and a shadow on it."""
+    places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
+    side = float(rng.choice([-1, 1]))
+    return (
+        Thing(kind="table", at_m=float(places[0]), left_m=side * float(rng.uniform(1.1, 1.3))),
+        Thing(kind="stripe", at_m=float(places[1])),
+        Thing(kind="shadow", at_m=float(places[2])),
+    )
+
+
+@_kind("a table, paint, a shadow, a wall at the end")
+def clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Level ground with things that resemble steps."""
+    width_m = float(rng.uniform(2.0, 2.4))
+    length_m = 9.0
+    things = (*_clutter(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
+    route = replace(config.route, segments=(Level(length_m=length_m),), things=things, width_m=width_m)
+    return replace(config, route=replace(route, scenery="outdoor"))
+
+
+@_kind("clutter before a stair, bystanders", tuned=False)
+def cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """A real stair among things that resemble one."""
+    width_m = float(rng.uniform(2.0, 2.4))
+    route = replace(config.route, things=_clutter(rng, 1.0, 5.0), width_m=width_m, bystanders=2)
+    config = replace(config, route=replace(route, scenery="outdoor"))
+    return _over(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
+
+
+def names(*, tuning: bool) -> Sequence[str]:
+    """The kinds of the tuning set, or all."""
+    return [name for name, entry in KINDS.items() if entry.tuned or not tuning]

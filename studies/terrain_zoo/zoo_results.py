@@ -1,0 +1,184 @@
+"""Results of the zoo: by kind and over all, beside the published method; odometry on level walks; HTML page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from stridetwin.estimators.locomotion_mode import METHODS, MODES
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures
+from stridetwin.report.html import page, preformatted, section
+from stridetwin.studies.catalogue import STUDIES
+from stridetwin.studies.tables import table_lines
+from stridetwin.studies.terrain_zoo.kinds import KINDS
+from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_table, lead_plot
+
+_SURE = 0.9
+_OURS, _PUBLISHED = METHODS
+_UNTUNED = "kinds that are not in the tuning set"
+_ALL = "all"
+
+Row = dict[str, Any]
+
+
+def collect(results: list[Row]) -> Row:
+    """Figures over all walks, over the kinds outside the tuning set, and by kind; and of the odometry."""
+    groups: dict[str, Callable[[Row], bool]] = {
+        _ALL: lambda row: True,
+        _UNTUNED: lambda row: not KINDS[row["kind"]].tuned,
+    }
+    kinds = [name for name in KINDS if any(row["kind"] == name for row in results)]
+    of = {name: [row for row in results if inside(row)] for name, inside in groups.items()}
+    of |= {name: [row for row in results if row["kind"] == name] for name in kinds}
+    return {
+        "summary": {
+            "groups": {name: _figures(rows) for name, rows in of.items() if rows},
+            "odometry": {name: _odometry(rows) for name, rows in of.items() if rows},
+            "confusion": mode_figures(_scores(results, _OURS))["confusion"],
+        },
+        "paper": {},
+    }
+
+
+def _scores(rows: Iterable[Row], method: str) -> list[ModeScores]:
+    return [ModeScores.of(row["methods"][method]) for row in rows]
+
+
+def _figures(rows: list[Row]) -> Row:
+    """Figures of our method over walks, and the published method's share of right steps."""
+    walks = _scores(rows, _OURS)
+    steps = [step for walk in walks for step in walk.steps]
+    ours, theirs = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
+    right = sum(step.right for step in steps)
+    interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
+    slopes = [a for walk in walks for a in walk.approaches if a.mode in ("RA", "RD") and math.isfinite(a.slope_rad)]
+    return {
+        "walks": len(rows),
+        "steps": len(steps),
+        "right_pct": ours["accuracy_pct"],
+        "low_pct": None if interval is None else 100.0 * interval.low,
+        "high_pct": None if interval is None else 100.0 * interval.high,
+        "worst_pct": min(100.0 * sum(s.right for s in w.steps) / max(len(w.steps), 1) for w in walks),
+        "transitions": ours["transitions"],
+        "transitions_pct": ours["transition_accuracy_pct"],
+        "lead_median_s": ours["lead_time_s"]["median"],
+        "lead_p5_s": ours["lead_time_s"]["p5"],
+        "sure_and_wrong_pct": _sure_and_wrong(steps),
+        "calibration_error": ours["calibration_error"],
+        "slope_rms_deg": ours["slope_rmse_deg"],
+        "slope_inside_pct": _inside([(a.slope_rad, a.slope_sd_rad) for a in slopes]),
+        "riser_rms_mm": ours["riser_rmse_mm"],
+        "published_pct": theirs["accuracy_pct"],
+    }
+
+
+def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
+    """Share of the steps with a wrong mode of a probability above 0.9, %."""
+    wrong = [not s.right and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
+    return 100.0 * sum(wrong) / len(wrong) if wrong else None
+
+
+def _inside(errors: Sequence[tuple[float, float]]) -> float | None:
+    inside = [abs(error) < 1.96 * sd for error, sd in errors if math.isfinite(sd)]
+    return 100.0 * sum(inside) / len(inside) if inside else None
+
+
+def _odometry(rows: list[Row]) -> Row:
+    """End height relative to the distance, tilt after 5 m, and the share inside the 95 % bound."""
+    found = [row["odometry"] for row in rows]
+    height = [100.0 * abs(o["end_height_m"]) / o["distance_m"] for o in found]
+    tilt = [math.degrees(o["tilt_rad"]) for o in found if math.isfinite(o["tilt_rad"])]
+    return {
+        "height_median_pct": float(np.median(height)),
+        "height_worst_pct": max(height),
+        "tilt_median_deg": float(np.median(tilt)) if tilt else None,
+        "tilt_worst_deg": max(tilt, default=None),
+        "inside_pct": float(np.mean([o["inside_pct"] for o in found])),
+    }
+
+
+_COLUMNS = (
+    ("walks", 6, "{walks}"),
+    ("steps", 7, "{steps}"),
+    ("right %", 9, "{right_pct:.1f}"),
+    ("95 %", 13, "{low_pct:.1f}-{high_pct:.1f}"),
+    ("worst", 7, "{worst_pct:.0f}"),
+    ("transitions %", 15, "{transitions_pct:.1f}"),
+    ("lead s, p5", 13, "{lead_median_s:.2f} {lead_p5_s:.2f}"),
+    ("sure, wrong %", 15, "{sure_and_wrong_pct:.1f}"),
+    ("calibration", 13, "{calibration_error:.3f}"),
+    ("slope deg, in %", 17, "{slope_rms_deg:.2f} {slope_inside_pct:.0f}"),
+    ("riser mm", 10, "{riser_rms_mm:.1f}"),
+    ("published %", 13, "{published_pct:.1f}"),
+)
+_ODOMETRY = (
+    ("height, median %", 18, "{height_median_pct:.2f}"),
+    ("worst %", 9, "{height_worst_pct:.2f}"),
+    ("tilt, median deg", 18, "{tilt_median_deg:.2f}"),
+    ("worst deg", 11, "{tilt_worst_deg:.2f}"),
+    ("inside 95 %", 13, "{inside_pct:.0f}"),
+)
+_WIDTH = 46
+
+
+def table(result: Row) -> list[str]:
+    """Figures by kind, of the odometry, and the confusion matrix, as lines of text."""
+    return [*overall(result), "", *odometry(result), "", *_confusion(result)]
+
+
+def overall(result: Row) -> list[str]:
+    """Figures by kind; `*` marks kinds outside the tuning set."""
+    fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
+    rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
+    return [
+        f"{len(result['cases'])} walks; walks that ended by a fall: {', '.join(fell) or 'none'}",
+        "95 %: interval of the share, by Wilson, as if steps were independent; sure, wrong: p > 0.9 for a wrong mode",
+        f"* {_UNTUNED}",
+        *table_lines(_COLUMNS, rows, _WIDTH),
+    ]
+
+
+def odometry(result: Row) -> list[str]:
+    """Figures of the odometry."""
+    rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
+    return [
+        "Odometry: height at the end relative to the distance; RMS tilt after 5 m; time inside the own 95 % bound",
+        *table_lines(_ODOMETRY, rows, _WIDTH),
+    ]
+
+
+def _label(name: str) -> str:
+    if name not in KINDS:
+        return name
+    return KINDS[name].words + ("" if KINDS[name].tuned else " *")
+
+
+def _confusion(result: Row) -> list[str]:
+    lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
+    return lines + [
+        f"{true:<17}" + "".join(f"{row[m]:>7}" for m in (*MODES, ""))
+        for true, row in result["summary"]["confusion"].items()
+    ]
+
+
+def report(result: Row) -> str:
+    """The experiment as HTML text."""
+    cases, name = result["cases"], result["experiment"]
+    steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
+    sections = [
+        section("By kind", "Steps predicted right, ours and the published method.", preformatted(overall(result))),
+        section("Odometry", "Height and tilt of the camera's path.", preformatted(odometry(result))),
+        section("Confusion matrix", "Steps by true mode and by the last mode predicted before touch-down.",
+                confusion_table(result["summary"]["confusion"])),
+        section("Lead time", "Time from the final correct prediction to touch-down; 0 where it was wrong.",
+                lead_plot(steps)),
+        section("Calibration", "Predicted probability and share of correct predictions, with the number of steps.",
+                calibration_plot(steps[_OURS])),
+    ]  # fmt: skip
+    chips = [f"{len(cases)} walks", f"{len(steps[_OURS])} steps", f"{cases[0]['physics']} physics"]
+    words = "The results of every walk are in JSON files beside this page."
+    return page(name.replace("_", " ").capitalize(), STUDIES[name].description, chips, sections, words)
