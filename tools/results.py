@@ -29,6 +29,7 @@ EXPLAINED = {
     "jao": "foot_to_foot.md#how-accurate-it-is",
     "shim": "contact_terrain.md#how-accurate-it-is",
     "stairs_16": "foot_to_foot.md#how-accurate-it-is",
+    "terrain_zoo": "terrain_zoo.md#how-it-is-scored",
     "zhao_closed_loop": "dvio.md#how-accurate-it-is",
 }
 """Pages that explain the lines of an experiment's table, by the prefix of its name."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ def _over(config: TwinConfig, *middle: Segment, before_m: float = 3.0, after_m: 
     return replace(config, route=replace(config.route, segments=segments))
 
 
-def _seen_by(config: TwinConfig, **changes: object) -> TwinConfig:
+def _seen_by(config: TwinConfig, **changes: Any) -> TwinConfig:
     """The walk with a changed camera."""
     camera = replace(config.fittings["head_camera"], **changes)
     return replace(config, fittings={**config.fittings, "head_camera": camera})

@@ -96,5 +96,5 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
 
 def _tilt(estimated: Array, true: Array) -> Array:
     """(N,) rad, angle between the estimated and the true vertical, from (N, 4) quaternions."""
-    up = [Rotation.from_quat(q, scalar_first=True).inv().apply([0.0, 0.0, 1.0]) for q in (estimated, true)]
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(*up), axis=1), np.sum(up[0] * up[1], axis=1)))
+    est, ref = (Rotation.from_quat(q, scalar_first=True).inv().apply([0.0, 0.0, 1.0]) for q in (estimated, true))
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(est, ref), axis=1), np.sum(est * ref, axis=1)))
