@@ -24,6 +24,8 @@ from stridetwin.streams.samples import Footprint
 
 _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
+_GENTLE_RAD = math.radians(3.49)
+"""Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +44,9 @@ class ScoredMode:
             was no prediction.
         left_m: Likewise across the route.
         length_m: Distance of the true footprint from the previous one, forward or sideways.
+        slope_rad: Estimated minus true slope of the ground under the foot, at the last prediction; NaN on treads and
+            across edges.
+        slope_sd_rad: Its reported standard deviation.
     """
 
     t_s: float
@@ -54,6 +59,8 @@ class ScoredMode:
     forward_m: float = math.nan
     left_m: float = math.nan
     length_m: float = math.nan
+    slope_rad: float = math.nan
+    slope_sd_rad: float = math.nan
 
     @property
     def right(self) -> bool:
@@ -126,29 +133,34 @@ def score_modes(
     landed = footprints[2:]
     by_step = predictions_by_step(landed, estimates)
     first = _first_predictions(landed, by_step)
-    straddled: list[tuple[str, ...]] = [() for _ in landed]
+    others: list[tuple[str, ...]] = [() for _ in landed]
+    slopes = [math.nan for _ in landed]
     approaches: list[ScoredChange] = []
     if layout is not None:
         places = along_way([f.p_foot_in_world for f in footprints], layout)[2:]
-        straddled = [_straddled(f.mode, s, layout, sole_m) for f, s in zip(landed, places)]
+        others = [_other_modes(f.mode, s, layout, sole_m) for f, s in zip(landed, places)]
+        slopes = [_slope_under(s, layout, sole_m) for s in places]
         approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
-        allowed = (print_.mode, *straddled[i])
+        allowed = (print_.mode, *others[i])
         own = by_step[i]
         last = own[-1] if own else None
         wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
         since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
         forward, left = _miss(print_, first[i], alignment)
+        step = last[0].steps[last[1]] if last else None
         steps.append(
             ScoredMode(
                 t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
-                predicted=last[0].steps[last[1]].mode if last else "",
+                predicted=step.mode if step else "",
                 lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
-                probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
+                probabilities=tuple(step.probabilities[m] for m in MODES) if step else (),
                 forward_m=forward, left_m=left,
                 length_m=float(np.linalg.norm((print_.p_foot_in_world - footprints[i + 1].p_foot_in_world)[:2])),
+                slope_rad=step.slope - slopes[i] if step else math.nan,
+                slope_sd_rad=step.slope_sd if step else math.nan,
             )
         )  # fmt: skip
         before = print_.mode
@@ -200,14 +212,26 @@ def predictions_by_step(
     return found
 
 
-def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a footprint at an arc length may count as, because it overlaps a ramp's edge."""
+def _other_modes(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
+    """Other modes that a footprint at an arc length may count as.
+
+    It overlaps a ramp's edge, or the slope is too gentle for everyone to call it a ramp.
+    """
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
-    found = []
+    gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
+    found = ["LG"] if gentle and mode in ("RA", "RD") else []
     for before, after in pairwise(layout.profile):
         if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
             found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
-    return tuple(found)
+    return tuple(dict.fromkeys(found))
+
+
+def _slope_under(s: float, layout: Layout, sole_m: float) -> float:
+    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges."""
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    return next(
+        (p.slope for p in layout.profile if p.terrain in ("level", "ramp") and p.s0 <= heel and toe <= p.s1), math.nan
+    )
 
 
 def _miss(

@@ -43,8 +43,8 @@ def _write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Pa
 
 MODE_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
-    "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "change_mode", "change_distance_m", "change_distance_sd_m",
-    "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m", "slope_rad", "slope_sd_rad",
+    "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "ground_slope_rad", "ground_slope_sd_rad", "change_mode",
+    "change_distance_m", "change_distance_sd_m", "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m", "slope_rad", "slope_sd_rad",
 )  # fmt: skip
 
 
@@ -112,6 +112,7 @@ def mode_cells(row: PredictedStep) -> list[str]:
         _cell(step.probabilities[step.mode], 4),
         *(_cell(step.probabilities[mode], 4) for mode in MODES), _cell(row.steady_s, 3), _cell(step.t_ns * 1e-9, 3),
         _cell(step.t_sd_s, 3), *(_cell(x, 4) for x in step.p_foot_in_world), _cell(forward_sd, 4),
+        _cell(step.slope, 4), _cell(step.slope_sd, 4),
     ]  # fmt: skip
     if change is None:
         return [*cells, *[""] * (len(MODE_COLUMNS) - len(cells))]

@@ -102,7 +102,7 @@ def _mode_here(ground: Sequence[Segment], here: int, p: LocomotionModeParameters
         return segment.mode
     if here > 0 and here + 1 < len(ground):
         drops = segment.drop, ground[here + 1].drop
-        if min(map(abs, drops)) > p.kerb_m and drops[0] * drops[1] > 0 and segment.length < p.tread_max_m:
+        if min(map(abs, drops)) > p.stair_m and drops[0] * drops[1] > 0 and segment.length < p.tread_max_m:
             return "SA" if drops[0] > 0 else "SD"
     return "LG"
 

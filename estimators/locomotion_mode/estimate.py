@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -24,6 +25,9 @@ class StepPrediction:
         t_sd_s: Standard deviation of that time, s.
         p_foot_in_world: (3,) m, on the ground under the heel's centre.
         covariance: (2, 2) m², its covariance along world x and y; NaN for the published method.
+        slope: Slope of the ground under it in the walking direction, rad, uphill positive, also where it is too gentle
+            for a ramp; NaN for the published method.
+        slope_sd: Standard deviation, rad.
     """
 
     step: int
@@ -34,6 +38,8 @@ class StepPrediction:
     t_sd_s: float
     p_foot_in_world: Array
     covariance: Array
+    slope: float = math.nan
+    slope_sd: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -34,6 +34,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
     heights,
     last_flight,
     segments_along,
+    slopes_under,
     unseen,
     with_unseen,
 )
@@ -211,6 +212,7 @@ class LocomotionMode:
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])
         turn = np.column_stack([line.forward, left])
+        slopes = slopes_under(ground, chain.on)
         steps = []
         for k, foot in enumerate(feet):
             s, sd = moments(chain.density[k], foothold.s)
@@ -221,6 +223,7 @@ class LocomotionMode:
                     probabilities=dict(zip(MODES, modes[k].tolist())), t_ns=times[k][0], t_sd_s=times[k][1],
                     p_foot_in_world=np.array([*xy, self._height(xy)]),
                     covariance=turn @ np.diag([sd**2, p.width_sd_m**2]) @ turn.T,
+                    slope=slopes[k][0], slope_sd=slopes[k][1],
                 )
             )  # fmt: skip
         change = next_change(

@@ -254,6 +254,14 @@ def surface_along(ground: Sequence[Segment], s: Array) -> tuple[Array, Array, Ar
     return height, slope, slope_sd
 
 
+def slopes_under(ground: Sequence[Segment], on: Array) -> list[tuple[float, float]]:
+    """Slope under each of K footprints and its standard deviation, rad, from (K, P) probabilities of the segments."""
+    slope, sd = np.array([(segment.slope, segment.slope_sd) for segment in ground]).T
+    mean = on @ slope
+    variance = on @ (sd**2 + slope**2) - mean**2
+    return list(zip(mean.tolist(), np.sqrt(np.maximum(variance, 0.0)).tolist()))
+
+
 def heights(ground: Sequence[Segment], profile: Profile, s: Array) -> Array | None:
     """(S,) m, height of the ground along the path, also where unobserved; None if none is observed."""
     known = np.isfinite(profile.height)
@@ -277,7 +285,7 @@ def mode_table(ground: Sequence[Segment], p: LocomotionModeParameters) -> Array:
         for a in range(b, -1, -1):
             high = low = 0.0
             if risen != 0.0:
-                high, low = (above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
+                high, low = (above(sign * risen, p.stair_m, p.riser_sd_m) for sign in (1.0, -1.0))
             flat = 1.0 - up - down
             table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
             risen += ground[a].drop

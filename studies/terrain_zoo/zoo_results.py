@@ -55,7 +55,7 @@ def _figures(rows: list[Row]) -> Row:
     ours, theirs = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
     right = sum(step.right for step in steps)
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
-    slopes = [a for walk in walks for a in walk.approaches if a.mode in ("RA", "RD") and math.isfinite(a.slope_rad)]
+    slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD") and math.isfinite(s.slope_rad)]
     return {
         "walks": len(rows),
         "steps": len(steps),
@@ -69,8 +69,8 @@ def _figures(rows: list[Row]) -> Row:
         "lead_p5_s": ours["lead_time_s"]["p5"],
         "sure_and_wrong_pct": _sure_and_wrong(steps),
         "calibration_error": ours["calibration_error"],
-        "slope_rms_deg": ours["slope_rmse_deg"],
-        "slope_inside_pct": _inside([(a.slope_rad, a.slope_sd_rad) for a in slopes]),
+        "slope_rms_deg": math.degrees(math.sqrt(np.mean([e**2 for e, _ in slopes]))) if slopes else None,
+        "slope_inside_pct": _inside(slopes),
         "riser_rms_mm": ours["riser_rmse_mm"],
         "published_pct": theirs["accuracy_pct"],
     }
