@@ -44,7 +44,8 @@ def _write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Pa
 MODE_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
     "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "ground_slope_rad", "ground_slope_sd_rad", "change_mode",
-    "change_distance_m", "change_distance_sd_m", "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m", "slope_rad", "slope_sd_rad",
+    "change_distance_m", "change_distance_sd_m", "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m",
+    "slope_rad", "slope_sd_rad",
 )  # fmt: skip
 
 
