@@ -150,10 +150,15 @@ def _edge_or_slope_break(
         x, y = place.tolist()
         after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, p.edges.border_m) for q in (other, one))
         drop = after - before
-    if bends and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + p.profile.slope_break_m):
-        s = middle - drop / (slopes[1] - slopes[0])
+    bend_slope = slopes[1] - slopes[0]
+    reach = abs(start - end) / 2 + p.profile.slope_break_m
+    if bends and abs(drop) < max(abs(bend_slope) * reach, p.edge_m):
+        # The planes meet where they are equally high, but no farther away than the map may have drawn their border.
+        away = -drop / bend_slope
+        s = middle + min(max(away, -reach), reach)
         place = origin + s * forward
-        sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
+        sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(bend_slope)
+        sd = math.hypot(sd, max(abs(away) - reach, 0.0))
         return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < p.edge_m:
         return None
