@@ -61,6 +61,7 @@ class LocomotionModeParameters:
         occluded_edge_sd_m: Standard deviation of an occluding edge.
         ramp_rad: Smallest slope of a ramp: the gentlest ramps of building codes have 2.9°, 1:20.
         slope_sd_rad: Smallest standard deviation of a slope.
+        map_sd_m: Standard deviation of the mapped height of one end of a plane over the other, by drift of the poses.
         flat_sd_rad: Standard deviation of the slope of ground built level.
         level_sd_rad: The same where nothing is known of the ground.
         ramp_sd_rad: The same of ramps, about level.
@@ -172,6 +173,7 @@ class LocomotionModeParameters:
     occluded_edge_sd_m: float = 0.04
     ramp_rad: float = 0.0436
     slope_sd_rad: float = 0.0055
+    map_sd_m: float = 0.015
     flat_sd_rad: float = 0.006
     level_sd_rad: float = 0.0175
     ramp_sd_rad: float = 0.12

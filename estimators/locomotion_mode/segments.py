@@ -225,12 +225,14 @@ def _slope(
 ) -> tuple[float, float] | None:  # fmt: skip
     """Slope of a segment in the map and its standard deviation; None where no plane is known."""
     planes = {} if estimate is None else estimate.planes
-    inside = profile.plane[(profile.s > start) & (profile.s < end) & (profile.plane >= 0)]
-    known = [int(i) for i in inside if int(i) in planes]
+    inside = (profile.s > start) & (profile.s < end) & (profile.plane >= 0)
+    known = [int(i) for i in profile.plane[inside] if int(i) in planes]
     if not known or estimate is None:
         return None
     plane = planes[int(np.bincount(known).argmax())]
-    return math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd)
+    seen = profile.s[inside & (profile.plane == plane.id)]
+    bent = p.map_sd_m / max(float(seen[-1] - seen[0]), p.tread_min_m)
+    return math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd, bent)
 
 
 def segment_under(ground: Sequence[Segment], s: float, p: LocomotionModeParameters) -> int:
