@@ -49,7 +49,7 @@ class LocomotionModeParameters:
         skip: Probability that a step takes two treads.
         adapt_sd: Relative standard deviation of the common change of all steps up to the next edge.
         kerb_m: Smallest riser: between a kerb of 40 mm and the lowest stair, 70 mm.
-        stair_m: Smallest riser of a step up or down stairs (Zhao et al. 2023).
+        stair_m: Smallest riser of a step up or down stairs: 70 mm (Zhao et al. 2023) and just above a kerb that is lower.
         riser_sd_m: Smallest standard deviation of a riser.
         flight_riser_sd_m: Standard deviation of a flight's riser in addition to the map's.
         place_sd_m: Smallest standard deviation of the distance to a change.
@@ -161,7 +161,7 @@ class LocomotionModeParameters:
     skip: float = 0.01
     adapt_sd: float = 0.06
     kerb_m: float = 0.055
-    stair_m: float = 0.07
+    stair_m: float = 0.068
     riser_sd_m: float = 0.008
     flight_riser_sd_m: float = 0.0025
     place_sd_m: float = 0.008

@@ -232,7 +232,11 @@ def _slope(
     plane = planes[int(np.bincount(known).argmax())]
     seen = profile.s[inside & (profile.plane == plane.id)]
     bent = p.map_sd_m / max(float(seen[-1] - seen[0]), p.tread_min_m)
-    return math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd, bent)
+    slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
+    if profile.slope is not None and profile.slope_sd is not None:
+        on = inside & (profile.plane == plane.id)
+        slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
+    return slope, math.hypot(p.slope_sd_rad, sd, bent)
 
 
 def segment_under(ground: Sequence[Segment], s: float, p: LocomotionModeParameters) -> int:

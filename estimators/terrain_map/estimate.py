@@ -208,9 +208,13 @@ class Profile:
         height: (N,) m, NaN where unknown.
         plane: (N,) id of the plane, -1 = none.
         changes: Edges and slope breaks in order.
+        slope: (N,) slope along the line, rad, uphill positive, NaN where unknown; None: that of the planes.
+        slope_sd: (N,) its standard deviation, rad; None as before.
     """
 
     s: Array
     height: Array
     plane: NDArray[np.int64]
     changes: tuple[Change, ...]
+    slope: Array | None = None
+    slope_sd: Array | None = None

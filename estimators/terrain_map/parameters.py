@@ -107,7 +107,24 @@ class ProfileParameters(NamedTuple):
     """Smallest standard deviation of a measured edge."""
 
 
-_GROUPS = ("tsdf", "rays", "clusters", "edges", "profile")
+class BendParameters(NamedTuple):
+    """Bends of one plane along a line (`bends`), hand-chosen on tuning walks over ramps of 2-6°."""
+
+    bin_m: float = 0.1
+    """Heights are averaged over this length."""
+    fewest_bins: int = 5
+    """A straight piece is no shorter."""
+    noise_m: float = 0.004
+    """Standard deviation of a bin's height over a straight line."""
+    least_rad: float = math.radians(1.5)
+    """Smallest bend."""
+    least_sd: float = 5.0
+    """Its smallest number of standard deviations."""
+    passes: int = 4
+    """How often each bend is placed again between its neighbours."""
+
+
+_GROUPS = ("tsdf", "rays", "clusters", "edges", "profile", "bends")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +184,7 @@ class TerrainMapParameters:
         edge_m: Smallest height step of an edge.
         slope_break_rad: Smallest slope change of a slope break.
         slope_break_sd: Its smallest number of standard deviations.
-        tsdf, rays, clusters, edges, profile: Parameters of the stages.
+        tsdf, rays, clusters, edges, profile, bends: Parameters of the stages.
 
     All, and those of the stages, are hand-chosen on twin walks of tuning seeds (below 1000), except dimensions of
     buildings.
@@ -230,6 +247,7 @@ class TerrainMapParameters:
     clusters: ClusterParameters = field(default_factory=ClusterParameters)
     edges: EdgeParameters = field(default_factory=EdgeParameters)
     profile: ProfileParameters = field(default_factory=ProfileParameters)
+    bends: BendParameters = field(default_factory=BendParameters)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.terrain_map.bends import Piece, straight_pieces
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
@@ -47,11 +51,23 @@ def profile(
     at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
     slot, middle = _lanes(planes.surface, at, along, s, lanes, limits.lanes_min)
     plane = np.where(slot >= 0, planes.ids[slot], -1)
+    runs = _straight_runs(s, middle, plane, estimate, origin, forward, p)
+    slope, slope_sd = np.full(len(s), np.nan), np.full(len(s), np.nan)
     for id_ in _there(plane):
+        on = estimate.planes[id_]
         at = plane == id_
-        middle[at] = estimate.planes[id_].height(origin + s[at, None] * forward)
-    changes = _changes(s, plane, estimate, origin, forward, p)
-    return Profile(s=s, height=middle, plane=plane, changes=changes)
+        middle[at] = on.height(origin + s[at, None] * forward)
+        slope[at], slope_sd[at] = math.atan(float(on.gradient @ forward)), on.slope_sd
+    for run in runs:
+        if run.piece is not None:
+            at = np.zeros(len(s), bool)
+            at[run.first : run.last + 1] = True
+            at = at & (plane == run.plane.id)
+            middle[at] = run.plane.height(origin + s[at, None] * forward)
+            slope[at] = math.atan(run.piece.slope)
+            slope_sd[at] = math.hypot(p.slope_sd_rad, run.piece.slope_sd)
+    changes = _changes(s, runs, estimate, origin, forward, p)
+    return Profile(s=s, height=middle, plane=plane, changes=changes, slope=slope, slope_sd=slope_sd)
 
 
 def _there(plane: NDArray[np.int64]) -> list[int]:
@@ -106,13 +122,51 @@ def _lanes(
     return slot, middle
 
 
-def _changes(
-    s: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
+class _Run(NamedTuple):
+    """A straight run of samples on one plane; `piece` if the plane bends, and `plane` then slopes as the piece does."""
+
+    first: int
+    last: int
+    plane: Plane
+    piece: Piece | None
+
+
+def _straight_runs(
+    s: Array, height: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
-) -> tuple[Change, ...]:  # fmt: skip
+) -> list[_Run]:  # fmt: skip
+    """Runs on one plane, cut where its columns bend."""
     found = []
-    for (_, last, one_id), (first, _, other_id) in pairwise(_runs(plane, p.profile.samples_min)):
-        end, start, one, other = float(s[last]), float(s[first]), estimate.planes[one_id], estimate.planes[other_id]
+    for first, last, id_ in _runs(plane, p.profile.samples_min):
+        own = estimate.planes[id_]
+        pieces = straight_pieces(s, np.where(plane == id_, height, np.nan), first, last, p.bends)
+        if len(pieces) < 2:
+            found.append(_Run(first, last, own, None))
+        else:
+            found += [_Run(k.first, k.last, _along(own, k, origin, forward), k) for k in pieces]
+    return found
+
+
+def _along(plane: Plane, piece: Piece, origin: Array, forward: Array) -> Plane:
+    """The plane with the height and slope of a piece along the line, and its own slope across it."""
+    gradient = plane.gradient + (piece.slope - float(plane.gradient @ forward)) * forward
+    normal = np.array([-gradient[0], -gradient[1], 1.0])
+    centre = np.array([*(origin + piece.s * forward), piece.height])
+    return replace(plane, centre=centre, normal=normal / np.linalg.norm(normal))
+
+
+def _changes(
+    s: Array, runs: Sequence[_Run], estimate: TerrainEstimate, origin: Array, forward: Array, p: TerrainMapParameters
+) -> tuple[Change, ...]:
+    found = []
+    for before, after in pairwise(runs):
+        one, other, piece = before.plane, after.plane, after.piece
+        if piece is not None and before.piece is not None and one.id == other.id:
+            bend = math.atan(piece.slope) - math.atan(before.piece.slope)
+            sd = max(piece.break_sd, 2.0 * p.edge_sd_m)
+            found.append(Change(kind="slope_break", s=piece.break_s, sd=sd, drop=0.0, bend=bend))
+            continue
+        end, start = float(s[before.last]), float(s[after.first])
         change = _edge_or_slope_break(end, start, one, other, estimate, origin, forward, p)
         if change is not None:
             found.append(change)

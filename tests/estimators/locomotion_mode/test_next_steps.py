@@ -174,7 +174,8 @@ def test_a_ramp_between_two_edges_is_none_the_less_a_ramp():
     made = sloping(6.5, end=3.5)
     assert [m.start for m in made[1:]] == pytest.approx([1.5, 1.6, 3.5])
     assert made[2].mode == "RA"
-    assert math.degrees(made[2].slope) == pytest.approx(6.5, abs=0.1)
+    # Nothing long and level pins the lean of the map here, which takes its share of the slope.
+    assert math.degrees(made[2].slope) == pytest.approx(6.5, abs=0.2)
 
 
 def test_hidden_stairs_down_are_no_brink():

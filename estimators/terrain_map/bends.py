@@ -1,0 +1,147 @@
+"""Where ground that the map holds as one plane bends along a line, from the heights of its columns.
+
+Planes are found by their normals, and gentle ramps have nearly that of level ground. The columns' heights are precise
+to millimetres, so that a bend of two degrees shows within half a metre.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from stridetwin.estimators.terrain_map.parameters import BendParameters
+from stridetwin.streams.samples import Array
+
+
+class Piece(NamedTuple):
+    """A straight piece of the ground along a line.
+
+    Attributes:
+        first, last: Its first and last sample.
+        s: Its middle, m along the line.
+        height: Height there, m.
+        slope: Rise over run.
+        slope_sd: Standard deviation.
+        break_s: Where it begins with a bend, m; NaN for the first piece.
+        break_sd: Standard deviation, m.
+    """
+
+    first: int
+    last: int
+    s: float
+    height: float
+    slope: float
+    slope_sd: float
+    break_s: float = math.nan
+    break_sd: float = math.nan
+
+
+def straight_pieces(s: Array, height: Array, first: int, last: int, p: BendParameters) -> list[Piece]:
+    """Cuts samples of one plane into straight pieces; fewer than two if nothing bends.
+
+    Args:
+        s: (N,) m along the line.
+        height: (N,) m, NaN where unknown.
+        first: First sample of the plane.
+        last: Its last one.
+        p: Least bend and length.
+    """
+    here = slice(first, last + 1)
+    x, z = _binned(s[here], height[here], p.bin_m)
+    cuts: list[int] = []
+    _cut(x, z, 0, len(x), cuts, p)
+    bounds = _settled(x, z, [0, *sorted(cuts), len(x)], p)
+    pieces: list[Piece] = []
+    for k, (a, b) in enumerate(pairwise(bounds)):
+        if b - a < p.fewest_bins:
+            return []
+        middle, level, slope, slope_sd = _line(x[a:b], z[a:b], p)
+        begin, at, at_sd = first, math.nan, math.nan
+        if k:
+            one = pieces[-1]
+            bend = slope - one.slope
+            reach = (b - bounds[k - 1]) * p.bin_m / 2
+            away = (one.height + one.slope * (x[a] - one.s)) - (level + slope * (x[a] - middle))
+            at = float(x[a]) + min(max(away / bend, -reach), reach) if bend else float(x[a])
+            at_sd = p.noise_m / max(abs(bend), 1e-6)
+            begin = int(np.searchsorted(s, at))
+            begin = min(max(begin, one.first + 1), last)
+            pieces[-1] = one._replace(last=begin - 1)
+        pieces.append(Piece(begin, last, middle, level, slope, slope_sd, at, at_sd))
+    return pieces
+
+
+def _binned(s: Array, height: Array, bin_m: float) -> tuple[Array, Array]:
+    """Means of known heights in bins along the line, (M,) and (M,) m; empty bins are left out."""
+    known = np.isfinite(height)
+    if not known.any():
+        return np.empty(0), np.empty(0)
+    x, z = s[known], height[known]
+    bins = ((x - x[0]) / bin_m).astype(int)
+    count = np.bincount(bins)
+    there = count > 0
+    return np.bincount(bins, x)[there] / count[there], np.bincount(bins, z)[there] / count[there]
+
+
+def _line(x: Array, z: Array, p: BendParameters) -> tuple[float, float, float, float]:
+    """Middle, height there, slope, and its standard deviation."""
+    middle, level = float(x.mean()), float(z.mean())
+    off = x - middle
+    spread = float(off @ off)
+    slope = float(off @ (z - level)) / spread
+    return middle, level, slope, p.noise_m / math.sqrt(spread)
+
+
+def _cut(x: Array, z: Array, a: int, b: int, cuts: list[int], p: BendParameters) -> None:
+    """Appends the bends between two bins, the best one, then those on both sides of it; too many of them at first."""
+    at = _best(x[a:b], z[a:b], p, any_bend=True)
+    if at is not None:
+        cuts.append(a + at)
+        _cut(x, z, a, a + at, cuts, p)
+        _cut(x, z, a + at, b, cuts, p)
+
+
+def _settled(x: Array, z: Array, bounds: list[int], p: BendParameters) -> list[int]:
+    """Bounds, where each bend is the best one between its neighbours; those that are none there are removed."""
+    for _ in range(p.passes):
+        kept = bounds[:1]
+        for k in range(1, len(bounds) - 1):
+            at = _best(x[kept[-1] : bounds[k + 1]], z[kept[-1] : bounds[k + 1]], p)
+            if at is not None:
+                kept.append(kept[-1] + at)
+        kept.append(bounds[-1])
+        if kept == bounds:
+            break
+        bounds = kept
+    return bounds
+
+
+def _best(x: Array, z: Array, p: BendParameters, *, any_bend: bool = False) -> int | None:
+    """The bin where the line bends most significantly, by least squares with a hinge; None where it is straight.
+
+    With `any_bend` a smaller bend counts, and so does one that leaves others: up and down again is a small bend.
+    """
+    n = len(x)
+    if n < 2 * p.fewest_bins:
+        return None
+    ks = np.arange(p.fewest_bins, n - p.fewest_bins + 1)
+    x, z = x - x.mean(), z - z.mean()
+    line = (x @ z) / (x @ x)
+    rest = z - line * x
+    hinge = np.maximum(0.0, x[None, :] - x[np.minimum(ks, n - 1), None])
+    hinge = hinge - hinge.mean(axis=1, keepdims=True)
+    hinge -= ((hinge @ x) / (x @ x))[:, None] * x  # what a line cannot explain
+    power = np.einsum("kn,kn->k", hinge, hinge)
+    along = hinge @ rest
+    gain = along**2 / np.maximum(power, 1e-12)
+    best = int(gain.argmax())
+    bend = along[best] / max(float(power[best]), 1e-12)
+    left = max(float(rest @ rest - gain[best]) / n, p.noise_m**2)
+    if any_bend:
+        left, bend = p.noise_m**2, math.inf
+    if abs(bend) < math.tan(p.least_rad) or gain[best] < p.least_sd**2 * left:
+        return None
+    return int(ks[best])
