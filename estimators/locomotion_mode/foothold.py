@@ -130,16 +130,24 @@ class _Stance:
     def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
         """(2, 2, S) joint density over the cells of another line."""
         turn = _turn(self.line.forward, line.forward)
-        shares = self.density.sum(axis=-1, keepdims=True)
-        if abs(turn) > p.rotation_rad:
-            mean, sd = moments(position(self.density), self.s)
-            at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
-            across = math.hypot(math.cos(turn) * sd, math.sin(turn) * p.lateral_sd_m)
-            return np.asarray(shares * _normed(_normal(s - at, across)))
-        old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
         rows = self.density.reshape(-1, len(self.s))
-        density = np.array([np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]).reshape(self.density.shape)
-        return density / density.sum() if density.sum() > 1e-9 else np.asarray(shares / len(s) + 0.0 * density)
+        if abs(turn) > p.rotation_rad:
+            made = [self._turned(row, turn, line, s, p) for row in rows]
+        else:
+            old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
+            made = [np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]
+        density = np.reshape(made, (*self.density.shape[:-1], len(s)))
+        total = float(density.sum())
+        shares = self.density.sum(axis=-1, keepdims=True)
+        return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
+
+    def _turned(self, row: Array, turn: float, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
+        """(S,) part of the density on a line that turns by an angle, rad: the lateral position matters."""
+        share = float(row.sum())
+        mean, sd = moments(row / max(share, 1e-300), self.s)
+        at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
+        across = math.hypot(math.cos(turn) * sd, math.sin(turn) * p.lateral_sd_m)
+        return share * _normed(_normal(s - at, across))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
