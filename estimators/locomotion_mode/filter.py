@@ -161,7 +161,7 @@ class LocomotionMode:
             ground = self._ground_along(profile, line)
             behind, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
             self._foothold.land(
-                landing, line, ground, heights(ground, profile, self._foothold.s), self._body_height(), top,
+                landing, line, ground, heights(ground, profile, self._foothold.s, self.parameters), self._body_height(), top,
                 self._height(line.origin + behind * line.forward), self._walking.last_size(),
             )  # fmt: skip
 
@@ -203,7 +203,7 @@ class LocomotionMode:
         ground = self._ground_along(profile, line)
         stance, feet = foothold.standing(line), rhythm.next_feet()
         if rhythm.over_foot(t_ns):
-            height = heights(ground, profile, foothold.s)
+            height = heights(ground, profile, foothold.s, p)
             stance = foothold.after_passing(stance, height, self._body.top(rhythm.down_ns))
         chain = foothold.rolled(stance, ground, feet)
         here, _ = moments(position(stance), foothold.s)

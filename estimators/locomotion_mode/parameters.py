@@ -164,7 +164,7 @@ class LocomotionModeParameters:
     edge_step: float = 0.60
     edge_step_sd_m: float = 0.15
     skip: float = 0.01
-    joiners: float = 0.05
+    joiners: float = 0.1
     joiner_joins: float = 0.97
     other_joins: float = 0.005
     joining_change: float = 0.02
