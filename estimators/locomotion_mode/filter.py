@@ -161,8 +161,9 @@ class LocomotionMode:
             ground = self._ground_along(profile, line)
             behind, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
             self._foothold.land(
-                landing, line, ground, heights(ground, profile, self._foothold.s, self.parameters), self._body_height(), top,
-                self._height(line.origin + behind * line.forward), self._walking.last_size(),
+                landing, line, ground, heights(ground, profile, self._foothold.s, self.parameters),
+                self._body_height(), top, self._height(line.origin + behind * line.forward),
+                self._walking.last_size(),
             )  # fmt: skip
 
     def _body_height(self) -> float:

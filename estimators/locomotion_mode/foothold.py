@@ -121,7 +121,7 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """Position of the stance foot: a joint density (see `Joining`) along a line, offset laterally by the usual width."""
+    """Joint density of the stance foot (see `Joining`) along a line in the world, offset by the usual lateral width."""
 
     line: Line
     s: Array

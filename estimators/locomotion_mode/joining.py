@@ -1,8 +1,8 @@
 """Whether one foot joins the other on a tread, as of people who climb step by step.
 
 The walker is of one of two kinds, who join the foot that has crossed an edge nearly always or nearly never, and changes
-from time to time. The kind is part of the stance foot's density: a step is often told from a joined one only once the
-body has passed over the foot, and then it also tells the walker's kind.
+from time to time. The kind is part of the stance foot's density: often only the body's height over the foot shows
+whether the last step joined the other foot, and then it shows the walker's kind as well.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Joining:
         self._change = p.joining_change
 
     def joint(self, density: Array, kinds: Array) -> Array:
-        """(2, 2, S) of a stance foot with (S,) density that crossed no edge, of a walker with (2,) chances of a kind."""
+        """(2, 2, S) of a foot with (S,) density whose step crossed no edge, and (2,) probabilities of the kinds."""
         return np.stack([kinds[:, None] * density, np.zeros((KINDS, len(density)))], axis=1)
 
     def changed(self, joint: Array) -> Array:

@@ -3,8 +3,8 @@
 A walk is a chain of footprints, each one step beyond the previous one and where the sole has support. Whole chains are
 weighted, because people see an edge several steps ahead and adapt the steps up to it; forward and backward sums over
 the chain give each footprint's density. The common relative change of these steps is one more unknown, which is
-marginalised. After a step over an edge the other foot may join this one, so the chain knows whether the last step crossed
-an edge.
+marginalised. After a step over an edge the other foot may join this one, so the chain distinguishes whether the last
+step crossed an edge.
 """
 
 from __future__ import annotations
