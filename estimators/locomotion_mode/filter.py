@@ -23,7 +23,7 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, extrapolated
+from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, extrapolated, position
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDowns
@@ -160,10 +160,11 @@ class LocomotionMode:
         if self.method == PROPOSED:
             profile = self._profile(line)
             ground = self._ground_along(profile, line)
-            behind, _ = moments(self._foothold.standing(line), self._foothold.s)
+            behind, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
             self._foothold.land(
-                landing, line, ground, heights(ground, profile, self._foothold.s), self._body_height(), top,
-                self._height(line.origin + behind * line.forward), self._walking.last_size(),
+                landing, line, ground, heights(ground, profile, self._foothold.s, self.parameters),
+                self._body_height(), top, self._height(line.origin + behind * line.forward),
+                self._walking.last_size(),
             )  # fmt: skip
 
     def _body_height(self) -> float:
@@ -188,7 +189,7 @@ class LocomotionMode:
         """The terrain segments of a profile; unobserved ground ahead continues as the legs last measured it."""
         step = self._foothold.last_step
         if step is not None:
-            foot, _ = moments(self._foothold.standing(line), self._foothold.s)
+            foot, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
             seen = profile.s[profile.plane >= 0]
             if not len(seen) or seen[-1] < foot + self.parameters.toe_m:
                 return extrapolated(step, foot, self.parameters)
@@ -204,10 +205,10 @@ class LocomotionMode:
         ground = self._ground_along(profile, line)
         stance, feet = foothold.standing(line), rhythm.next_feet()
         if rhythm.over_foot(t_ns):
-            height = heights(ground, profile, foothold.s)
+            height = heights(ground, profile, foothold.s, p)
             stance = foothold.after_passing(stance, height, self._body.top(rhythm.down_ns))
         chain = foothold.rolled(stance, ground, feet)
-        here, _ = moments(stance, foothold.s)
+        here, _ = moments(position(stance), foothold.s)
         modes = with_unseen(chain.modes, chain.density @ unseen(profile, foothold.s, here, p))
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])

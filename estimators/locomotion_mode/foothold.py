@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.estimators.locomotion_mode.joining import Joining
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, Landing, StepFilter
-from stridetwin.estimators.locomotion_mode.rollout import Chain, moments, roll_out
+from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import Segment, segment_under, surface_along
 from stridetwin.streams.samples import Array
 
@@ -120,22 +121,33 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """Position of the stance foot: a density along a line in the world, offset laterally by the usual width."""
+    """Joint density of the stance foot (see `Joining`) along a line in the world, offset by the usual lateral width."""
 
     line: Line
     s: Array
     density: Array
 
     def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
-        """The density over the cells of another line."""
+        """(2, 2, S) joint density over the cells of another line."""
         turn = _turn(self.line.forward, line.forward)
+        rows = self.density.reshape(-1, len(self.s))
         if abs(turn) > p.rotation_rad:
-            mean, sd = moments(self.density, self.s)
-            at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
-            return _normed(_normal(s - at, math.hypot(math.cos(turn) * sd, math.sin(turn) * p.lateral_sd_m)))
-        old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
-        density = np.interp(old, self.s, self.density, left=0.0, right=0.0)
-        return _normed(density)
+            made = [self._turned(row, turn, line, s, p) for row in rows]
+        else:
+            old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
+            made = [np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]
+        density = np.reshape(made, (*self.density.shape[:-1], len(s)))
+        total = float(density.sum())
+        shares = self.density.sum(axis=-1, keepdims=True)
+        return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
+
+    def _turned(self, row: Array, turn: float, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
+        """(S,) part of the density on a line that turns by an angle, rad: the lateral position matters."""
+        share = float(row.sum())
+        mean, sd = moments(row / max(share, 1e-300), self.s)
+        at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
+        across = math.hypot(math.cos(turn) * sd, math.sin(turn) * p.lateral_sd_m)
+        return share * _normed(_normal(s - at, across))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +155,7 @@ class _Landed:
     """The last touch-down from camera and insoles; a later step estimate of the legs is combined with it.
 
     Attributes:
-        stance: Position of the foot.
+        stance: Joint density of the foot.
         before: (S,) density of the foot behind over the same cells.
         ground: Terrain segments along the line.
         mode: Mode of the ground under both feet; "" if it differs.
@@ -169,6 +181,7 @@ class Foothold:
 
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
+        self._joining = Joining(p)
         self.s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
         self.reset(p.standing_sd_m)
 
@@ -183,6 +196,7 @@ class Foothold:
             p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise, outlier_sd=p.outlier_sd
         )
         self._stance: _Stance | None = None
+        self._kinds = self._joining.prior  # (2,) probability of the walker's kind, for when the position is lost
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode
         self._landed: _Landed | None = None
@@ -204,17 +218,17 @@ class Foothold:
         return self._length.sd
 
     def standing(self, line: Line) -> Array:
-        """(S,) density of the stance foot over the cells of a line."""
+        """(2, 2, S) joint density of the stance foot over the cells of a line, see `Joining`."""
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - self._p.behind_m) / self._sd_m) ** 2)
-            return np.asarray(density / density.sum())
+            return self._joining.joint(density / density.sum(), self._kinds)
         return self._stance.along(line, self.s, self._p)
 
     def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
-        """(S,) density of the stance foot once the body has passed over it: it is a leg's length below the body's top.
+        """Density of the stance foot once the body has passed over it: it is a leg's length below the body's top.
 
         Args:
-            stance: (S,) density before.
+            stance: (..., S) density before.
             height: (S,) m, height of the ground along the path; None: unknown.
             top: Greatest height of the body over the foot, m.
         """
@@ -224,15 +238,18 @@ class Foothold:
         density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + self._p.likelihood_floor)
         return np.asarray(density / density.sum())
 
-    def rolled(
-        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str],
-        landing: tuple[Array, Array] | None = None,
+    def rolled(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
+        """The next footprints from the (2, 2, S) joint density of the stance foot; see `roll_out`."""
+        return self._rolled(stance.sum(axis=0), ground, feet, self._joining.next_and_later(stance))
+
+    def _rolled(
+        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], joins: tuple[float, float],
+        landing: Likelihoods | None = None,
     ) -> Chain:  # fmt: skip
-        """The next footprints from the stance foot's position; see `roll_out`."""
         lengths = [self._length.of(SIDE[foot]) for foot in feet]
         shared = math.hypot(self._length.sd, self._p.adapt_sd * self._length.mean)
         ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
-        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, landing)
+        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, joins, landing)
 
     def land(
         self, landing: Landing, line: Line, ground: Sequence[Segment], height: Array | None, body: float, top: float,
@@ -254,31 +271,44 @@ class Foothold:
         """
         p, stance = self._p, self.after_passing(self.standing(line), height, top)
         came = None if self._stance is None else self._stance.line.forward
-        before, _ = moments(stance, self.s)
+        behind = position(stance)
+        before, _ = moments(behind, self.s)
         between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - p.behind_m  # position relative to the body
         even = ahead + self._leaning(ground, body) - 0.5 * (self.s - before - between)
-        likelihoods = _normal(even, p.body_sd_m), _normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m)
-        chain = self.rolled(stance, ground, landing.feet, likelihoods)
-        self._stance = _Stance(line=line, s=self.s, density=chain.density[-1])
+        likelihoods = Likelihoods(
+            even=_normal(even, p.body_sd_m), over=_normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m),
+            beside=_normal(ahead + p.joined_ahead_m, p.joined_ahead_sd_m),
+        )  # fmt: skip
+        chains = [
+            self._rolled(of_kind, ground, landing.feet, (chance, chance), likelihoods)
+            for of_kind, chance in zip(self._joining.changed(stance), self._joining.chances.tolist())
+        ]
+        self._kinds = _normed(np.array([chain.evidence for chain in chains]))
+        density = np.array([share * chain.last for share, chain in zip(self._kinds, chains)])
+        self._stance = _Stance(line=line, s=self.s, density=density)
         self._landed = None
         if landing.measurable:
             straight = (
                 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / self._p.rotation_sd_rad) ** 2)
             )
-            self._learn(landing.feet[-1], self._stance, stance, chain, ground, straight, went_m)
+            self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
             if self._alike > 1 and math.isfinite(floor):
                 self._tall.update(0.0, top - floor)
 
     def _learn(
-        self, foot: str, now: _Stance, stance: Array, chain: Chain, ground: Sequence[Segment], straight: float,
-        went_m: float | None,
+        self, foot: str, now: _Stance, stance: Array, chains: Sequence[Chain], ground: Sequence[Segment],
+        straight: float, went_m: float | None,
     ) -> None:  # fmt: skip
-        """Updates the step statistics: a step on level ground updates all steps, a step on a ramp those on ramps."""
+        """Updates the step statistics: a step on level ground updates all steps, a step on a ramp those on ramps.
+
+        A step over an edge, and one that joins the other foot, updates none.
+        """
         before, before_sd = moments(stance, self.s)
-        made, made_sd = moments(chain.density[0], self.s)
+        made, made_sd = moments(self._kinds @ [chain.density[0] for chain in chains], self.s)
         sd = math.hypot(made_sd, before_sd)
-        even = straight * (1.0 - min(1.0, 2.0 * float(chain.modes[0, 1] + chain.modes[0, 2])))
+        other = self._kinds @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
+        even = straight * (1.0 - min(1.0, 2.0 * float(other)))
         here, there = (ground[segment_under(ground, s, self._p)] for s in (before, made))
         mode = here.mode if here.mode == there.mode else ""
         self._landed = _Landed(
@@ -330,6 +360,11 @@ class Foothold:
             if segment.mode == "RA":
                 lean[(self.s >= segment.start) & (self.s < segment.end)] += p.climb_lean * segment.slope
         return np.asarray(height_m * lean)
+
+
+def position(joint: Array) -> Array:
+    """(S,) density of the foot's position of a (2, 2, S) joint density, see `Joining`."""
+    return np.asarray(joint.sum(axis=(0, 1)))
 
 
 def _turn(one: Array, other: Array) -> float:

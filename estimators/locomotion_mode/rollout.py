@@ -3,7 +3,8 @@
 A walk is a chain of footprints, each one step beyond the previous one and where the sole has support. Whole chains are
 weighted, because people see an edge several steps ahead and adapt the steps up to it; forward and backward sums over
 the chain give each footprint's density. The common relative change of these steps is one more unknown, which is
-marginalised.
+marginalised. After a step over an edge the other foot may join this one, so the chain distinguishes whether the last
+step crossed an edge.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,32 +44,52 @@ class Chain:
         density: (K, S) of each step's footprint over the cells, sums 1.
         modes: (K, 5) probability of each mode.
         on: (K, P) probability of each terrain segment under the footprint.
+        last: (2, S) density of the last footprint, by whether its step crossed an edge (no, yes); sums to 1.
+        joined: (K,) probability that the foot joins the other one on its tread.
+        evidence: Likelihood of the walk's last landing, up to a common factor.
     """
 
     density: Array
     modes: Array
     on: Array
+    last: Array
+    joined: Array
+    evidence: float
+
+
+class Likelihoods(NamedTuple):
+    """(S,) likelihood of each position of the last step given the body's position, by the kind of the step.
+
+    Attributes:
+        even: After a step on even ground.
+        over: After a step over an edge.
+        beside: After a step that joins the other foot.
+    """
+
+    even: Array
+    over: Array
+    beside: Array
 
 
 def roll_out(
     stance: Array, s: Array, ground: Sequence[Segment], lengths: Sequence[float], length_sd: float,
     ratios: Mapping[str, tuple[float, float]], p: LocomotionModeParameters,
-    landing: tuple[Array, Array] | None = None,
+    joins: tuple[float, float] = (0.0, 0.0), landing: Likelihoods | None = None,
 ) -> Chain:  # fmt: skip
     """Density of the next footprints.
 
     See docs/locomotion_mode.md (5).
 
     Args:
-        stance: (S,) density of the stance foot over the cells.
+        stance: (2, S) density of the stance foot over the cells, by whether its step crossed an edge (no, yes).
         s: (S,) m along the path, evenly spaced.
         ground: Terrain segments.
         lengths: Expected length of each coming step on level ground, m.
         length_sd: Standard deviation common to all of them, m.
         ratios: Step length relative to level ground and its standard deviation, by mode of the ground (RA, RD).
         p: Dimensions.
-        landing: (S,) and (S,) likelihood of each position of the last step given the body's position, after a step on
-            even ground and after one over an edge; None: unknown.
+        joins: Probability that the next foot joins the stance foot if this one crossed an edge; the same of later feet.
+        landing: Likelihoods of the last step; None: unknown.
     """
     weight = foothold_weights(ground, s, p) + p.weight_floor
     edges = np.array(edges_before(ground))
@@ -82,29 +104,93 @@ def roll_out(
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
     made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]
+    share = _share_beside(weight, even, over, made, p)
     if landing is not None:  # the last step has its own kind
-        at = np.minimum(np.arange(len(s))[:, None] + np.arange(band), len(s) - 1)
-        near, far = made[kind[-1]]
-        made.append((near * (landing[0][at] + p.weight_floor), far * (landing[1][at] + p.weight_floor)))
+        made.append(_landed(made[kind[-1]], landing, p))
+        share = np.concatenate([share, share[kind[-1] :][:1]])
         kind[-1] = len(kinds)
-    near, far = (np.array([of_kind[i] for of_kind in made]) for i in (0, 1))
-    first = stance * weight
-    first = _NODE_WEIGHTS[:, None, None] * first / (_NODE_WEIGHTS.sum() * first.sum())
-    density, on, flow = _chain(first, weight, even, over, near, far, kind, p.density_min)
-    return Chain(density=density, modes=np.einsum("kab,abm->km", flow, mode_table(ground, p)), on=on)
+    near, far, beside = (np.array([of_kind[i] for of_kind in made]) for i in range(3))
+    first = stance[:, None, :] * weight
+    mass = float(first.sum())
+    first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * mass)
+    chances = np.array([joins[min(k, 1)] for k in range(len(kind))])
+    density, on, flow, last, joined, evidence = _chain(
+        first, weight, even, over, near, far, beside, share, chances, kind, p.density_min
+    )
+    modes = np.einsum("kab,abm->km", flow, mode_table(ground, p))
+    return Chain(density=density, modes=modes, on=on, last=last, joined=joined, evidence=mass * evidence)
+
+
+class _Kernels(NamedTuple):
+    """Density of a step of one kind from each cell.
+
+    Attributes:
+        near: (H, S, B) to the B cells from it on, on even ground.
+        far: (S, B) the same over an edge.
+        beside: (S, W) to the W cells about it, joining the other foot.
+    """
+
+    near: Array
+    far: Array
+    beside: Array
 
 
 def _kernels(
     s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, p: LocomotionModeParameters
-) -> tuple[Array, Array]:
-    """(H, S, B) and (S, B) density of a step from each cell to the following cells: on even ground, and over an edge.
+) -> _Kernels:
+    """Density of a step on level ground of the given length, m.
 
-    See docs/locomotion_mode.md (7).
+    See docs/locomotion_mode.md (7) and (14).
     """
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
     near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band, p.tail_sd)
-    return near, np.broadcast_to(far, (len(s), band))
+    beside = np.exp(-0.5 * (lag * _around(lag, p) / p.beside_sd_m) ** 2) / p.beside_sd_m
+    return _Kernels(near, np.broadcast_to(far, (len(s), band)), np.broadcast_to(beside, (len(s), len(beside))))
+
+
+def _around(lag: float, p: LocomotionModeParameters) -> NDArray[np.int64]:
+    """(W,) cells about a foot that the other foot may join it in."""
+    reach = max(1, round(3.0 * p.beside_sd_m / lag))
+    return np.arange(-reach, reach + 1)
+
+
+def _landed(kernels: _Kernels, landing: Likelihoods, p: LocomotionModeParameters) -> _Kernels:
+    """Kernels of a step whose landing gave these likelihoods."""
+    cells, half = len(landing.even), kernels.beside.shape[1] // 2
+    here = np.arange(cells)[:, None]
+    onward = np.minimum(here + np.arange(kernels.far.shape[1]), cells - 1)
+    around = np.clip(here + np.arange(-half, half + 1), 0, cells - 1)
+    return _Kernels(
+        kernels.near * (landing.even[onward] + p.weight_floor), kernels.far * (landing.over[onward] + p.weight_floor),
+        kernels.beside * (landing.beside[around] + p.weight_floor),
+    )  # fmt: skip
+
+
+def _share_beside(
+    weight: Array, even: Array, over: Array, made: Sequence[_Kernels], p: LocomotionModeParameters
+) -> Array:
+    """(L, P, S) factor of joining steps, by kind of step, segment and cell.
+
+    With it, all joining steps from a cell weigh as much as all other steps from there, so that their probability does
+    not depend on how rarely an ordinary step finds a foothold.
+    """
+    onto_even, onto_over = even @ weight, over @ weight
+    middle = len(_NODES) // 2
+    return np.array([_shares(k.near[middle], k.far, k.beside, onto_even, onto_over) for k in made])
+
+
+@cached(_HERE)
+def _shares(near: Array, far: Array, beside: Array, onto_even: Array, onto_over: Array) -> Array:
+    """(P, S) sum of steps (S, B) from each cell, on even ground and over an edge, divided by that of (S, W) beside."""
+    P, S = onto_even.shape
+    found = np.zeros((P, S))
+    for a in range(P):
+        for p in range(S):
+            n = min(near.shape[1], S - p)
+            usual = _gather(near[p, :n], far[p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
+            found[a, p] = usual / max(_gather_beside(beside[p], onto_even[a], p), 1e-300)
+    return found
 
 
 @cached(_HERE)
@@ -124,91 +210,116 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
 
 @cached(_HERE)
 def _chain(
-    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64],
-    density_min: float,
-) -> tuple[Array, Array, Array]:  # fmt: skip
+    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, beside: Array, share: Array,
+    joins: Array, kind: NDArray[np.int64], density_min: float,
+) -> tuple[Array, Array, Array, Array, Array, float]:  # fmt: skip
     """Forward and backward sums over a chain of footprints.
 
-    See docs/locomotion_mode.md (8).
+    See docs/locomotion_mode.md (8) and (14).
 
     Args:
-        first: (H, P, S) density of the stance foot, by step length change, segment and cell.
+        first: (H, 2, P, S) density of the stance foot, by step length change, whether its step crossed an edge, segment
+            and cell.
         weight: (P, S) weight of each foothold.
         even: (P, P) 1 where a step between segments crosses no edge.
         over: (P, P) probability of a step that crosses edges.
         near: (L, H, S, B) density of each kind of step from a cell to the B cells from it on, on even ground.
         far: (L, S, B) the same over an edge.
+        beside: (L, S, W) density of a step that joins the other foot, to the W cells about this one.
+        share: (L, P, S) factor of those.
+        joins: (K,) probability of such a step where the previous one crossed an edge.
         kind: (K,) kind of each step.
         density_min: Smaller densities are not propagated.
 
     Returns:
-        (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition; each sums to 1.
+        (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, (2, S) of the last one by
+        whether its step crossed an edge; each sums to 1. (K,) probability that a step joins; the sum over all chains.
     """
     _, H, S, B = near.shape
     K, P = len(kind), len(weight)
-    alpha = np.zeros((K + 1, H, P, S))
+    alpha = np.zeros((K + 1, H, 2, P, S))
     alpha[0] = first
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
+    evidence = 1.0
     for k in range(K):
         total = 0.0
         for h in range(H):
             for a in range(P):
                 for p in range(S):
-                    v = alpha[k, h, a, p]
-                    if v < density_min:
-                        continue
-                    n = min(B, S - p)
-                    _spread(
-                        v, near[kind[k], h, p, :n], far[kind[k], p, :n], reach_near[k, h, a, p : p + n],
-                        reach_far[k, h, a, p : p + n],
-                    )  # fmt: skip
+                    crossed = alpha[k, h, 1, a, p]
+                    v = alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed
+                    if v >= density_min:
+                        n = min(B, S - p)
+                        _spread(
+                            v, near[kind[k], h, p, :n], far[kind[k], p, :n], reach_near[k, h, a, p : p + n],
+                            reach_far[k, h, a, p : p + n],
+                        )  # fmt: skip
+                    v = joins[k] * share[kind[k], a, p] * crossed
+                    if v >= density_min:
+                        _spread_beside(v, beside[kind[k], p], reach_near[k, h, a], p)
             for a in range(P):
                 for b in range(a, P):
                     if even[a, b] == 0.0 and over[a, b] == 0.0:
                         continue
                     for q in range(S):
-                        v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
-                        alpha[k + 1, h, b, q] += v * weight[b, q]
-            for b in range(P):
-                for q in range(S):
-                    total += alpha[k + 1, h, b, q]
+                        alpha[k + 1, h, 0, b, q] += even[a, b] * reach_near[k, h, a, q] * weight[b, q]
+                        alpha[k + 1, h, 1, b, q] += over[a, b] * reach_far[k, h, a, q] * weight[b, q]
+            for c in range(2):
+                for b in range(P):
+                    for q in range(S):
+                        total += alpha[k + 1, h, c, b, q]
         _divide(alpha[k + 1], total)
-    density, on, flow = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P))
-    beta, ends = np.ones((H, P, S)), np.empty((P, S))
-    for k in range(K - 1, -1, -1):
-        back = np.zeros((H, P, S))
-        largest = 0.0
-        for h in range(H):
+        evidence *= total
+    density, on, flow, joined = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P)), np.zeros(K)
+    last = np.zeros((2, S))
+    for h in range(H):
+        for c in range(2):
             for b in range(P):
                 for q in range(S):
-                    ends[b, q] = weight[b, q] * beta[h, b, q]
-                    v = alpha[k + 1, h, b, q] * beta[h, b, q]
-                    density[k, q] += v
-                    on[k, b] += v
+                    last[c, q] += alpha[K, h, c, b, q]
+    _normalise(last)
+    beta, ends = np.ones((H, 2, P, S)), np.empty((2, P, S))
+    for k in range(K - 1, -1, -1):
+        back = np.zeros((H, 2, P, S))
+        largest = beside_all = 0.0
+        for h in range(H):
+            for c in range(2):
+                for b in range(P):
+                    for q in range(S):
+                        ends[c, b, q] = weight[b, q] * beta[h, c, b, q]
+                        v = alpha[k + 1, h, c, b, q] * beta[h, c, b, q]
+                        density[k, q] += v
+                        on[k, b] += v
             for a in range(P):
                 for b in range(a, P):
                     if even[a, b] == 0.0 and over[a, b] == 0.0:
                         continue
                     for q in range(S):
-                        v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
-                        flow[k, a, b] += v * ends[b, q]
-            onto_even, onto_over = mul(even, ends), mul(over, ends)
+                        flow[k, a, b] += even[a, b] * reach_near[k, h, a, q] * ends[0, b, q]
+                        flow[k, a, b] += over[a, b] * reach_far[k, h, a, q] * ends[1, b, q]
+            onto_even, onto_over = mul(even, ends[0]), mul(over, ends[1])
             for a in range(P):
                 for p in range(S):
-                    if alpha[k, h, a, p] < density_min:
+                    crossed = alpha[k, h, 1, a, p]
+                    if max(alpha[k, h, 0, a, p], crossed) < density_min:
                         continue
                     n = min(B, S - p)
                     v = _gather(
                         near[kind[k], h, p, :n], far[kind[k], p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n]
                     )
-                    back[h, a, p] = v
-                    largest = max(largest, v)
+                    back[h, 0, a, p] = v
+                    if crossed >= density_min:
+                        w = joins[k] * share[kind[k], a, p] * _gather_beside(beside[kind[k], p], onto_even[a], p)
+                        back[h, 1, a, p] = (1.0 - joins[k]) * v + w
+                        beside_all += crossed * w
+                    largest = max(largest, v, back[h, 1, a, p])
+        joined[k] = beside_all / max(_total(flow[k]), 1e-300)
         beta = back
         _divide(beta, largest)
         _normalise(density[k])
         _normalise(on[k])
         _normalise(flow[k])
-    return density, on, flow
+    return density, on, flow, last, joined, evidence
 
 
 @njit(**INSIDE)
@@ -221,10 +332,16 @@ def _divide(values: Array, by: float) -> None:
 @njit(**INSIDE)
 def _normalise(values: Array) -> None:
     """Scales values to the sum 1."""
+    _divide(values, _total(values))
+
+
+@njit(**INSIDE)
+def _total(values: Array) -> float:
+    """Sum of values."""
     total = 0.0
     for i in np.ndindex(values.shape):
         total += float(values[i])
-    _divide(values, total)
+    return total
 
 
 @njit(**INSIDE)
@@ -241,6 +358,24 @@ def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
     v = 0.0
     for j in range(len(near)):
         v += near[j] * even[j] + far[j] * over[j]
+    return v
+
+
+@njit(**INSIDE)
+def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
+    """Adds the contribution of cell p to the cells about it."""
+    half = len(beside) // 2
+    for j in range(max(0, half - p), min(len(beside), len(onto) + half - p)):
+        onto[p + j - half] += v * beside[j]
+
+
+@njit(**INSIDE)
+def _gather_beside(beside: Array, onto: Array, p: int) -> float:
+    """Backward sum of cell p over the cells about it."""
+    half = len(beside) // 2
+    v = 0.0
+    for j in range(max(0, half - p), min(len(beside), len(onto) + half - p)):
+        v += beside[j] * onto[p + j - half]
     return v
 
 

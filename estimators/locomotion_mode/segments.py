@@ -268,13 +268,19 @@ def slopes_under(ground: Sequence[Segment], on: Array) -> list[tuple[float, floa
     return list(zip(mean.tolist(), np.sqrt(np.maximum(variance, 0.0)).tolist()))
 
 
-def heights(ground: Sequence[Segment], profile: Profile, s: Array) -> Array | None:
-    """(S,) m, height of the ground along the path, also where unobserved; None if none is observed."""
+def heights(ground: Sequence[Segment], profile: Profile, s: Array, p: LocomotionModeParameters) -> Array | None:
+    """(S,) m, height of the ground that carries a sole, also where unobserved; None if none is observed.
+
+    Heels overhang edges: the ground is that under the sole's middle, extended to the heel's centre, which is at (S,) s.
+    """
     known = np.isfinite(profile.height)
     if not known.any():
         return None
     off = np.median(profile.height[known] - surface_along(ground, profile.s[known])[0])
-    return np.asarray(surface_along(ground, s)[0] + off)
+    half = 0.5 * (p.toe_m - p.heel_m)
+    under, ends = s + half, [segment.end for segment in ground]
+    slope = np.array([segment.mapped_slope for segment in ground])[np.searchsorted(ends, under, side="right")]
+    return np.asarray(surface_along(ground, under)[0] - half * np.tan(slope) + off)
 
 
 def edges_before(ground: Sequence[Segment]) -> list[int]:

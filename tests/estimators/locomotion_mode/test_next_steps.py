@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line
+from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, position
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
 from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, StepFilter, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
@@ -50,7 +50,7 @@ def foot_at(s):
 
 
 def chain(segments, at, steps=4, length=0.6):
-    return roll_out(foot_at(at), S, segments, [length] * steps, 0.03, RATIOS, P)
+    return roll_out(np.stack([foot_at(at), np.zeros(len(S))]), S, segments, [length] * steps, 0.03, RATIOS, P)
 
 
 @settings(max_examples=30, deadline=None)
@@ -236,11 +236,11 @@ def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
         landing = Landing(feet=("lr"[k % 2],), measurable=True)
         line = Line(np.array([0.6 * k - P.behind_m, 0.0]), east)
         foothold.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
-    ahead, _ = moments(foothold.standing(line), foothold.s)
+    ahead, _ = moments(position(foothold.standing(line)), foothold.s)
     foot = line.origin + ahead * east
     body, turned = line.origin + P.behind_m * east, math.radians(degrees)
     to = np.array([math.cos(turned), math.sin(turned)])
-    s, sd = moments(foothold.standing(Line(body - P.behind_m * to, to)), foothold.s)
+    s, sd = moments(position(foothold.standing(Line(body - P.behind_m * to, to))), foothold.s)
     assert s - P.behind_m == pytest.approx((foot - body) @ to, abs=0.03)
     assert sd < 0.15
 

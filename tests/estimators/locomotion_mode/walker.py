@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from stridetwin.streams.samples import Insole, Sample
@@ -13,13 +15,17 @@ INSOLE_NS, POSE_NS, PICTURE_NS = 10_000_000, 20_000_000, 100_000_000
 BOXES = flight(RISER, TREAD, STEPS, landing=4.0)
 
 
-def footprints() -> list[tuple[float, float, str, str]]:
-    """Time (s), place along x (m), foot and mode of each step: five on the level, four up, three on the landing."""
+def footprints(*, both: bool = False) -> list[tuple[float, float, str, str]]:
+    """Time (s), place along x (m), foot and mode of each step: five on the level, four up, three on the landing.
+
+    With `both`, the other foot joins each of the four before the walker goes on.
+    """
     found, t, feet = [], 1.5, "rl"
     places = [-0.30 - STEP_M * k for k in range(4, -1, -1)]
     modes = ["LG"] * len(places)
-    places += [0.06 + TREAD * k for k in range(STEPS)]
-    modes += ["SA"] * STEPS
+    for k in range(STEPS):
+        places += [0.06 + TREAD * k] * (1 + both)
+        modes += ["SA", "LG"][: 1 + both]
     places += [places[-1] + STEP_M * k for k in (1, 2, 3)]
     modes += ["LG"] * 3
     for k, (place, mode) in enumerate(zip(places, modes)):
@@ -29,11 +35,12 @@ def footprints() -> list[tuple[float, float, str, str]]:
     return found
 
 
-def samples() -> list[Sample]:
+def samples(*, both: bool = False) -> list[Sample]:
     """Everything in time order; a pose before the image of its instant."""
-    prints = footprints()
+    prints = footprints(both=both)
     times = np.array([0.0, 1.0, *(p[0] for p in prints)])
-    ahead = [0.05 if p[3] == "SA" else 0.45 * STEP_M for p in prints]
+    joined = [False, *(b[1] == a[1] for a, b in pairwise(prints))]
+    ahead = [-0.13 if j else 0.05 if p[3] == "SA" else 0.45 * STEP_M for p, j in zip(prints, joined)]
     at = np.array([prints[0][1] - STEP_M, prints[0][1] - STEP_M, *(p[1] - a for p, a in zip(prints, ahead))])
     ground = np.clip(np.floor(np.array([p[1] for p in prints]) / TREAD) + 1, 0, STEPS) * RISER
     high = np.array([0.0, 0.0, *(g - 0.1 * (p[3] == "SA") for g, p in zip(ground, prints))])

@@ -1,0 +1,146 @@
+"""Walkers who put both feet on each tread: the two kinds, the chain of footprints, and a scripted walk."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.joining import Joining
+from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, moments, roll_out
+from stridetwin.estimators.locomotion_mode.segments import heights, surface_along
+from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from tests.estimators.locomotion_mode.test_next_steps import RATIOS, S, foot_at, ground
+from tests.estimators.locomotion_mode.walker import footprints, samples
+from tests.estimators.terrain_map.scenes import RIG
+
+P = LocomotionModeParameters()
+LG, SA, SD = (MODES.index(mode) for mode in ("LG", "SA", "SD"))
+TREAD_M = 0.30
+EDGES = [1.0 + TREAD_M * k for k in range(5)]
+shares = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4).filter(lambda x: sum(x) > 0.1)
+
+
+def joint_of(values):
+    """A joint density with these shares of kind and crossing."""
+    made = np.array(values).reshape(2, 2, 1) * foot_at(1.0)
+    return made / made.sum()
+
+
+def normal(off, sd):
+    return np.exp(-0.5 * (off / sd) ** 2) / sd
+
+
+def flight(drop, at, *, crossed, joins, landing=None, steps=4):
+    """The steps from a foot within a flight."""
+    stance = np.stack([np.zeros(len(S)), foot_at(at)] if crossed else [foot_at(at), np.zeros(len(S))])
+    segments = ground(*((edge, drop) for edge in EDGES))
+    return roll_out(stance, S, segments, [0.5] * steps, 0.03, RATIOS, P, (joins, joins), landing)
+
+
+@given(shares)
+def test_a_change_of_kind_changes_neither_place_nor_crossing(values):
+    joint = joint_of(values)
+    after = Joining(P).changed(joint)
+    np.testing.assert_allclose(after.sum(axis=0), joint.sum(axis=0), atol=1e-12)
+    np.testing.assert_array_equal(after[:, 0], joint[:, 0])
+
+
+@given(shares)
+def test_the_probability_of_joining_lies_between_those_of_the_kinds(values):
+    for chance in Joining(P).next_and_later(joint_of(values)):
+        assert P.other_joins - 1e-12 <= chance <= P.joiner_joins + 1e-12
+
+
+def test_a_kind_never_becomes_certain():
+    joining = Joining(P)
+    joint = joint_of([0.0, 1.0, 0.0, 0.0])
+    assert joining.next_and_later(joining.changed(joint))[0] < P.joiner_joins
+    joint = joint_of([0.0, 0.0, 0.0, 1.0])
+    assert joining.next_and_later(joining.changed(joint))[0] > P.other_joins
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.0, 1.0), st.sampled_from([0.17, -0.17]), st.booleans())
+def test_densities_sum_to_one_and_only_a_foot_that_crossed_is_joined(joins, drop, crossed):
+    predicted = flight(drop, EDGES[0] + 0.05, crossed=crossed, joins=joins)
+    for found in (predicted.density, predicted.modes, predicted.on):
+        np.testing.assert_allclose(found.sum(axis=1), 1.0)
+    assert predicted.last.sum() == pytest.approx(1.0)
+    assert ((predicted.joined >= 0.0) & (predicted.joined <= 1.0 + 1e-9)).all()
+    assert crossed or predicted.joined[0] == 0.0
+
+
+@pytest.mark.parametrize(("drop", "mode"), [(0.17, SA), (-0.17, SD)])
+def test_who_joins_takes_a_tread_every_other_step(drop, mode):
+    predicted = flight(drop, EDGES[0] + 0.05, crossed=True, joins=0.97)
+    assert predicted.modes.argmax(axis=1).tolist() == [LG, mode, LG, mode]
+    places = [moments(density, S)[0] for density in predicted.density]
+    assert places[0] == pytest.approx(EDGES[0] + 0.05, abs=0.05)
+    assert places[3] - places[1] == pytest.approx(TREAD_M, abs=0.06)
+    assert flight(drop, EDGES[0] + 0.05, crossed=True, joins=0.0).modes.argmax(axis=1).tolist() == [mode] * 4
+
+
+@pytest.mark.parametrize("tread", [0.26, 0.30, 0.35])
+def test_a_single_step_joins_as_often_as_expected_on_any_tread(tread):
+    """How rarely an ordinary step finds a foothold does not matter."""
+    segments = ground(*((1.0 + tread * k, 0.17) for k in range(5)))
+    stance = np.stack([np.zeros(len(S)), foot_at(1.05)])
+    for joins in (0.1, 0.5, 0.9):
+        predicted = roll_out(stance, S, segments, [0.5], 0.03, RATIOS, P, (joins, joins))
+        assert predicted.joined[0] == pytest.approx(joins, abs=0.02)
+
+
+def test_the_body_shows_whether_the_foot_joined():
+    """The body is ahead of feet side by side, and behind a foot that crossed an edge.
+
+    With even chances before, the right kind of step becomes more than twice as probable as the other.
+    """
+    found = {}
+    for place in (1.05, 1.35):
+        body = 1.05 + P.joined_ahead_m if place < 1.2 else 1.35 - P.edge_ahead_m
+        likelihoods = Likelihoods(
+            even=np.full(len(S), 1e-9),
+            over=normal(S - body - P.edge_ahead_m, P.edge_ahead_sd_m),
+            beside=normal(S - body + P.joined_ahead_m, P.joined_ahead_sd_m),
+        )
+        predicted = flight(0.17, 1.05, crossed=True, joins=0.5, landing=likelihoods, steps=1)
+        found[place] = predicted.joined[0], moments(predicted.last.sum(axis=0), S)[0]
+    assert found[1.05][0] > 2 / 3
+    assert found[1.35][0] < 1 / 3
+    assert found[1.05][1] < 1.15 < 1.25 < found[1.35][1]
+
+
+def test_a_heel_that_overhangs_an_edge_is_as_high_as_its_sole():
+    segments = ground((1.0, 0.17), (1.3, 0.17))
+    s = np.linspace(0.2, 2.0, 181)
+    height, *_ = surface_along(segments, s)
+    profile = Profile(s=s, height=height, plane=np.zeros(len(s), np.int64), changes=())
+    found = heights(segments, profile, s, P)
+    np.testing.assert_allclose(np.interp([0.85, 0.95, 1.25], s, found), [0.0, 0.17, 0.34], atol=1e-9)
+    slope = ground((0.0, 0.0), slopes=[8.0, 8.0])
+    height, *_ = surface_along(slope, s)
+    np.testing.assert_allclose(heights(slope, replace(profile, height=height), s, P), height, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def stair_walk():
+    """True steps and predictions of a scripted walker who puts both feet on each tread."""
+    mode = LocomotionMode(TerrainMap(RIG), RIG.cameras["/head/color"])
+    return footprints(both=True), [e for e in map(mode.update, samples(both=True)) if e is not None]
+
+
+def test_from_the_third_tread_on_both_feet_are_expected(stair_walk):
+    prints, predicted = stair_walk
+    joined = 0
+    for (*_, before), (t, _, foot, mode) in pairwise(prints):
+        step = next(e for e in reversed(predicted) if e.t_ns < t * 1e9).steps[0]
+        assert step.foot == foot
+        joined += before == "SA" and mode == "LG"
+        if joined > 2 or mode == "SA" or joined == 0:
+            assert step.mode == mode, t
+            assert step.probabilities[mode] > 0.7
+    assert joined == 4
