@@ -170,7 +170,7 @@ class LocomotionModeParameters:
     joiners: float = 0.1
     joiner_joins: float = 0.97
     other_joins: float = 0.005
-    joining_change: float = 0.02
+    joining_change: float = 0.05
     beside_sd_m: float = 0.05
     joined_ahead_m: float = 0.13
     joined_ahead_sd_m: float = 0.05
