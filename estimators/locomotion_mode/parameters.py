@@ -57,7 +57,7 @@ class LocomotionModeParameters:
         joined_ahead_sd_m: Its standard deviation.
         adapt_sd: Relative standard deviation of the common change of all steps up to the next edge.
         kerb_m: Smallest riser: between a kerb of 40 mm and the lowest stair, 70 mm.
-        stair_m: Smallest riser of a step up or down stairs: 70 mm (Zhao et al. 2023) and just above a kerb that is lower.
+        stair_m: Smallest riser of a step up or down stairs: 70 mm (Zhao et al. 2023), less a margin.
         riser_sd_m: Smallest standard deviation of a riser.
         flight_riser_sd_m: Standard deviation of a flight's riser in addition to the map's.
         place_sd_m: Smallest standard deviation of the distance to a change.
