@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from stridetwin.estimators.base import PROPOSED, current_name
 from stridetwin.estimators.dvio.feet import LegParameters
+from stridetwin.estimators.dvio.level import LevelParameters
 from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
 from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, PlaneParameters
 from stridetwin.estimators.dvio.structure_from_motion import StructureParameters
@@ -196,6 +197,7 @@ class DvioParameters:
         align_s: In motion, longest wait for vision and IMU to align; then the mean force is taken as the vertical.
         start_s: Duration of that mean.
         max_gap_s: A longer gap of the IMU causes a new start.
+        level_ground: Whether ground that looks level measures the tilt (13).
         planes: Whether floors and walls in the depth image are states too.
         feet: Whether the legs of an exoskeleton measure the speed when the camera observes little.
         wait_s: Longest wait for the depth image of a colour image.
@@ -210,6 +212,7 @@ class DvioParameters:
         recovery: Of gaps, and of a new start after a failure.
         depth: Of measured depths at points.
         plane: Of planes.
+        level: Of level ground.
         legs: Of the legs' velocity.
         imu: Of the IMU's samples.
         plausible: Limits of the state.
@@ -261,6 +264,7 @@ class DvioParameters:
     align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
+    level_ground: bool = True
     planes: bool = False
     feet: bool = False
     wait_s: float = 0.05
@@ -275,6 +279,7 @@ class DvioParameters:
     recovery: RecoveryParameters = RecoveryParameters()
     depth: DepthParameters = field(default_factory=DepthParameters)
     plane: PlaneParameters = field(default_factory=PlaneParameters)
+    level: LevelParameters = field(default_factory=LevelParameters)
     legs: LegParameters = field(default_factory=LegParameters)
     imu: ImuParameters = ImuParameters()
     plausible: PlausibleState = field(default_factory=PlausibleState)
@@ -295,7 +300,7 @@ class DvioParameters:
         check_numbers("DvioParameters", numbers, may_be_zero | {"rate_share_rts"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
-        for name in ("tracking", "start", "recovery", "depth", "plane", "legs", "imu", "plausible", "structure"):
+        for name in ("tracking", "start", "recovery", "depth", "plane", "level", "legs", "imu", "plausible", "structure"):
             check_numbers(f"DvioParameters.{name}", _numbers(getattr(self, name)), may_be_zero={"error"})
         for name in ("corners", "coarse", "fine"):
             check_numbers(f"DvioParameters.tracking.{name}", _numbers(getattr(self.tracking, name)))
@@ -336,6 +341,7 @@ _PUBLISHED: dict[str, Any] = {
     "time_offset_sd_s": 0.0,
     "depth_scale_sd": 0.0,
     "focal_sd": 0.0,
+    "level_ground": False,
     "anchored": False,
     "steps": 2,
 }
