@@ -179,6 +179,8 @@ class DvioParameters:
         anchored: Whether a point is aligned with its host's patch, from its predicted or tracked position.
         extrinsic_position_sd_m: Of the camera's nominal position on the IMU, m; 0: exactly known.
         extrinsic_rotation_sd_rad: Of its nominal rotation, rad.
+        slipped_position_sd_m: Of the position of a camera that is not mounted as calibrated, m.
+        slipped_rotation_sd_rad: Of its rotation, rad.
         time_offset_sd_s: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
         focal_sd: Of the focal lengths, relative.
@@ -246,6 +248,8 @@ class DvioParameters:
     anchored: bool = True
     extrinsic_position_sd_m: float = 2e-3
     extrinsic_rotation_sd_rad: float = 5e-3
+    slipped_position_sd_m: float = 2e-3
+    slipped_rotation_sd_rad: float = 0.04
     time_offset_sd_s: float = 5e-3
     depth_scale_sd: float = 6e-3
     focal_sd: float = 2e-3

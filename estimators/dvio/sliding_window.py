@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import LegMeasurement
 from stridetwin.estimators.dvio.level import add_level, columns, covariance_of, level_weight, slope_of
+from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
 from stridetwin.estimators.dvio.optimiser import (
     blank_work,
@@ -94,6 +95,10 @@ class Core:
         self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
         self._measured_planes = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3)), np.zeros(PLANES, np.int64)
         self._newest_is_key = False
+        self._mount = MountPrior(
+            np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
+            np.array([parameters.slipped_position_sd_m, parameters.slipped_rotation_sd_rad]),
+        )
         self._p_level: Array | None = None  # where level ground was observed last, m
         self.seen = 0
 
@@ -117,12 +122,8 @@ class Core:
         self._place(0, frame.t_ns, self.nav)
         hold(w, 0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
-        sd = np.array(
-            [p.extrinsic_position_sd_m] * 3
-            + [p.extrinsic_rotation_sd_rad] * 3
-            + [p.time_offset_sd_s, p.depth_scale_sd]
-            + [p.focal_sd] * 2
-        )
+        others = [p.time_offset_sd_s, p.depth_scale_sd, p.focal_sd, p.focal_sd]
+        sd = np.concatenate([self._mount.start(c.moved[:6]), others])
         if not p.uses_depth:
             sd[D_SCALE] = 0.0
         n = CALIBRATION
@@ -184,6 +185,7 @@ class Core:
         if key:
             self._find(frame, slot)
             self._observe_ground(frame, slot)
+            self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)
