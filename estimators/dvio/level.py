@@ -1,9 +1,9 @@
 """The vertical from level ground: floors, treads and landings are level as built, ramps clearly are not.
 
-At rest and on a straight walk an accelerometer bias looks like a tilt: 10 mg are 10 mrad, 1 % of the distance in height.
-Vision finds the path relative to the camera, so a path is as level as the camera's vertical. The depth image shows the
-ground's normal in the camera to about a milliradian. Ground that is level within the present uncertainty is therefore
-taken as a measurement of the camera's tilt; anything steeper is not used.
+At rest and on a straight walk an accelerometer bias looks like a tilt: 10 mg are 10 mrad, and a height error of 1 % of
+the distance. Vision finds the path relative to the camera, so a path is as level as the camera's vertical. The depth
+image shows the ground's normal in the camera to about a milliradian. Ground that is level within the present
+uncertainty is therefore a measurement of the camera's tilt; anything steeper is not used.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class LevelParameters(NamedTuple):
     """Level ground; hand-chosen on tuning seeds unless an origin is given.
 
     Attributes:
-        sd_rad: How level it is as built (DIN 18202 allows 3 mm over 1 m), with the error of its measured normal.
+        sd_rad: How level it is as built: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
         huber_sd: A slope beyond this many standard deviations is down-weighted.
         gate: Largest squared Mahalanobis distance of a slope from level: 1 % of level ground exceeds it.
         slope_max_rad: Anything steeper is a ramp: wheelchair ramps begin at 1:20, 50 mrad.
@@ -31,7 +31,7 @@ class LevelParameters(NamedTuple):
         spacing_m: Between two observations: those of the same ground are not independent.
     """
 
-    sd_rad: float = 4e-3
+    sd_rad: float = 3e-3
     huber_sd: float = 1.5
     gate: float = 9.2
     slope_max_rad: float = 0.035
@@ -92,7 +92,10 @@ def covariance_of(which: Array, L: Array, size: int) -> Array:
 
 
 def add_level(window: Window, slot: int, slope: Slope, weight: float) -> None:
-    """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration. See docs/dvio.md (13)."""
+    """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration.
+
+    See docs/dvio.md (13).
+    """
     f, prior, at = window.frames, window.prior, columns(window, slot)
     if not f.held[slot]:
         hold(window, slot)

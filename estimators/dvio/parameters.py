@@ -16,6 +16,7 @@ from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 
 HOST_DEPTHS = ("none", "fixed", "factor")
+_GROUPS = ("tracking", "start", "recovery", "depth", "plane", "level", "legs", "imu", "plausible", "structure")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +249,7 @@ class DvioParameters:
     anchored: bool = True
     extrinsic_position_sd_m: float = 2e-3
     extrinsic_rotation_sd_rad: float = 5e-3
-    slipped_position_sd_m: float = 2e-3
+    slipped_position_sd_m: float = 0.03
     slipped_rotation_sd_rad: float = 0.04
     time_offset_sd_s: float = 5e-3
     depth_scale_sd: float = 6e-3
@@ -297,6 +298,8 @@ class DvioParameters:
         may_be_zero = {
             "extrinsic_position_sd_m",
             "extrinsic_rotation_sd_rad",
+            "slipped_position_sd_m",
+            "slipped_rotation_sd_rad",
             "time_offset_sd_s",
             "depth_scale_sd",
             "focal_sd",
@@ -304,7 +307,7 @@ class DvioParameters:
         check_numbers("DvioParameters", numbers, may_be_zero | {"rate_share_rts"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
-        for name in ("tracking", "start", "recovery", "depth", "plane", "level", "legs", "imu", "plausible", "structure"):
+        for name in _GROUPS:
             check_numbers(f"DvioParameters.{name}", _numbers(getattr(self, name)), may_be_zero={"error"})
         for name in ("corners", "coarse", "fine"):
             check_numbers(f"DvioParameters.tracking.{name}", _numbers(getattr(self.tracking, name)))

@@ -185,7 +185,8 @@ class Core:
         if key:
             self._find(frame, slot)
             self._observe_ground(frame, slot)
-            self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
+            if self._mount.adapts:
+                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)
