@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from stridetwin.estimators.dvio.optimiser import hold
@@ -77,13 +78,13 @@ def level_weight(slope: Slope, covariance: Array, p: LevelParameters) -> float:
     return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / p.sd_rad**2
 
 
-def columns(window: Window, slot: int) -> Array:
+def columns(window: Window, slot: int) -> NDArray[np.int64]:
     """(6,) indices, among all states, of the errors that a slope depends on."""
     own = window.shared + FRAME * slot + D_ATTITUDE
     return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, own : own + 3]
 
 
-def covariance_of(which: Array, L: Array, size: int) -> Array:
+def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
     """(K, K) covariance of some of the first `size` states; L is the Cholesky factor of their normal equations."""
     unit = np.zeros((size, len(which)))
     unit[which, range(len(which))] = 1.0
