@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 from stridetwin.estimators.base import PROPOSED, current_name
 from stridetwin.estimators.dvio.feet import LegParameters
-from stridetwin.estimators.dvio.level import LevelParameters
 from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
-from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, PlaneParameters
+from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, LevelParameters, PlaneParameters
 from stridetwin.estimators.dvio.structure_from_motion import StructureParameters
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio.level import (
-    LevelParameters,
     Slope,
     add_level,
     columns,
@@ -21,7 +20,7 @@ from stridetwin.estimators.dvio.level import (
 )
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
-from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
 from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
 
 P = LevelParameters()
