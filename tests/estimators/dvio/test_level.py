@@ -10,14 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.level import (
-    Slope,
-    add_level,
-    columns,
-    covariance_of,
-    level_weight,
-    slope_of,
-)
+from stridetwin.estimators.dvio.level import Slope, add_level, columns, covariance_of, level_weight, slope_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
 from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
