@@ -238,6 +238,13 @@ class Dvio:
         return float(self._core.window.calibration.offset[0])
 
     @property
+    def T_imu_camera(self) -> Array:
+        """(4, 4) estimated mount, camera to IMU, m."""
+        c, T = self._core.window.calibration, np.eye(4)
+        T[:3, :3], T[:3, 3] = c.R, c.p
+        return T
+
+    @property
     def depth_scale(self) -> float:
         """Estimated ratio of true to measured depth."""
         return float(self._core.window.calibration.scale[0])

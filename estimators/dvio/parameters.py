@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 from stridetwin.estimators.base import PROPOSED, current_name
 from stridetwin.estimators.dvio.feet import LegParameters
 from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
-from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, PlaneParameters
+from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, LevelParameters, PlaneParameters
 from stridetwin.estimators.dvio.structure_from_motion import StructureParameters
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 
 HOST_DEPTHS = ("none", "fixed", "factor")
+_GROUPS = ("tracking", "start", "recovery", "depth", "plane", "level", "legs", "imu", "plausible", "structure")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,6 +179,8 @@ class DvioParameters:
         anchored: Whether a point is aligned with its host's patch, from its predicted or tracked position.
         extrinsic_position_sd_m: Of the camera's nominal position on the IMU, m; 0: exactly known.
         extrinsic_rotation_sd_rad: Of its nominal rotation, rad.
+        slipped_position_sd_m: Of the position of a camera that is not mounted as calibrated, m.
+        slipped_rotation_sd_rad: Of its rotation, rad.
         time_offset_sd_s: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
         focal_sd: Of the focal lengths, relative.
@@ -196,6 +199,7 @@ class DvioParameters:
         align_s: In motion, longest wait for vision and IMU to align; then the mean force is taken as the vertical.
         start_s: Duration of that mean.
         max_gap_s: A longer gap of the IMU causes a new start.
+        level_ground: Whether ground that looks level measures the tilt (13).
         planes: Whether floors and walls in the depth image are states too.
         feet: Whether the legs of an exoskeleton measure the speed when the camera observes little.
         wait_s: Longest wait for the depth image of a colour image.
@@ -210,6 +214,7 @@ class DvioParameters:
         recovery: Of gaps, and of a new start after a failure.
         depth: Of measured depths at points.
         plane: Of planes.
+        level: Of level ground.
         legs: Of the legs' velocity.
         imu: Of the IMU's samples.
         plausible: Limits of the state.
@@ -243,6 +248,8 @@ class DvioParameters:
     anchored: bool = True
     extrinsic_position_sd_m: float = 2e-3
     extrinsic_rotation_sd_rad: float = 5e-3
+    slipped_position_sd_m: float = 0.03
+    slipped_rotation_sd_rad: float = 0.04
     time_offset_sd_s: float = 5e-3
     depth_scale_sd: float = 6e-3
     focal_sd: float = 2e-3
@@ -261,6 +268,7 @@ class DvioParameters:
     align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
+    level_ground: bool = True
     planes: bool = False
     feet: bool = False
     wait_s: float = 0.05
@@ -275,6 +283,7 @@ class DvioParameters:
     recovery: RecoveryParameters = RecoveryParameters()
     depth: DepthParameters = field(default_factory=DepthParameters)
     plane: PlaneParameters = field(default_factory=PlaneParameters)
+    level: LevelParameters = field(default_factory=LevelParameters)
     legs: LegParameters = field(default_factory=LegParameters)
     imu: ImuParameters = ImuParameters()
     plausible: PlausibleState = field(default_factory=PlausibleState)
@@ -288,6 +297,8 @@ class DvioParameters:
         may_be_zero = {
             "extrinsic_position_sd_m",
             "extrinsic_rotation_sd_rad",
+            "slipped_position_sd_m",
+            "slipped_rotation_sd_rad",
             "time_offset_sd_s",
             "depth_scale_sd",
             "focal_sd",
@@ -295,7 +306,7 @@ class DvioParameters:
         check_numbers("DvioParameters", numbers, may_be_zero | {"rate_share_rts"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
-        for name in ("tracking", "start", "recovery", "depth", "plane", "legs", "imu", "plausible", "structure"):
+        for name in _GROUPS:
             check_numbers(f"DvioParameters.{name}", _numbers(getattr(self, name)), may_be_zero={"error"})
         for name in ("corners", "coarse", "fine"):
             check_numbers(f"DvioParameters.tracking.{name}", _numbers(getattr(self.tracking, name)))
@@ -336,6 +347,7 @@ _PUBLISHED: dict[str, Any] = {
     "time_offset_sd_s": 0.0,
     "depth_scale_sd": 0.0,
     "focal_sd": 0.0,
+    "level_ground": False,
     "anchored": False,
     "steps": 2,
 }

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import LegMeasurement
+from stridetwin.estimators.dvio.level import add_level, columns, covariance_of, level_weight, slope_of
+from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
 from stridetwin.estimators.dvio.optimiser import (
     blank_work,
@@ -89,11 +91,15 @@ class Core:
         self._preintegration = blank_preintegration()
         self._alive = np.zeros(slots, np.uint8)
         self._pixels = np.zeros((slots, 2), np.float32)
-        if planes:
-            at = sample_pixels(self.lens.shape, parameters.plane)
-            self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
-            self._measured_planes = np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.zeros(planes, np.int64)
+        at = sample_pixels(self.lens.shape, parameters.plane)
+        self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
+        self._measured_planes = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3)), np.zeros(PLANES, np.int64)
         self._newest_is_key = False
+        self._mount = MountPrior(
+            np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
+            np.array([parameters.slipped_position_sd_m, parameters.slipped_rotation_sd_rad]),
+        )
+        self._p_level: Array | None = None  # where level ground was observed last, m
         self.seen = 0
 
     @property
@@ -116,12 +122,8 @@ class Core:
         self._place(0, frame.t_ns, self.nav)
         hold(w, 0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
-        sd = np.array(
-            [p.extrinsic_position_sd_m] * 3
-            + [p.extrinsic_rotation_sd_rad] * 3
-            + [p.time_offset_sd_s, p.depth_scale_sd]
-            + [p.focal_sd] * 2
-        )
+        others = [p.time_offset_sd_s, p.depth_scale_sd, p.focal_sd, p.focal_sd]
+        sd = np.concatenate([self._mount.start(c.moved[:6]), others])
         if not p.uses_depth:
             sd[D_SCALE] = 0.0
         n = CALIBRATION
@@ -129,6 +131,7 @@ class Core:
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
         own = slice(w.shared, w.shared + FRAME)
         w.prior.H[own, own] = np.linalg.inv(covariance)
+        self._p_level = None
         self.nav.covariance[:] = covariance
         self._save_previous()
         self.tracker.reset()
@@ -181,7 +184,9 @@ class Core:
         self.seen = self._cull()
         if key:
             self._find(frame, slot)
-            self._observe_planes(frame)
+            self._observe_ground(frame, slot)
+            if self._mount.adapts:
+                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)
@@ -379,15 +384,40 @@ class Core:
         self._alive[ids] = 1
         self._pixels[ids] = points
 
-    def _observe_planes(self, frame: CameraFrame) -> None:
-        """Planes in the depth image of the newest frame: observations of known ones, or new ones."""
+    def _observe_ground(self, frame: CameraFrame, slot: int) -> None:
+        """Planes in the depth image of the newest frame, a keyframe: level ground, known planes and new ones."""
         p, w = self.parameters, self.window
-        if not len(w.planes.used) or frame.depth is None:
+        p_now, level = w.frames.p[slot], p.level_ground and p.uses_depth
+        if self._p_level is not None:
+            level &= float(np.linalg.norm(p_now - self._p_level)) >= p.level.spacing_m
+        if frame.depth is None or not (level or len(w.planes.used)):
             return
-        rho, weights, new = self._measured_planes
+        rho, weights, _ = self._measured_planes
         count = kernel.read_planes(
             frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
+        if level and self._level(rho[:count], slot):
+            self._p_level = p_now.copy()
+        if len(w.planes.used):
+            self._observe_planes(count)
+
+    def _level(self, measured: Array, slot: int) -> bool:
+        """Takes the first level one of planes (P, 3) 1/m as a measurement of the tilt; False if there is none."""
+        w, covariance = self.window, None
+        for plane in measured:
+            slope = slope_of(w, slot, plane)
+            if slope.r @ slope.r > self.parameters.level.slope_max_rad**2:
+                continue
+            if covariance is None:
+                covariance = covariance_of(columns(w, slot), self._work.factor, w.shared + FRAME * (slot + 1))
+            if weight := level_weight(slope, covariance, self.parameters.level):
+                add_level(w, slot, slope, weight)
+                return True
+        return False
+
+    def _observe_planes(self, count: int) -> None:
+        """Observations of known planes, or new ones, from the measured planes."""
+        w, (rho, weights, new) = self.window, self._measured_planes
         unmatched = kernel.match_planes(
             w.frames, w.calibration, w.planes, self.factors, self._work.plane, self._work.factor, rho, weights, count,
             new,

@@ -46,6 +46,26 @@ class PlaneParameters(NamedTuple):
     distance_min_m: float = 0.05
 
 
+class LevelParameters(NamedTuple):
+    """Level ground; hand-chosen on tuning seeds unless an origin is given.
+
+    Attributes:
+        sd_rad: How level it is as built: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
+        huber_sd: A slope beyond this many standard deviations is down-weighted.
+        gate: Largest squared Mahalanobis distance of a slope from level: 1 % of level ground exceeds it.
+        slope_max_rad: Anything steeper is a ramp: wheelchair ramps begin at 1:20, 50 mrad.
+        tilt_sd_max_rad: While the camera's tilt is less certain, a ramp could be mistaken for level ground.
+        spacing_m: Between two observations: those of the same ground are not independent.
+    """
+
+    sd_rad: float = 3e-3
+    huber_sd: float = 1.5
+    gate: float = 9.2
+    slope_max_rad: float = 0.035
+    tilt_sd_max_rad: float = 0.02
+    spacing_m: float = 1.0
+
+
 class FactorParameters(NamedTuple):
     """Noise model of the factors, and which factors are used.
 

@@ -1,0 +1,88 @@
+"""The vertical from level ground: floors, treads and landings are level as built, ramps clearly are not.
+
+At rest and on a straight walk an accelerometer bias looks like a tilt: 10 mg are 10 mrad, and a height error of 1 % of
+the distance. Vision finds the path relative to the camera, so a path is as level as the camera's vertical. The depth
+image shows the ground's normal in the camera to about a milliradian. Ground that is level within the present
+uncertainty is therefore a measurement of the camera's tilt; anything steeper is not used.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from stridetwin.estimators.dvio.optimiser import hold
+from stridetwin.estimators.dvio.state import D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
+from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import hat
+
+
+class Slope(NamedTuple):
+    """The ground's slope in the world of the odometry, which is 0 for level ground and a true vertical.
+
+    Attributes:
+        r: (2,) horizontal part of its unit normal, rad.
+        J: (2, 6) derivative by the errors of the camera's attitude on the IMU and of the frame's attitude.
+    """
+
+    r: Array
+    J: Array
+
+
+def slope_of(window: Window, slot: int, measured: Array) -> Slope:
+    """Slope of a plane (3,) 1/m, as of `read_planes`, seen by the frame in a slot. See docs/dvio.md (13)."""
+    c, R = window.calibration, window.frames.R[slot]
+    m = measured / np.array([1.0 + c.focal[0], 1.0 + c.focal[1], 1.0])
+    m = m / np.linalg.norm(m)
+    in_imu = c.R @ m
+    return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]))
+
+
+def level_weight(slope: Slope, covariance: Array, p: LevelParameters) -> float:
+    """Weight of a slope as level ground, 1/rad²; 0 where it may be a ramp.
+
+    Args:
+        slope: Of the ground.
+        covariance: (6, 6) of the errors that it depends on, rad².
+        p: Parameters.
+    """
+    tilt = slope.J @ covariance @ slope.J.T
+    if np.trace(tilt) > 2.0 * p.tilt_sd_max_rad**2 or slope.r @ slope.r > p.slope_max_rad**2:
+        return 0.0
+    square = float(slope.r @ np.linalg.solve(tilt + p.sd_rad**2 * np.eye(2), slope.r))
+    if square > p.gate:
+        return 0.0
+    return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / p.sd_rad**2
+
+
+def columns(window: Window, slot: int) -> NDArray[np.int64]:
+    """(6,) indices, among all states, of the errors that a slope depends on."""
+    own = window.shared + FRAME * slot + D_ATTITUDE
+    return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, own : own + 3]
+
+
+def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
+    """(K, K) covariance of some of the first `size` states; L is the Cholesky factor of their normal equations."""
+    unit = np.zeros((size, len(which)))
+    unit[which, range(len(which))] = 1.0
+    Y: Array = solve_triangular(L[:size, :size], unit, lower=True)
+    return np.asarray(Y.T @ Y)
+
+
+def add_level(window: Window, slot: int, slope: Slope, weight: float) -> None:
+    """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration.
+
+    See docs/dvio.md (13).
+    """
+    f, prior, at = window.frames, window.prior, columns(window, slot)
+    if not f.held[slot]:
+        hold(window, slot)
+    moved = np.concatenate(
+        [window.calibration.moved[D_ATTITUDE_IC : D_ATTITUDE_IC + 3], f.moved[slot, D_ATTITUDE : D_ATTITUDE + 3]]
+    )
+    JtW = weight * slope.J.T
+    prior.H[np.ix_(at, at)] += JtW @ slope.J
+    prior.b[at] += JtW @ (slope.J @ moved - slope.r)

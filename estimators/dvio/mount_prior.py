@@ -1,0 +1,63 @@
+"""Prior of the camera's mount, whose spread is itself estimated: most mounts are as calibrated, some have slipped.
+
+The prior is Student's t: normal, with a variance that is itself unknown. It begins wide, and from the first motion on
+its variance follows the estimated mount (expectation maximisation). A mount as calibrated thus keeps the accuracy of
+its calibration, and one that is off is not held back. The calibration is never marginalised, so its own prior remains a
+separate summand of the window's prior, which can be exchanged. See docs/dvio.md (14).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Window
+from stridetwin.streams.samples import Array
+
+GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
+_FREEDOM = 1.0  # degrees of freedom of the t prior: a Cauchy distribution
+_MEASURED = 0.25  # the variance follows once the mount's is below this share of it
+
+
+class MountPrior:
+    """Variance of the mount's position (m²) and rotation (rad²) in the prior of a window.
+
+    Args:
+        nominal_sd: (2,) of a mount as calibrated, m and rad; 0: exactly known.
+        slipped_sd: (2,) of one that is not, with which the prior begins.
+    """
+
+    def __init__(self, nominal_sd: Array, slipped_sd: Array) -> None:
+        self._least = nominal_sd**2
+        self._most = np.where(nominal_sd > 0, np.maximum(nominal_sd, slipped_sd), 0.0) ** 2
+        self._variance = self._most.copy()
+        self._mean = np.zeros(6)
+
+    def start(self, mean: Array) -> Array:
+        """(6,) standard deviations of a window that starts, about a mean (6,) of the calibration's `moved`."""
+        self._mean = mean.copy()
+        return np.repeat(self.sd, 3)
+
+    @property
+    def sd(self) -> Array:
+        """(2,) present standard deviations of position, m, and rotation, rad."""
+        return np.asarray(np.sqrt(self._variance))
+
+    @property
+    def adapts(self) -> bool:
+        """Whether there is anything to follow."""
+        return bool((self._most > self._least).any())
+
+    def follow(self, window: Window, covariance: Array) -> None:
+        """Follows the estimated mount, of a covariance (6, 6) in the order of the calibration's errors."""
+        prior = window.prior
+        for i, own in enumerate(GROUPS):
+            before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
+            if before == 0.0 or spread > 3.0 * _MEASURED * before:
+                continue
+            off = window.calibration.moved[own] - self._mean[own]
+            estimated = (_FREEDOM * self._least[i] + off @ off + spread) / (_FREEDOM + 3.0)
+            after = min(max(estimated, self._least[i]), self._most[i])
+            change, at = 1.0 / after - 1.0 / before, np.arange(own.start, own.stop)
+            prior.H[at, at] += change
+            prior.b[own] += change * self._mean[own]
+            self._variance[i] = after

@@ -1,0 +1,163 @@
+"""Level ground as a measurement of the tilt, and the prior of the mount: derivatives, gates, and effect."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio.level import Slope, add_level, columns, covariance_of, level_weight, slope_of
+from stridetwin.estimators.dvio.mount_prior import MountPrior
+from stridetwin.estimators.dvio.optimiser import blank_work, minimise
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
+from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
+
+P = LevelParameters()
+STEP = 1e-6
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def ground(w: Window, slot: int, slope_rad: float = 0.0) -> np.ndarray:
+    """(3,) 1/m: ground 1.6 m below a frame's camera that rises along x, as `read_planes` measures it."""
+    normal = Rotation.from_euler("y", -slope_rad).apply(DOWN)
+    return np.asarray((w.frames.R[slot] @ w.calibration.R).T @ normal) / 1.6
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_the_jacobian_of_a_slope_is_its_derivative(seed):
+    rng = np.random.default_rng(seed)
+    w = seen_window(rng)
+    w.calibration.focal[:] = [0.01, -0.02]
+    measured = ground(w, 2, 0.02) + 0.01 * rng.normal(size=3)
+    slope = slope_of(w, 2, measured)
+    for column, i in enumerate(columns(w, 2)):
+        other, error = copy.deepcopy(w), np.zeros(SHARED + FRAME * 4)
+        error[i] = STEP
+        moved(other, error)
+        derivative = (slope_of(other, 2, measured).r - slope.r) / STEP
+        assert slope.J[:, column] == pytest.approx(derivative, abs=1e-5)
+
+
+def test_a_slope_is_that_of_the_ground():
+    w = seen_window(np.random.default_rng(1))
+    assert slope_of(w, 1, ground(w, 1)).r == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert slope_of(w, 1, ground(w, 1, 0.02)).r == pytest.approx([np.sin(0.02), 0.0], abs=1e-9)
+
+
+def slope(x: float) -> Slope:
+    return Slope(r=np.array([x, 0.0]), J=np.hstack([np.zeros((2, 3)), np.eye(2, 3)]))
+
+
+def tilted(sd: float) -> np.ndarray:
+    return sd**2 * np.eye(6)
+
+
+@pytest.mark.parametrize(
+    ("slope_rad", "tilt_sd_rad", "used"),
+    [
+        (0.01, 0.01, True),  # an accelerometer bias of 10 mg
+        (0.025, 0.01, True),
+        (0.05, 0.02, False),  # a wheelchair ramp, however uncertain the tilt
+        (0.015, 0.002, False),  # 0.9 degrees, once the vertical is known
+        (0.0, 0.04, False),  # nobody knows yet what is level
+    ],
+)
+def test_only_what_may_be_level_is_taken_as_level(slope_rad, tilt_sd_rad, used):
+    assert (level_weight(slope(slope_rad), tilted(tilt_sd_rad), P) > 0) == used
+
+
+def test_an_unlikely_slope_counts_less():
+    assert level_weight(slope(0.0), tilted(0.01), P) == pytest.approx(P.sd_rad**-2)
+    assert level_weight(slope(0.025), tilted(0.01), P) < 0.7 * P.sd_rad**-2
+
+
+def prior_of(w: Window, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
+    """A prior of all states, in which the first frame's tilt is uncertain."""
+    n = CALIBRATION + FRAME * 4 + (w.shared - CALIBRATION)
+    w.prior.H[range(n), range(n)] = 1e6
+    own = w.shared + D_ATTITUDE
+    w.prior.H[range(own, own + 3), range(own, own + 3)] = tilt_sd**-2
+    at = range(D_ATTITUDE_IC, D_ATTITUDE_IC + 3)
+    w.prior.H[at, at] = mount_sd**-2
+
+
+def test_level_ground_corrects_the_tilt():
+    w = seen_window(np.random.default_rng(3), frames=1)
+    prior_of(w)
+    truth = w.frames.R[0].copy()
+    measured = ground(w, 0)
+    w.frames.R[0] = Rotation.from_euler("x", 0.01).as_matrix() @ truth
+    work = blank_work(w)
+    minimise(w, FACTORS, work, 1, 1e-3)
+    size = w.shared + FRAME
+    before = slope_of(w, 0, measured)
+    covariance = covariance_of(columns(w, 0), work.factor, size)
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([5e-3] * 3 + [0.01] * 3, rel=1e-3)
+    weight = level_weight(before, covariance, P)
+    assert weight > 0
+    add_level(w, 0, before, weight)
+    minimise(w, FACTORS, work, 3, 1e-9)
+    after = slope_of(w, 0, measured)
+    assert np.linalg.norm(before.r) == pytest.approx(0.01, rel=0.01)
+    expected = P.sd_rad**2 / (P.sd_rad**2 + 0.01**2 + 5e-3**2)
+    assert np.linalg.norm(after.r) == pytest.approx(expected * 0.01, rel=0.05)
+    tilt = after.J @ covariance_of(columns(w, 0), work.factor, size) @ after.J.T
+    assert np.sqrt(np.diag(tilt)).max() < P.sd_rad
+
+
+def test_a_second_observation_continues_from_the_first():
+    """The same ground once more, after the states have moved, pulls to the same place."""
+    w = seen_window(np.random.default_rng(4), frames=1)
+    prior_of(w)
+    measured, work = ground(w, 0), blank_work(w)
+    w.frames.R[0] = Rotation.from_euler("y", 0.01).as_matrix() @ w.frames.R[0]
+    left = []
+    for _ in range(4):
+        add_level(w, 0, slope_of(w, 0, measured), P.sd_rad**-2)
+        minimise(w, FACTORS, work, 3, 1e-9)
+        left.append(float(np.linalg.norm(slope_of(w, 0, measured).r)))
+    s2 = P.sd_rad**2 / (0.01**2 + 5e-3**2)
+    assert left == pytest.approx([0.01 * s2 / (s2 + k) for k in (1, 2, 3, 4)], rel=0.08)
+
+
+def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, Window]:
+    """A mount prior after thirty keyframes that estimate the mount off by so much, with such a standard deviation."""
+    w = seen_window(np.random.default_rng(5))
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
+    w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
+    w.calibration.moved[D_ATTITUDE_IC] = off_rad
+    for _ in range(30):
+        mount.follow(w, np.diag([1.0] * 3 + [spread_rad**2] * 3))
+    return mount, w
+
+
+def test_a_mount_as_calibrated_keeps_the_accuracy_of_its_calibration():
+    mount, w = mounted(3e-3, 2e-3)
+    assert mount.sd == pytest.approx([0.03, 5e-3])
+    assert np.diag(w.prior.H)[:6] == pytest.approx([0.03**-2] * 3 + [5e-3**-2] * 3)
+    assert w.prior.b[:6] == pytest.approx(np.zeros(6))
+
+
+def test_a_mount_that_has_slipped_is_not_held_back():
+    mount, _ = mounted(0.05, 2e-3)
+    assert mount.sd[1] > 0.02
+
+
+def test_the_prior_of_a_mount_waits_for_a_measurement():
+    assert mounted(0.0, 0.03)[0].sd == pytest.approx([0.03, 0.04])
+
+
+def test_a_known_mount_stays_known():
+    mount = MountPrior(np.zeros(2), np.array([0.03, 0.04]))
+    assert not mount.adapts
+    assert mount.start(np.zeros(6)) == pytest.approx(np.zeros(6))
+
+
+def test_a_restart_keeps_what_is_known_of_the_mount():
+    mount, w = mounted(3e-3, 2e-3)
+    assert mount.start(w.calibration.moved[:6])[3:] == pytest.approx([5e-3] * 3)
