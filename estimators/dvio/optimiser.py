@@ -132,6 +132,9 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
             _linearise(window, factors, work, n, n - 1, factors.host_depth)
             if damping > _MOST_DAMPING:
                 break
+    if damping > _FIRST_DAMPING:
+        # Damping is no information: with it, the covariance of weak directions, such as the tilt, would be too small.
+        kernel.solve(work.H, work.b, size, _FIRST_DAMPING, work.factor, work.step)
     return cost
 
 
