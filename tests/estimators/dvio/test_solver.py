@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.optimiser import blank_work, drop_oldest, marginalize_oldest, minimise, preintegrate
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, ImuSamples, Window
 from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, moved, see_corner, seen_window
@@ -139,3 +140,20 @@ def test_the_prior_equals_what_was_marginalised():
     assert before == pytest.approx(whole.frames.p[1:4])
     H = w.prior.H[: SHARED + 2 * FRAME, : SHARED + 2 * FRAME]
     assert np.linalg.eigvalsh(H).min() > -1e-6 * np.linalg.eigvalsh(H).max()
+
+
+def test_damping_is_no_information(monkeypatch):
+    """After a step that failed, the next one is damped; the factor, of which covariances are made, is not."""
+    w, solve, dampings = noisy_window(np.random.default_rng(0)), kernel.solve, []
+    size = SHARED + FRAME * int(w.frames.count[0])
+
+    def failing_once(H, b, size, damping, factor, step):
+        dampings.append(damping)
+        return len(dampings) > 1 and solve(H, b, size, damping, factor, step)
+
+    monkeypatch.setattr(kernel, "solve", failing_once)
+    work = blank_work(w)
+    minimise(w, FACTORS, work, 2, 0.0)
+    assert max(dampings) >= 1e-4
+    L, H = np.tril(work.factor[:size, :size]), np.tril(work.H[:size, :size])
+    assert np.diag(L @ L.T) == pytest.approx(np.diag(H), rel=1e-6, abs=1e-8)
