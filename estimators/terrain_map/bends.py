@@ -16,8 +16,8 @@ from stridetwin.estimators.terrain_map.parameters import BendParameters
 from stridetwin.streams.samples import Array
 
 
-class Piece(NamedTuple):
-    """A straight piece of the ground along a line.
+class Stretch(NamedTuple):
+    """A straight stretch of the ground along a line.
 
     Attributes:
         first, last: Its first and last sample.
@@ -25,7 +25,7 @@ class Piece(NamedTuple):
         height: Height there, m.
         slope: Rise over run.
         slope_sd: Standard deviation.
-        break_s: Where it begins with a bend, m; NaN for the first piece.
+        break_s: Where it begins with a bend, m; NaN for the first stretch.
         break_sd: Standard deviation, m.
     """
 
@@ -39,8 +39,8 @@ class Piece(NamedTuple):
     break_sd: float = math.nan
 
 
-def straight_pieces(s: Array, height: Array, first: int, last: int, p: BendParameters) -> list[Piece]:
-    """Cuts samples of one plane into straight pieces; fewer than two if nothing bends.
+def straight_stretches(s: Array, height: Array, first: int, last: int, p: BendParameters) -> list[Stretch]:
+    """Cuts samples of one plane into straight stretches; fewer than two if nothing bends.
 
     Args:
         s: (N,) m along the line.
@@ -54,14 +54,14 @@ def straight_pieces(s: Array, height: Array, first: int, last: int, p: BendParam
     cuts: list[int] = []
     _cut(x, z, 0, len(x), cuts, p)
     bounds = _settled(x, z, [0, *sorted(cuts), len(x)], p)
-    pieces: list[Piece] = []
+    stretches: list[Stretch] = []
     for k, (a, b) in enumerate(pairwise(bounds)):
         if b - a < p.fewest_bins:
             return []
         middle, level, slope, slope_sd = _line(x[a:b], z[a:b], p)
         begin, at, at_sd = first, math.nan, math.nan
         if k:
-            one = pieces[-1]
+            one = stretches[-1]
             bend = slope - one.slope
             reach = (b - bounds[k - 1]) * p.bin_m / 2
             away = (one.height + one.slope * (x[a] - one.s)) - (level + slope * (x[a] - middle))
@@ -69,9 +69,9 @@ def straight_pieces(s: Array, height: Array, first: int, last: int, p: BendParam
             at_sd = p.noise_m / max(abs(bend), 1e-6)
             begin = int(np.searchsorted(s, at))
             begin = min(max(begin, one.first + 1), last)
-            pieces[-1] = one._replace(last=begin - 1)
-        pieces.append(Piece(begin, last, middle, level, slope, slope_sd, at, at_sd))
-    return pieces
+            stretches[-1] = one._replace(last=begin - 1)
+        stretches.append(Stretch(begin, last, middle, level, slope, slope_sd, at, at_sd))
+    return stretches
 
 
 def _binned(s: Array, height: Array, bin_m: float) -> tuple[Array, Array]:

@@ -113,7 +113,7 @@ class BendParameters(NamedTuple):
     bin_m: float = 0.1
     """Heights are averaged over this length."""
     fewest_bins: int = 5
-    """A straight piece is no shorter."""
+    """A straight stretch is no shorter."""
     noise_m: float = 0.004
     """Standard deviation of a bin's height over a straight line."""
     least_rad: float = math.radians(1.5)

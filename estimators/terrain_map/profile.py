@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.terrain_map.bends import Piece, straight_pieces
+from stridetwin.estimators.terrain_map.bends import Stretch, straight_stretches
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
@@ -59,13 +59,13 @@ def profile(
         middle[at] = on.height(origin + s[at, None] * forward)
         slope[at], slope_sd[at] = math.atan(float(on.gradient @ forward)), on.slope_sd
     for run in runs:
-        if run.piece is not None:
+        if run.stretch is not None:
             at = np.zeros(len(s), bool)
             at[run.first : run.last + 1] = True
             at = at & (plane == run.plane.id)
             middle[at] = run.plane.height(origin + s[at, None] * forward)
-            slope[at] = math.atan(run.piece.slope)
-            slope_sd[at] = math.hypot(p.slope_sd_rad, run.piece.slope_sd)
+            slope[at] = math.atan(run.stretch.slope)
+            slope_sd[at] = math.hypot(p.slope_sd_rad, run.stretch.slope_sd)
     changes = _changes(s, runs, estimate, origin, forward, p)
     return Profile(s=s, height=middle, plane=plane, changes=changes, slope=slope, slope_sd=slope_sd)
 
@@ -123,12 +123,12 @@ def _lanes(
 
 
 class _Run(NamedTuple):
-    """A straight run of samples on one plane; `piece` if the plane bends, and `plane` then slopes as the piece does."""
+    """A straight run of samples on one plane; `stretch` if the plane bends, and `plane` then slopes as the stretch does."""
 
     first: int
     last: int
     plane: Plane
-    piece: Piece | None
+    stretch: Stretch | None
 
 
 def _straight_runs(
@@ -139,19 +139,19 @@ def _straight_runs(
     found = []
     for first, last, id_ in _runs(plane, p.profile.samples_min):
         own = estimate.planes[id_]
-        pieces = straight_pieces(s, np.where(plane == id_, height, np.nan), first, last, p.bends)
-        if len(pieces) < 2:
+        stretches = straight_stretches(s, np.where(plane == id_, height, np.nan), first, last, p.bends)
+        if len(stretches) < 2:
             found.append(_Run(first, last, own, None))
         else:
-            found += [_Run(k.first, k.last, _along(own, k, origin, forward), k) for k in pieces]
+            found += [_Run(k.first, k.last, _along(own, k, origin, forward), k) for k in stretches]
     return found
 
 
-def _along(plane: Plane, piece: Piece, origin: Array, forward: Array) -> Plane:
-    """The plane with the height and slope of a piece along the line, and its own slope across it."""
-    gradient = plane.gradient + (piece.slope - float(plane.gradient @ forward)) * forward
+def _along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -> Plane:
+    """The plane with the height and slope of a stretch along the line, and its own slope across it."""
+    gradient = plane.gradient + (stretch.slope - float(plane.gradient @ forward)) * forward
     normal = np.array([-gradient[0], -gradient[1], 1.0])
-    centre = np.array([*(origin + piece.s * forward), piece.height])
+    centre = np.array([*(origin + stretch.s * forward), stretch.height])
     return replace(plane, centre=centre, normal=normal / np.linalg.norm(normal))
 
 
@@ -160,11 +160,11 @@ def _changes(
 ) -> tuple[Change, ...]:
     found = []
     for before, after in pairwise(runs):
-        one, other, piece = before.plane, after.plane, after.piece
-        if piece is not None and before.piece is not None and one.id == other.id:
-            bend = math.atan(piece.slope) - math.atan(before.piece.slope)
-            sd = max(piece.break_sd, 2.0 * p.edge_sd_m)
-            found.append(Change(kind="slope_break", s=piece.break_s, sd=sd, drop=0.0, bend=bend))
+        one, other, stretch = before.plane, after.plane, after.stretch
+        if stretch is not None and before.stretch is not None and one.id == other.id:
+            bend = math.atan(stretch.slope) - math.atan(before.stretch.slope)
+            sd = max(stretch.break_sd, 2.0 * p.edge_sd_m)
+            found.append(Change(kind="slope_break", s=stretch.break_s, sd=sd, drop=0.0, bend=bend))
             continue
         end, start = float(s[before.last]), float(s[after.first])
         change = _edge_or_slope_break(end, start, one, other, estimate, origin, forward, p)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.terrain_map.bends import straight_pieces
+from stridetwin.estimators.terrain_map.bends import straight_stretches
 from stridetwin.estimators.terrain_map.parameters import BendParameters
 
 P = BendParameters()
@@ -28,24 +28,24 @@ def ground(*slopes_deg: float, bends_m: tuple[float, ...] = (2.0, 5.0), noise_m:
 def test_a_gentle_ramp_between_level_pieces_is_found(ramp: float, down: bool, lean: float, begin: float) -> None:
     ramp = -ramp if down else ramp
     height = ground(lean, lean + ramp, lean, bends_m=(begin, begin + 3.0))
-    pieces = straight_pieces(S, height, 0, len(S) - 1, P)
-    assert [math.degrees(math.atan(k.slope)) for k in pieces] == pytest.approx([lean, lean + ramp, lean], abs=0.25)
-    assert [k.break_s for k in pieces[1:]] == pytest.approx([begin, begin + 3.0], abs=0.1)
-    assert pieces[0].first == 0
-    assert pieces[-1].last == len(S) - 1
-    assert all(a.last + 1 == b.first for a, b in pairwise(pieces))
+    stretches = straight_stretches(S, height, 0, len(S) - 1, P)
+    assert [math.degrees(math.atan(k.slope)) for k in stretches] == pytest.approx([lean, lean + ramp, lean], abs=0.25)
+    assert [k.break_s for k in stretches[1:]] == pytest.approx([begin, begin + 3.0], abs=0.1)
+    assert stretches[0].first == 0
+    assert stretches[-1].last == len(S) - 1
+    assert all(a.last + 1 == b.first for a, b in pairwise(stretches))
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-15.0, 15.0), st.integers(0, 50))
 def test_straight_ground_is_not_cut(slope: float, seed: int) -> None:
     rough = np.random.default_rng(seed).normal(0.0, 0.006, len(S))
-    assert len(straight_pieces(S, math.tan(math.radians(slope)) * S + rough, 0, len(S) - 1, P)) < 2
+    assert len(straight_stretches(S, math.tan(math.radians(slope)) * S + rough, 0, len(S) - 1, P)) < 2
 
 
 def test_missing_heights_and_short_runs_do_not_bend() -> None:
     height = ground(0.0, 4.0, 0.0)
     height[::3] = np.nan
-    assert len(straight_pieces(S, height, 0, len(S) - 1, P)) == 3
-    assert straight_pieces(S, np.full(len(S), np.nan), 0, len(S) - 1, P) == []
-    assert straight_pieces(S, height, 0, 10, P) == []
+    assert len(straight_stretches(S, height, 0, len(S) - 1, P)) == 3
+    assert straight_stretches(S, np.full(len(S), np.nan), 0, len(S) - 1, P) == []
+    assert straight_stretches(S, height, 0, 10, P) == []
