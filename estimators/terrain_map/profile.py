@@ -123,7 +123,7 @@ def _lanes(
 
 
 class _Run(NamedTuple):
-    """A straight run of samples on one plane; `stretch` if the plane bends, and `plane` then slopes as the stretch does."""
+    """A straight run of samples on one plane. If the plane bends, it has a `stretch`, and `plane` slopes as that does."""
 
     first: int
     last: int
