@@ -123,7 +123,7 @@ def _lanes(
 
 
 class _Run(NamedTuple):
-    """A straight run of samples on one plane. If the plane bends, it has a `stretch`, and `plane` slopes as that does."""
+    """A straight run of samples on one plane; where the plane bends, `plane` slopes as the `stretch` does."""
 
     first: int
     last: int
