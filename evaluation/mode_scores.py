@@ -292,9 +292,9 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
             "median": _quantile([s.lead_s for s in transitions], 50),
             "p5": _quantile([s.lead_s for s in transitions], 5),
         },
-        "footprint_rmse_m": {"forward": _rms([s.forward_m for s in steps]), "left": _rms([s.left_m for s in steps])},
+        "footprint_rmse_m": {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])},
         "footprint_steady_rmse_m": {
-            "forward": _rms([s.forward_m for s in steady]), "left": _rms([s.left_m for s in steady])
+            "forward": rms([s.forward_m for s in steady]), "left": rms([s.left_m for s in steady])
         },
         "calibration_error": _calibration(steps),
         "steps": len(steps),
@@ -331,9 +331,9 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
         "changes_found_pct": _percent(a.found for a in approaches),
         "begins_found_pct": _percent(a.found for a in begins),
         "distance_median_mm": median,
-        "riser_rmse_mm": _scaled(_rms(seen["riser_m"]), 1e3),
-        "tread_rmse_mm": _scaled(_rms(seen["tread_m"]), 1e3),
-        "slope_rmse_deg": _scaled(_rms(seen["slope_rad"]), 180.0 / math.pi),
+        "riser_rmse_mm": _scaled(rms(seen["riser_m"]), 1e3),
+        "tread_rmse_mm": _scaled(rms(seen["tread_m"]), 1e3),
+        "slope_rmse_deg": _scaled(rms(seen["slope_rad"]), 180.0 / math.pi),
         "sizes": {
             size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
                    for way, mode in zip(("up", "down"), modes)}
@@ -343,8 +343,8 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
                 ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
             )
         },
-        "inside_95_pct": _inside([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
-        "distance_inside_95_pct": _inside(sizes["distance_m"]),
+        "inside_95_pct": inside_pct([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
+        "distance_inside_95_pct": inside_pct(sizes["distance_m"]),
     }  # fmt: skip
 
 
@@ -354,12 +354,12 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
     own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
         "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
-        "rmse": _scaled(_rms([e for e, d in own if d < _SEEN[name]]), factor),
-        "all_rmse": _scaled(_rms([e for e, _ in own]), factor),
+        "rmse": _scaled(rms([e for e, d in own if d < _SEEN[name]]), factor),
+        "all_rmse": _scaled(rms([e for e, _ in own]), factor),
     }
 
 
-def _inside(errors: Iterable[tuple[float, float]]) -> float | None:
+def inside_pct(errors: Iterable[tuple[float, float]]) -> float | None:
     """Share of errors within the reported 95 % interval, %, from pairs of error and standard deviation."""
     return _percent(abs(e) < 1.96 * sd for e, sd in errors if math.isfinite(e) and math.isfinite(sd))
 
@@ -391,7 +391,8 @@ def _quantile(values: Sequence[float], percent: float) -> float | None:
     return float(np.percentile(values, percent)) if len(values) else None
 
 
-def _rms(values: Sequence[float]) -> float | None:
+def rms(values: Sequence[float]) -> float | None:
+    """Root mean square of the known values; None without any."""
     known = [v for v in values if math.isfinite(v)]
     return float(np.sqrt(np.mean(np.square(known)))) if known else None
 

@@ -20,6 +20,43 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import hat
 
 
+class LevelGround:
+    """Uses level ground in a window, once per stretch of the path.
+
+    Args:
+        parameters: Of level ground.
+        used: Whether it is used at all.
+    """
+
+    def __init__(self, parameters: LevelParameters, *, used: bool) -> None:
+        self._p, self._used = parameters, used
+        self._p_last: Array | None = None
+
+    def restart(self) -> None:
+        """Forgets where it was observed last."""
+        self._p_last = None
+
+    def due(self, p_imu_in_world: Array) -> bool:
+        """Whether an observation from a position (3,), m, would be independent of the last one."""
+        last = self._p_last
+        return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= self._p.spacing_m)
+
+    def observe(self, window: Window, L: Array, slot: int, measured: Array) -> None:
+        """Takes the first level one of planes (P, 3) 1/m, seen by the frame in a slot, as a measurement of the tilt.
+
+        L is the Cholesky factor of the window's normal equations.
+        """
+        if not len(measured):
+            return
+        covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
+        for plane in measured:
+            slope = slope_of(window, slot, plane)
+            if weight := level_weight(slope, covariance, self._p):
+                add_level(window, slot, slope, weight)
+                self._p_last = window.frames.p[slot].copy()
+                return
+
+
 class Slope(NamedTuple):
     """The ground's slope in the world of the odometry, which is 0 for level ground and a true vertical.
 

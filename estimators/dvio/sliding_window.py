@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import LegMeasurement
-from stridetwin.estimators.dvio.level import add_level, columns, covariance_of, level_weight, slope_of
+from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
 from stridetwin.estimators.dvio.optimiser import (
@@ -99,7 +99,7 @@ class Core:
             np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
             np.array([parameters.slipped_position_sd_m, parameters.slipped_rotation_sd_rad]),
         )
-        self._p_level: Array | None = None  # where level ground was observed last, m
+        self._level = LevelGround(parameters.level, used=parameters.level_ground and parameters.uses_depth)
         self.seen = 0
 
     @property
@@ -131,7 +131,7 @@ class Core:
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
         own = slice(w.shared, w.shared + FRAME)
         w.prior.H[own, own] = np.linalg.inv(covariance)
-        self._p_level = None
+        self._level.restart()
         self.nav.covariance[:] = covariance
         self._save_previous()
         self.tracker.reset()
@@ -387,33 +387,17 @@ class Core:
     def _observe_ground(self, frame: CameraFrame, slot: int) -> None:
         """Planes in the depth image of the newest frame, a keyframe: level ground, known planes and new ones."""
         p, w = self.parameters, self.window
-        p_now, level = w.frames.p[slot], p.level_ground and p.uses_depth
-        if self._p_level is not None:
-            level &= float(np.linalg.norm(p_now - self._p_level)) >= p.level.spacing_m
+        level = self._level.due(w.frames.p[slot])
         if frame.depth is None or not (level or len(w.planes.used)):
             return
         rho, weights, _ = self._measured_planes
         count = kernel.read_planes(
             frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
-        if level and self._level(rho[:count], slot):
-            self._p_level = p_now.copy()
+        if level:
+            self._level.observe(w, self._work.factor, slot, rho[:count])
         if len(w.planes.used):
             self._observe_planes(count)
-
-    def _level(self, measured: Array, slot: int) -> bool:
-        """Takes the first level one of planes (P, 3) 1/m as a measurement of the tilt; False if there is none."""
-        w, covariance = self.window, None
-        for plane in measured:
-            slope = slope_of(w, slot, plane)
-            if slope.r @ slope.r > self.parameters.level.slope_max_rad**2:
-                continue
-            if covariance is None:
-                covariance = covariance_of(columns(w, slot), self._work.factor, w.shared + FRAME * (slot + 1))
-            if weight := level_weight(slope, covariance, self.parameters.level):
-                add_level(w, slot, slope, weight)
-                return True
-        return False
 
     def _observe_planes(self, count: int) -> None:
         """Observations of known planes, or new ones, from the measured planes."""

@@ -107,18 +107,37 @@ def roll_out(
     share = _share_beside(weight, even, over, made, p)
     if landing is not None:  # the last step has its own kind
         made.append(_landed(made[kind[-1]], landing, p))
-        share = np.concatenate([share, share[kind[-1] :][:1]])
+        share = np.append(share, share[kind[-1], None], axis=0)
         kind[-1] = len(kinds)
     near, far, beside = (np.array([of_kind[i] for of_kind in made]) for i in range(3))
     first = stance[:, None, :] * weight
     mass = float(first.sum())
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * mass)
     chances = np.array([joins[min(k, 1)] for k in range(len(kind))])
-    density, on, flow, last, joined, evidence = _chain(
-        first, weight, even, over, near, far, beside, share, chances, kind, p.density_min
-    )
+    steps = _Steps(kind=kind, near=near, far=far, beside=beside, share=share, joins=chances)
+    density, on, flow, last, joined, evidence = _chain(first, weight, even, over, steps, p.density_min)
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, p))
     return Chain(density=density, modes=modes, on=on, last=last, joined=joined, evidence=mass * evidence)
+
+
+class _Steps(NamedTuple):
+    """Densities of the coming steps from each cell, by kind of step; kernels as in `_Kernels`.
+
+    Attributes:
+        kind: (K,) kind of each step.
+        near: (L, H, S, B).
+        far: (L, S, B).
+        beside: (L, S, W).
+        share: (L, P, S) factor of the last, by segment and cell.
+        joins: (K,) probability of a joining step where the previous one crossed an edge.
+    """
+
+    kind: NDArray[np.int64]
+    near: Array
+    far: Array
+    beside: Array
+    share: Array
+    joins: Array
 
 
 class _Kernels(NamedTuple):
@@ -210,9 +229,8 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
 
 @cached(_HERE)
 def _chain(
-    first: Array, weight: Array, even: Array, over: Array, near: Array, far: Array, beside: Array, share: Array,
-    joins: Array, kind: NDArray[np.int64], density_min: float,
-) -> tuple[Array, Array, Array, Array, Array, float]:  # fmt: skip
+    first: Array, weight: Array, even: Array, over: Array, steps: _Steps, density_min: float
+) -> tuple[Array, Array, Array, Array, Array, float]:
     """Forward and backward sums over a chain of footprints.
 
     See docs/locomotion_mode.md (8) and (14).
@@ -223,18 +241,14 @@ def _chain(
         weight: (P, S) weight of each foothold.
         even: (P, P) 1 where a step between segments crosses no edge.
         over: (P, P) probability of a step that crosses edges.
-        near: (L, H, S, B) density of each kind of step from a cell to the B cells from it on, on even ground.
-        far: (L, S, B) the same over an edge.
-        beside: (L, S, W) density of a step that joins the other foot, to the W cells about this one.
-        share: (L, P, S) factor of those.
-        joins: (K,) probability of such a step where the previous one crossed an edge.
-        kind: (K,) kind of each step.
+        steps: The coming steps.
         density_min: Smaller densities are not propagated.
 
     Returns:
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, (2, S) of the last one by
         whether its step crossed an edge; each sums to 1. (K,) probability that a step joins; the sum over all chains.
     """
+    kind, near, far, beside, share, joins = steps
     _, H, S, B = near.shape
     K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, 2, P, S))

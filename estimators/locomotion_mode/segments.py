@@ -230,18 +230,23 @@ def _slope(
     if not known or estimate is None:
         return None
     plane = planes[int(np.bincount(known).argmax())]
-    seen = profile.s[inside & (profile.plane == plane.id)]
+    on = inside & (profile.plane == plane.id)
+    seen = profile.s[on]
     bent = p.map_sd_m / max(float(seen[-1] - seen[0]), p.tread_min_m)
     slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
     if profile.slope is not None and profile.slope_sd is not None:
-        on = inside & (profile.plane == plane.id)
         slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
     return slope, math.hypot(p.slope_sd_rad, sd, bent)
 
 
+def half_sole(p: LocomotionModeParameters) -> float:
+    """From the heel's centre forward to the middle of the sole, m."""
+    return 0.5 * (p.toe_m - p.heel_m)
+
+
 def segment_under(ground: Sequence[Segment], s: float, p: LocomotionModeParameters) -> int:
     """Index of the segment under the middle of a sole whose heel's centre is at s, m along the path."""
-    middle = s + 0.5 * (p.toe_m - p.heel_m)
+    middle = s + half_sole(p)
     return next(k for k, segment in enumerate(ground) if middle < segment.end)
 
 
@@ -277,7 +282,7 @@ def heights(ground: Sequence[Segment], profile: Profile, s: Array, p: Locomotion
     if not known.any():
         return None
     off = np.median(profile.height[known] - surface_along(ground, profile.s[known])[0])
-    half = 0.5 * (p.toe_m - p.heel_m)
+    half = half_sole(p)
     under, ends = s + half, [segment.end for segment in ground]
     slope = np.array([segment.mapped_slope for segment in ground])[np.searchsorted(ends, under, side="right")]
     return np.asarray(surface_along(ground, under)[0] - half * np.tan(slope) + off)
@@ -315,7 +320,7 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: LocomotionModeParam
         p: Dimensions.
     """
     found = np.ones((len(ground), len(s)))
-    middle = s + 0.5 * (p.toe_m - p.heel_m)
+    middle = s + half_sole(p)
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.heel_m - start[1:, None]

@@ -131,7 +131,7 @@ def _best(x: Array, z: Array, p: BendParameters, *, any_bend: bool = False) -> i
     x, z = x - x.mean(), z - z.mean()
     line = (x @ z) / (x @ x)
     rest = z - line * x
-    hinge = np.maximum(0.0, x[None, :] - x[np.minimum(ks, n - 1), None])
+    hinge = np.maximum(0.0, x[None, :] - x[ks, None])
     hinge = hinge - hinge.mean(axis=1, keepdims=True)
     hinge -= ((hinge @ x) / (x @ x))[:, None] * x  # what a line cannot explain
     power = np.einsum("kn,kn->k", hinge, hinge)

@@ -26,20 +26,20 @@ from stridetwin.sim.config import (
     Thing,
     Turn,
     TwinConfig,
-)  # fmt: skip
+)
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.studies.zhao2023.mode_not_fooled import STOP_M
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS
 
 Rng = np.random.Generator
 Kind = Callable[[TwinConfig, Rng], TwinConfig]
 
-SENSORS = ("insole", "head_imu", "head_camera")
 CALIBRATED = CalibrationSd(
     rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
-_STOP_M = 0.45
 _BMI = (19.0, 30.0)
 
 
@@ -90,7 +90,7 @@ def anyone(rng: Rng) -> TwinConfig:
     )  # fmt: skip
     return TwinConfig(
         name="anyone", route=route, person=person, exo=None, gait=gait, sensors=SENSORS,
-        fittings={"head_camera": camera}, rig_mount=str(rng.choice(["head", "chest"])),
+        fittings={"head_camera": camera}, rig_mount=str(rng.choice(MOUNTS)),
     )  # fmt: skip
 
 
@@ -131,6 +131,11 @@ def _up_and_down(config: TwinConfig, rng: Rng, stair: Stairs) -> TwinConfig:
 
 def _usual_stair(rng: Rng) -> Stairs:
     return _stair(rng, (140, 190), (260, 320), (3, 5))
+
+
+def _stair_and_ramp(config: TwinConfig, rng: Rng, low_deg: float = 4.0, high_deg: float = 8.0) -> TwinConfig:
+    """Up a usual stair, a landing, and down a ramp."""
+    return _over(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
 
 
 @_kind("level, 15 m straight")
@@ -250,8 +255,7 @@ def step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
 def limp(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Steps of unequal length."""
     gait = replace(config.gait, asymmetry=float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.25)))
-    walker = replace(config, gait=gait)
-    return _over(walker, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 9.0, down=True))
+    return _stair_and_ramp(replace(config, gait=gait), rng, 4.0, 9.0)
 
 
 @_kind("shuffling over a ramp and a stair")
@@ -266,7 +270,7 @@ def shuffle(config: TwinConfig, rng: Rng) -> TwinConfig:
 def stroll(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Changing speed, and standing still anywhere."""
     gait = Gait.of_pattern("wander", gaze=config.gait.gaze)
-    return _over(replace(config, gait=gait), _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4, 9, down=True))
+    return _stair_and_ramp(replace(config, gait=gait), rng, 4.0, 9.0)
 
 
 @_kind("fast over stairs")
@@ -297,44 +301,37 @@ def lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
 def mount_off(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The camera's nominal pose is wrong by 2° (standard deviation) about each axis, and 10 mm."""
     wrong = _seen_by(config, calibration_sd=replace(CALIBRATED, rotation_rad=math.radians(2.0), position_m=0.01))
-    return _over(wrong, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 8.0, down=True))
-
-
-def _by_camera(config: TwinConfig, rng: Rng, name: str) -> TwinConfig:
-    """Up a stair and down a ramp, seen by another camera."""
-    seen = _seen_by(config, part=part(name))
-    return _over(seen, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 8.0, down=True))
+    return _stair_and_ramp(wrong, rng)
 
 
 @_kind("camera D435")
 def d435(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Narrower, twice the noise, rolling shutter."""
-    return _by_camera(config, rng, "D435")
+    return _stair_and_ramp(_seen_by(config, part=part("D435")), rng)
 
 
 @_kind("camera D435i, infrared", tuned=False)
 def d435i(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Global shutter and wide view."""
-    return _by_camera(config, rng, "D435i")
+    return _stair_and_ramp(_seen_by(config, part=part("D435i")), rng)
 
 
 @_kind("camera OAK-D", tuned=False)
 def oak_d(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Coarser steps of disparity."""
-    return _by_camera(config, rng, "OAK-D")
+    return _stair_and_ramp(_seen_by(config, part=part("OAK-D")), rng)
 
 
 @_kind("camera Azure Kinect", tuned=False)
 def azure_kinect(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Time of flight."""
-    return _by_camera(config, rng, "Azure-Kinect")
+    return _stair_and_ramp(_seen_by(config, part=part("Azure-Kinect")), rng)
 
 
 @_kind("15 images per second", tuned=False)
 def slow_camera(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Half the usual rate."""
-    slow = _seen_by(config, rate_hz=15.0)
-    return _over(slow, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 4.0, 8.0, down=True))
+    return _stair_and_ramp(_seen_by(config, rate_hz=15.0), rng)
 
 
 @_kind("white walls in dim light")
@@ -349,7 +346,7 @@ def sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Noisy depth outdoors, with shadows."""
     route = replace(config.route, scenery="outdoor", light=float(rng.uniform(1.1, 1.3)))
     seen = _seen_by(replace(config, route=route), part=part("D455-sunlight"), shadows=True)
-    return _over(seen, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, 3.5, 8.0, down=True))
+    return _stair_and_ramp(seen, rng, 3.5, 8.0)
 
 
 @_kind("people walking about")
@@ -375,7 +372,7 @@ def clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Level ground with things that resemble steps."""
     width_m = float(rng.uniform(2.0, 2.4))
     length_m = 9.0
-    things = (*_clutter(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
+    things = (*_clutter(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + STOP_M))
     route = replace(config.route, segments=(Level(length_m=length_m),), things=things, width_m=width_m)
     return replace(config, route=replace(route, scenery="outdoor"))
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from stridetwin.estimators.locomotion_mode import METHODS, MODES
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures
+from stridetwin.estimators.locomotion_mode import METHODS
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
 from stridetwin.report.html import page, preformatted, section
 from stridetwin.studies.catalogue import STUDIES
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.terrain_zoo.kinds import KINDS
-from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_table, lead_plot
+from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion, confusion_table, lead_plot
 
 _SURE = 0.9
 _OURS, _PUBLISHED = METHODS
@@ -55,7 +55,8 @@ def _figures(rows: list[Row]) -> Row:
     ours, theirs = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
     right = sum(step.right for step in steps)
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
-    slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD") and math.isfinite(s.slope_rad)]
+    slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD")]
+    slope_rms = rms([error for error, _ in slopes])
     return {
         "walks": len(rows),
         "steps": len(steps),
@@ -69,8 +70,8 @@ def _figures(rows: list[Row]) -> Row:
         "lead_p5_s": ours["lead_time_s"]["p5"],
         "sure_and_wrong_pct": _sure_and_wrong(steps),
         "calibration_error": ours["calibration_error"],
-        "slope_rms_deg": math.degrees(math.sqrt(np.mean([e**2 for e, _ in slopes]))) if slopes else None,
-        "slope_inside_pct": _inside(slopes),
+        "slope_rms_deg": None if slope_rms is None else math.degrees(slope_rms),
+        "slope_inside_pct": inside_pct(slopes),
         "riser_rms_mm": ours["riser_rmse_mm"],
         "published_pct": theirs["accuracy_pct"],
     }
@@ -80,11 +81,6 @@ def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
     """Share of the steps with a wrong mode of a probability above 0.9, %."""
     wrong = [not s.right and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
     return 100.0 * sum(wrong) / len(wrong) if wrong else None
-
-
-def _inside(errors: Sequence[tuple[float, float]]) -> float | None:
-    inside = [abs(error) < 1.96 * sd for error, sd in errors if math.isfinite(sd)]
-    return 100.0 * sum(inside) / len(inside) if inside else None
 
 
 def _odometry(rows: list[Row]) -> Row:
@@ -127,7 +123,7 @@ _WIDTH = 46
 
 def table(result: Row) -> list[str]:
     """Figures by kind, of the odometry, and the confusion matrix, as lines of text."""
-    return [*overall(result), "", *odometry(result), "", *_confusion(result)]
+    return [*overall(result), "", *odometry(result), "", *confusion(result["summary"]["confusion"])]
 
 
 def overall(result: Row) -> list[str]:
@@ -155,14 +151,6 @@ def _label(name: str) -> str:
     if name not in KINDS:
         return name
     return KINDS[name].words + ("" if KINDS[name].tuned else " *")
-
-
-def _confusion(result: Row) -> list[str]:
-    lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
-    return lines + [
-        f"{true:<17}" + "".join(f"{row[m]:>7}" for m in (*MODES, ""))
-        for true, row in result["summary"]["confusion"].items()
-    ]
 
 
 def report(result: Row) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
-from stridetwin.evaluation.path_scores import CHI2_3_95, compare, nees_position
+from stridetwin.evaluation.path_scores import compare, score
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
@@ -24,7 +24,7 @@ from stridetwin.streams.trajectory import Pose, trajectory_of
 from stridetwin.studies.case import Case
 from stridetwin.studies.terrain_zoo.kinds import drawn, names
 from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored
+from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored_rows
 
 _WALKS_PER_KIND = 7
 _SETTLED_M = 5.0
@@ -65,13 +65,10 @@ def run_case(tuning: bool, case: Case) -> dict[str, Any]:
         predictions = predict(
             posed(recording, config.rig_mount, "dvio", seen=poses.append), recording, (*METHODS, *case.estimators)
         )
-        methods = {
-            method: scores.rows() | {"time_ms": float(np.mean(predictions.frame_ms[method]))}
-            for method, scores in scored(predictions, recording, sole_m).items()
-        }
         return case.row(
             kind=kind, mount=config.rig_mount, fell_at_s=fell_at_s(recording),
-            odometry=odometry_figures(poses[::_EVERY], recording, config.rig_mount), methods=methods,
+            odometry=odometry_figures(poses[::_EVERY], recording, config.rig_mount),
+            methods=scored_rows(predictions, recording, sole_m),
         )  # fmt: skip
 
 
@@ -84,13 +81,13 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
     """
     found = compare(trajectory_of(poses), TruePath.of(recording.block(f"/truth/{mount}/imu/odometry")))
     tilt = _tilt(found.estimate.q_world_frame, found.truth.q_world_frame)
-    walked = found.distance_m - found.distance_m[0]
-    settled = walked > _SETTLED_M
+    settled = found.distance_m - found.distance_m[0] > _SETTLED_M
+    scores = score(found)
     return {
-        "distance_m": float(walked[-1]),
-        "end_height_m": float(found.error_m[-1, 2]),
+        "distance_m": scores["distance_m"],
+        "end_height_m": scores["end_height_error_m"],
         "tilt_rad": float(np.sqrt(np.mean(tilt[settled] ** 2))) if settled.any() else math.nan,
-        "inside_pct": float(100.0 * np.mean(nees_position(found) <= CHI2_3_95)),
+        "inside_pct": scores["nees_position_within_95_pct"],
     }
 
 

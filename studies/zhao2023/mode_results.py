@@ -159,7 +159,8 @@ def paper(name: str) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> list[str]:
     """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
-    blocks = [overall(result), [*ahead(result), "", *spreads(result)], confusion(result)]
+    counts = result["summary"][methods(result)[0]]["confusion"]
+    blocks = [overall(result), [*ahead(result), "", *spreads(result)], confusion(counts)]
     if len(by_condition(result)) > 1:
         blocks[1:1] = [[conditions_title(result), *by_condition(result)]]
     if by_cell(result):
@@ -255,9 +256,8 @@ def spreads(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def confusion(result: dict[str, Any]) -> list[str]:
-    """Steps of our method by true and predicted mode."""
-    counts = result["summary"][methods(result)[0]]["confusion"]
+def confusion(counts: dict[str, dict[str, int]]) -> list[str]:
+    """Steps by true and predicted mode, as lines of text."""
     lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
     return lines + [
         f"{true:<17}" + "".join(f"{row[m]:>7}" for m in MODES) + f"{row['']:>7}" for true, row in counts.items()
