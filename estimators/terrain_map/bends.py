@@ -40,7 +40,7 @@ class Stretch(NamedTuple):
 
 
 def straight_stretches(s: Array, height: Array, first: int, last: int, p: BendParameters) -> list[Stretch]:
-    """Cuts samples of one plane into straight stretches; fewer than two if nothing bends.
+    """Cuts samples of one plane into straight stretches; fewer than two if nothing bends, or not like a ramp.
 
     Args:
         s: (N,) m along the line.
@@ -59,6 +59,9 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, p: BendPa
         if b - a < p.fewest_bins:
             return []
         middle, level, slope, slope_sd = _line(x[a:b], z[a:b], p)
+        off = z[a:b] - level - slope * (x[a:b] - middle)
+        if off @ off > (b - a) * (p.misfit_max_sd * p.noise_m) ** 2:
+            return []  # a jump or a bulge
         begin, at, at_sd = first, math.nan, math.nan
         if k:
             one = stretches[-1]

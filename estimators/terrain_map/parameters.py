@@ -120,6 +120,8 @@ class BendParameters(NamedTuple):
     """Smallest bend."""
     least_sd: float = 5.0
     """Its smallest number of standard deviations."""
+    misfit_max_sd: float = 2.0
+    """Where heights scatter more about a stretch, the ground jumps or bulges there, and nothing is cut."""
     passes: int = 4
     """How often each bend is placed again between its neighbours."""
 

@@ -49,3 +49,9 @@ def test_missing_heights_and_short_runs_do_not_bend() -> None:
     assert len(straight_stretches(S, height, 0, len(S) - 1, P)) == 3
     assert straight_stretches(S, np.full(len(S), np.nan), 0, len(S) - 1, P) == []
     assert straight_stretches(S, height, 0, 10, P) == []
+
+
+def test_a_jump_is_no_bend() -> None:
+    """A kerb of 40 mm that the map holds as one plane with the ground around it: nothing slopes."""
+    rough = np.random.default_rng(1).normal(0.0, 0.002, len(S))
+    assert len(straight_stretches(S, np.where(S > 3.3, -0.04, 0.01) + rough, 0, len(S) - 1, P)) < 2
