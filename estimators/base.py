@@ -15,6 +15,9 @@ is written, scored and drawn:
 Before the first real sample `live` feeds an estimator six seconds of synthetic ones, so that it has compiled its
 functions by then.
 
+The estimate of an odometry may also have a `camera_pose`, the estimated `Pose` of its camera in its own frame, a new
+object whenever it changes.
+
 An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
 `PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
 """
@@ -41,6 +44,8 @@ BACKENDS = NUMBA, OPEN3D = ("numba", "open3d")
 """Implementations of the terrain map, the default first."""
 POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
+CAMERA_POSES = "/poses/camera"
+"""Topic of the estimated pose of the camera in the frame of `POSES`, `Odometry`; without any, the nominal one holds."""
 FEET = {"l": "left", "r": "right"}
 Progress = Callable[[str, float], None]
 
@@ -172,6 +177,7 @@ class PathEstimate:
         nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
         world: Estimates of one world are aligned with the truth together, as the first of them is; "" = each by itself.
         healthy: (N,) whether the estimator considers its pose valid; None if not provided.
+        camera: Estimated poses of the camera in the frame, one per change; None if not estimated.
         label: As `Declaration.label`.
         leads: As `Declaration.leads`.
     """
@@ -183,6 +189,7 @@ class PathEstimate:
     nis: Mapping[str, float] = field(default_factory=dict)
     world: str = ""
     healthy: NDArray[np.bool_] | None = None
+    camera: Trajectory | None = None
     label: str | None = None
     leads: bool = False
 

@@ -258,7 +258,8 @@ def look_ahead(
 
     predicted: dict[str, list[ModeEstimate]] = {name: [] for name in led if name not in maps}
     streams = [s for e in led.values() for s in e.streams(recording.rig, Options()) if s.topic in recording.topics]
-    for sample in merged(poses, recording, list(dict.fromkeys(s.topic for s in streams))):
+    topics = list(dict.fromkeys(s.topic for s in streams))
+    for sample in merged(poses, recording, topics, odometry.camera):
         for name, estimator in led.items():
             estimate = estimator.update(sample)
             if estimate is not None and name in predicted:

@@ -9,12 +9,23 @@ from __future__ import annotations
 import heapq
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import FEET, POSES, Estimator, Options, PathEstimate, Progress, Stream, deprecated
+from stridetwin.estimators.base import (
+    CAMERA_POSES,
+    FEET,
+    POSES,
+    Estimator,
+    Options,
+    PathEstimate,
+    Progress,
+    Stream,
+    deprecated,
+)
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
@@ -22,7 +33,7 @@ from stridetwin.pipeline.terrain_files import given_poses, pose_sample
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Sample
+from stridetwin.streams.samples import Odometry, Sample
 from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 
 Found = type[Estimator]
@@ -224,10 +235,23 @@ def predicted(
     return [estimate for sample in samples if (estimate := estimator.update(sample)) is not None]
 
 
-def merged(path: Trajectory, recording: Recording, topics: Sequence[str]) -> Iterator[Sample]:
-    """Poses and samples of a recording in time order; each pose comes before the sample of the same instant."""
-    poses: Iterator[Sample] = map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame)
-    return heapq.merge(poses, recording.samples(topics), key=lambda s: s.t_ns)
+def merged(
+    path: Trajectory, recording: Recording, topics: Sequence[str], camera: Trajectory | None = None
+) -> Iterator[Sample]:
+    """Poses and samples of a recording in time order; each pose comes before the sample of the same instant.
+
+    Args:
+        path: The poses.
+        recording: Holds the samples.
+        topics: Its streams.
+        camera: `PathEstimate.camera`.
+    """
+    posed = [_pose_samples(camera, CAMERA_POSES)] if camera is not None else []
+    return heapq.merge(*posed, _pose_samples(path, POSES), recording.samples(topics), key=lambda s: s.t_ns)
+
+
+def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
+    return map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, repeat(topic))
 
 
 def leader() -> Found:
@@ -240,6 +264,22 @@ def leader() -> Found:
         if found.declaration.leads:
             return found
     raise StrideTwinError("no installed estimator gives poses of a camera that could lead terrain map and modes")
+
+
+class Leading:
+    """The poses of an odometry as the samples that estimators of maps and modes take."""
+
+    def __init__(self) -> None:
+        self._camera: Pose | None = None
+
+    def samples(self, estimate: Any) -> Iterator[Odometry]:
+        """The camera's pose, if it is estimated and new, then the pose, if it is valid."""
+        pose, camera = pose_of(estimate), getattr(estimate, "camera_pose", None)
+        if camera is not None and camera is not self._camera:
+            self._camera = camera
+            yield pose_sample(camera.t_ns, camera.p_frame_in_world, camera.q_world_frame, CAMERA_POSES)
+        if pose is not None and pose.valid:
+            yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
 
 
 class Led:
@@ -265,6 +305,7 @@ class Led:
         streams = [s for s in first.streams(rig, own) if s.live]
         frame = next(s.topic for s in streams if s.role == "imu").removeprefix("/")
         options = replace(options, poses_of=frame)
+        self._leading = Leading()
         self.odometry, self._odometry = first.declaration.name, first(rig, options=own)
         self.estimator: Any = found(rig, options=options)
         self._poses_from = {s.topic: s.kind for s in streams}
@@ -277,10 +318,10 @@ class Led:
 
     def lead(self, sample: Sample) -> Pose | None:
         """Passes the sample to the odometry and its pose to the estimator; call it before `update`."""
-        pose = pose_of(self._odometry.update(sample)) if self.feeds_odometry(sample) else None
-        if pose is not None and pose.valid:
-            self.estimator.update(pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame))
-        return pose
+        estimate = self._odometry.update(sample) if self.feeds_odometry(sample) else None
+        for given in self._leading.samples(estimate):
+            self.estimator.update(given)
+        return pose_of(estimate)
 
     def feeds_estimator(self, sample: Sample) -> bool:
         """Whether the estimator takes a sample."""

@@ -126,11 +126,11 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, s
     )
 
 
-def pose_sample(t_ns: int, p: Array, q: Array) -> Odometry:
+def pose_sample(t_ns: int, p: Array, q: Array, topic: str = POSES) -> Odometry:
     """A pose, position (3,) m and quaternion (4,), as a sample; its velocities are unknown."""
     unknown = np.full(3, np.nan)
     return Odometry(
-        topic=POSES, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
+        topic=topic, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
     )
 
 

@@ -37,6 +37,7 @@ class DvioEstimate:
     Attributes:
         t_ns: Time of the sample.
         pose: Of the IMU; valid unless the odometry is lost.
+        camera_pose: Estimated mount, the camera's pose in the IMU's frame; the same object until it changes.
         v_imu_in_world: (3,) m/s.
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
@@ -46,13 +47,14 @@ class DvioEstimate:
 
     t_ns: int
     pose: Pose
+    camera_pose: Pose
     v_imu_in_world: Array
     gyro_bias: Array
     accel_bias: Array
     health: str
 
     @classmethod
-    def of(cls, nav: NavState, health: str, frame: str = "") -> DvioEstimate:
+    def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
         """A copy of a propagated state."""
         T_world_imu, covariance = np.empty((4, 4)), np.empty((6, 6))
         kernel.pose_and_covariance(nav, T_world_imu, covariance)
@@ -67,6 +69,7 @@ class DvioEstimate:
                 covariance=covariance,
                 valid=health != LOST,
             ),
+            camera_pose=camera_pose,
             v_imu_in_world=nav.v.copy(),
             gyro_bias=nav.bias[:3].copy(),
             accel_bias=nav.bias[3:].copy(),
@@ -147,6 +150,7 @@ class Dvio:
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)
+        self._camera_pose = self._mounted(0)
         self._images: deque[Image] = deque(maxlen=HELD)
         self._depths: deque[Depth] = deque(maxlen=HELD)
         self._last_ns: dict[str, int] = {}
@@ -187,13 +191,15 @@ class Dvio:
             stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount))
-        first, poses = int(recording.image_times(color)[0]), []
+        first, poses, camera_poses = int(recording.image_times(color)[0]), list[Pose](), list[Pose]()
         for sample in samples:
             estimate = odometry.update(sample)
             if progress is not None and isinstance(sample, Image):
                 progress("estimate", min(1.0, (sample.t_ns - first) * 1e-9 / max(recording.duration, 1e-9)))
             if estimate is not None:
                 poses.append(estimate.pose)
+                if not camera_poses or estimate.camera_pose is not camera_poses[-1]:
+                    camera_poses.append(estimate.camera_pose)
         if not poses:
             raise RecordingError(f"{recording.path}: dvio never starts: needs a second of IMU and images together")
         name = cls.declaration.name
@@ -201,7 +207,7 @@ class Dvio:
             PathEstimate(
                 name=name if options.method == cls.declaration.methods[0] else f"{name}_{options.method}",
                 frame=f"{mount}/imu", path=trajectory_of(poses), ready_ns=poses[0].t_ns, label=cls.declaration.label,
-                healthy=np.array([pose.valid for pose in poses], bool), leads=True,
+                healthy=np.array([pose.valid for pose in poses], bool), leads=True, camera=trajectory_of(camera_poses),
             )
         ]  # fmt: skip
 
@@ -237,12 +243,10 @@ class Dvio:
         """Estimated t_imu − t_cam, s."""
         return float(self._core.window.calibration.offset[0])
 
-    @property
-    def T_imu_camera(self) -> Array:
-        """(4, 4) estimated mount, camera to IMU, m."""
-        c, T = self._core.window.calibration, np.eye(4)
-        T[:3, :3], T[:3, 3] = c.R, c.p
-        return T
+    def _mounted(self, t_ns: int) -> Pose:
+        """The camera's estimated pose in the IMU's frame, m."""
+        c = self._core.window.calibration
+        return Pose(t_ns=t_ns, p_frame_in_world=c.p.copy(), rotation=c.R.copy(), frame=self._color.removeprefix("/"))
 
     @property
     def depth_scale(self) -> float:
@@ -260,6 +264,7 @@ class Dvio:
                 self._track(frame)
             else:
                 self._initialize(frame)
+            self._camera_pose = self._mounted(sample.t_ns)
         if not self._health:
             return None
         if self._health == LOST:
@@ -276,7 +281,7 @@ class Dvio:
             else:
                 self._lose()
                 core.nav.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.nav, self._health, self._frame)
+        return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame)
 
     def _next(self) -> CameraFrame | None:
         """The oldest image whose time the IMU has reached and whose depth has arrived or timed out."""

@@ -27,13 +27,17 @@ class Body:
     """
 
     def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, parameters: LocomotionModeParameters) -> None:
-        self._p = p_body_in_frame
-        self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
+        self.follow(p_body_in_frame, R_frame_camera)
         self._parameters = p = parameters
         self._history: deque[tuple[int, Array]] = deque(maxlen=round(p.history_s / p.history_period_s) + 2)
         self._look: Array | None = None
         self.t_ns = -1
         self.p = np.zeros(3)
+
+    def follow(self, p_body_in_frame: Array, R_frame_camera: Array) -> None:
+        """Replaces the body's origin (3,) m and the camera's rotation (3, 3) in the frame of the poses."""
+        self._p = p_body_in_frame
+        self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
 
     def add(self, pose: Odometry) -> bool:
         """Takes a pose; returns whether the body jumped, or the pose came after a long gap.

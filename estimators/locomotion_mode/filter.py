@@ -10,6 +10,7 @@ import numpy as np
 
 from stridetwin.estimators.base import (
     BACKENDS,
+    CAMERA_POSES,
     POSE_STREAM,
     PROPOSED,
     Declaration,
@@ -39,7 +40,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
     with_unseen,
 )
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, transform
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
@@ -104,9 +105,8 @@ class LocomotionMode:
             raise ConfigError("LocomotionMode", "method", method, ", ".join(METHODS))
         self.parameters = p = parameters or LocomotionModeParameters()
         self.ground, self.method = ground, method
-        T_frame_body = T_frame_camera @ np.linalg.inv(camera.mount.T_body_sensor)
-        followed = T_frame_body if method == PROPOSED else T_frame_camera
-        self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p)
+        self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
+        self._body = Body(*self._followed(T_frame_camera), p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = Rhythm(p), Foothold(p)
@@ -126,7 +126,9 @@ class LocomotionMode:
         """Takes one sample; returns the new prediction, or None if nothing changed."""
         if isinstance(sample, Odometry):
             self.ground.update(sample)
-            if self._body.add(sample):
+            if sample.topic == CAMERA_POSES:
+                self._body.follow(*self._followed(transform(sample)))
+            elif self._body.add(sample):
                 self._rhythm = Rhythm(self.parameters)
                 self._foothold.reset()
                 self._walking.clear()
@@ -145,6 +147,10 @@ class LocomotionMode:
         if not (new and known):
             return None
         return self._published(sample.t_ns) if self.method == "published" else self._predicted(sample.t_ns)
+
+    def _followed(self, T_frame_camera: Array) -> tuple[Array, Array]:
+        """(3,) m, the followed point in the frame of the poses, and (3, 3), rotation of the camera in that frame."""
+        return (T_frame_camera @ self._T_camera_followed)[:3, 3], T_frame_camera[:3, :3]
 
     def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
         """Handles a touch-down: updates its time and, if known, the foothold and the statistics of steps."""

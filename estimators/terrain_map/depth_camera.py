@@ -165,6 +165,14 @@ def is_pose(sample: Odometry) -> bool:
     return math.isfinite(sum(p)) and 0.5 <= math.hypot(*q) < math.inf
 
 
+def transform(pose: Odometry) -> Array:
+    """(4, 4) frame to world, m, of a pose."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
+    T[:3, 3] = pose.p_frame_in_world
+    return T
+
+
 class Poses:
     """The last two poses.
 
@@ -198,12 +206,8 @@ class Poses:
         pose = self._last
         if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
             return None
-        dt = (t_ns - pose.t_ns) * 1e-9
-        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True)
-        T = np.eye(4)
-        T[:3, 3] = pose.p_frame_in_world
+        dt, T = (t_ns - pose.t_ns) * 1e-9, transform(pose)
         if dt and np.isfinite(pose.v_frame_in_world).all() and np.isfinite(pose.angular_rate).all():
             T[:3, 3] += pose.v_frame_in_world * dt
-            R = R * Rotation.from_rotvec(pose.angular_rate * dt)
-        T[:3, :3] = R.as_matrix()
+            T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(pose.angular_rate * dt).as_matrix()
         return T

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import (
     BACKENDS,
+    CAMERA_POSES,
     MAP,
     NUMBA,
     OPEN3D,
@@ -19,7 +20,13 @@ from stridetwin.estimators.base import (
     Stream,
     deprecated,
 )
-from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, Poses, camera_in_frame, depth_calibration
+from stridetwin.estimators.terrain_map.depth_camera import (
+    DepthCamera,
+    Poses,
+    camera_in_frame,
+    depth_calibration,
+    transform,
+)
 from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, TerrainEstimate
 from stridetwin.estimators.terrain_map.open3d_volume import Open3dVolume
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
@@ -39,8 +46,9 @@ class TerrainMap:
     """Map of the ground around the wearer of a depth camera: level ground, ramps and stairs.
 
     Causal, of bounded memory, deterministic. A depth image needs a pose no older than `max_pose_age_s`; poses come
-    before the images of the same instant. Images without such a pose, without depth, or older than the last one are
-    ignored, as are non-finite poses. The map is reset when the pose jumps or after a long gap in the poses.
+    before the images of the same instant. An estimated pose of the camera in their frame replaces its nominal mount.
+    Images without such a pose, without depth, or older than the last one are ignored, as are non-finite poses. The map
+    is reset when the pose jumps or after a long gap in the poses.
 
     Every image is integrated; planes are extracted every `period_s`: at 30 Hz, after every other image.
 
@@ -99,7 +107,9 @@ class TerrainMap:
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """Takes one sample; returns the new estimate of the ground, or None if nothing changed."""
         if isinstance(sample, Odometry):
-            if self._poses.add(sample):
+            if sample.topic == CAMERA_POSES:
+                self._T_frame_camera = transform(sample)
+            elif self._poses.add(sample):
                 self.clear()
             return None
         if not isinstance(sample, Depth) or sample.topic != self._camera.topic or sample.t_ns <= self._last_ns:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import CAMERA_POSES
 from stridetwin.estimators.locomotion_mode import INSOLES
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
@@ -42,7 +43,7 @@ def _restarted(begins_s: Sequence[float]) -> Callable[[Samples], Samples]:
 
     def inject(samples: Samples) -> Samples:
         for s in samples:
-            if isinstance(s, Odometry):
+            if isinstance(s, Odometry) and s.topic != CAMERA_POSES:
                 since = [s.t_ns * 1e-9 - begin for begin in begins_s if s.t_ns * 1e-9 >= begin]
                 if since and since[-1] < LASTS_S:
                     continue

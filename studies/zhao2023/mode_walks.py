@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import Estimator, Options
+from stridetwin.estimators.base import CAMERA_POSES, Estimator, Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
@@ -26,8 +26,8 @@ from stridetwin.evaluation.alignment import MovingAlignment
 from stridetwin.evaluation.mode_scores import ModeScores, score_modes
 from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
-from stridetwin.pipeline.run import pose_of
-from stridetwin.pipeline.terrain_files import given_poses, pose_sample
+from stridetwin.pipeline.run import Leading, pose_of
+from stridetwin.pipeline.terrain_files import given_poses
 from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze, TwinConfig
@@ -222,7 +222,7 @@ def predict(
     frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
     poses: list[Odometry] = []
     for sample in samples:
-        if isinstance(sample, Odometry):
+        if isinstance(sample, Odometry) and sample.topic != CAMERA_POSES:
             poses.append(sample)
         for method, predictor in predictors.items():
             began = time.process_time()
@@ -260,7 +260,7 @@ def posed(
     inject: Callable[[Samples], Samples] = lambda samples: samples,
     seen: Callable[[Pose], None] = lambda pose: None,
 ) -> Samples:
-    """Poses of the camera's IMU, depth and insoles in time order.
+    """Poses of the camera's IMU and of the camera on it, depth and insoles in time order.
 
     Args:
         recording: Of the walk.
@@ -274,14 +274,14 @@ def posed(
         topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from inject(iter(recording.samples(topics)))
         return
-    odometry = odometer("proposed", recording.rig, mount)
+    odometry, leading = odometer("proposed", recording.rig, mount), Leading()
     arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
     for sample in inject(arriving):
         if isinstance(sample, Imu | Image | Depth):
-            pose = pose_of(odometry.update(sample))
-            if pose is not None and pose.valid:
+            estimate = odometry.update(sample)
+            if (pose := pose_of(estimate)) is not None and pose.valid:
                 seen(pose)
-                yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
+            yield from leading.samples(estimate)
         if isinstance(sample, Depth | Insole):
             yield sample
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import json
 import signal
 import subprocess
@@ -23,8 +22,9 @@ from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.pipeline import live
 from stridetwin.pipeline.latency import Latency, Times
 from stridetwin.pipeline.live_chain import Fit
+from stridetwin.pipeline.run import merged
 from stridetwin.pipeline.step_files import predicted_steps, write_modes
-from stridetwin.pipeline.terrain_files import pose_sample, write_terrain
+from stridetwin.pipeline.terrain_files import write_terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.kalibr import write_rig
@@ -95,13 +95,7 @@ def test_steps_live_are_steps_offline(seen, tmp_path):
 
 def poses_and_rest(recording, odometry):
     """What leads a map through a recording, as `run` does it: the odometry's poses, insoles and depth in order."""
-    path, healthy = odometry.path, odometry.healthy
-    poses = (
-        pose_sample(t, p, q)
-        for t, p, q, fine in zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, healthy)
-        if fine
-    )
-    return heapq.merge(poses, recording.samples([*INSOLES, "/head/depth"]), key=lambda s: s.t_ns)
+    return merged(odometry.path[odometry.healthy], recording, [*INSOLES, "/head/depth"], odometry.camera)
 
 
 def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatch):
