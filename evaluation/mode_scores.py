@@ -2,7 +2,8 @@
 
 The true mode of a step is that of the ground from the previous footprint to its own (`Footprint.mode`). A prediction
 is scored at the last update before touch-down; its lead time is how long before that it became right and stayed so.
-A footprint across a ramp's edge may count as either of its two modes, except in the strict accuracy.
+A footprint across a ramp's edge, on a slope just below that of a ramp, or beyond a riser of about the least height of a
+stair may count as either of two modes, except in the strict accuracy; the calibration leaves it out.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
 _GENTLE_RAD = math.radians(3.49)
 """Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
+_LOW_RISER_M = (0.065, 0.075)
+"""A stair begins at 70 mm (Zhao et al. 2023); within 5 mm of that, either answer serves the walker."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +82,7 @@ class ScoredMode:
 
     @property
     def straddles(self) -> bool:
-        """Whether the sole overlaps a ramp's edge."""
+        """Whether the step may count as either of two modes."""
         return len(self.allowed) > 1
 
 
@@ -137,8 +140,9 @@ def score_modes(
     slopes = [math.nan for _ in landed]
     approaches: list[ScoredChange] = []
     if layout is not None:
-        places = along_way([f.p_foot_in_world for f in footprints], layout)[2:]
-        others = [_other_modes(f.mode, s, layout, sole_m) for f, s in zip(landed, places)]
+        every = along_way([f.p_foot_in_world for f in footprints], layout)
+        places, behind = every[2:], every[1:-1]
+        others = [_other_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
         slopes = [_slope_under(s, layout, sole_m) for s in places]
         approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
@@ -212,16 +216,21 @@ def predictions_by_step(
     return found
 
 
-def _other_modes(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a footprint at an arc length may count as.
+def _other_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
+    """Other modes that a step between two arc lengths, m, may count as.
 
-    It overlaps a ramp's edge, or the slope is too gentle for everyone to call it a ramp.
+    Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
+    for everyone to call it a stair.
     """
+    behind, s = from_to
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
     found = ["LG"] if gentle and mode in ("RA", "RD") else []
     for before, after in pairwise(layout.profile):
-        if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
+        rise = after.z0 - before.z1
+        if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
+            found += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
+        if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
             found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
     return tuple(dict.fromkeys(found))
 
@@ -373,8 +382,11 @@ def _calibration(steps: Sequence[ScoredMode]) -> float | None:
 
 
 def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
-    """By tenths of the predicted mode's probability: its mean, the share of steps that were right, and their number."""
-    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
+    """By tenths of the predicted mode's probability: its mean, the share of steps that were right, and their number.
+
+    Steps that may count as either of two modes are left out: no one outcome belongs to their probability.
+    """
+    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities and not s.straddles]
     p, right = np.array([t[0] for t in predicted]), np.array([t[1] for t in predicted], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
     return [

@@ -40,7 +40,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
     with_unseen,
 )
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, transform
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, is_pose, transform
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
@@ -127,7 +127,8 @@ class LocomotionMode:
         if isinstance(sample, Odometry):
             self.ground.update(sample)
             if sample.topic == CAMERA_POSES:
-                self._body.follow(*self._followed(transform(sample)))
+                if is_pose(sample):
+                    self._body.follow(*self._followed(transform(sample)))
             elif self._body.add(sample):
                 self._rhythm = Rhythm(self.parameters)
                 self._foothold.reset()

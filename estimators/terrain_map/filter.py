@@ -25,6 +25,7 @@ from stridetwin.estimators.terrain_map.depth_camera import (
     Poses,
     camera_in_frame,
     depth_calibration,
+    is_pose,
     transform,
 )
 from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, TerrainEstimate
@@ -108,7 +109,8 @@ class TerrainMap:
         """Takes one sample; returns the new estimate of the ground, or None if nothing changed."""
         if isinstance(sample, Odometry):
             if sample.topic == CAMERA_POSES:
-                self._T_frame_camera = transform(sample)
+                if is_pose(sample):
+                    self._T_frame_camera = transform(sample)
             elif self._poses.add(sample):
                 self.clear()
             return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,14 @@ import pytest
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.evaluation.alignment import MovingAlignment
 from stridetwin.evaluation.change_scores import ScoredChange, mode_changes
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, predictions_by_step, score_modes
+from stridetwin.evaluation.mode_scores import (
+    ModeScores,
+    ScoredMode,
+    mode_figures,
+    predictions_by_step,
+    reliability,
+    score_modes,
+)
 from stridetwin.evaluation.truth import flights
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.terrain import Terrain
@@ -67,6 +75,31 @@ def test_scores_survive_json():
     assert again.steps[0].right
     assert math.isnan(again.steps[0].left_m)
     assert mode_figures([again]) == mode_figures([scores])
+
+
+@pytest.mark.parametrize(
+    ("riser_m", "mode", "others"),
+    [(0.064, "LG", ()), (0.066, "LG", ("SA",)), (0.074, "SA", ("LG",)), (0.076, "SA", ())]
+)
+def test_a_riser_of_about_the_least_height_may_count_as_level_or_stair(riser_m, mode, others):
+    way = layout(Level(length_m=2), Stairs(risers=1, riser_m=riser_m, tread_m=0.3), Level(length_m=2))
+    pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
+    still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
+    prints = [
+        Footprint(topic="/truth/footprints", t_ns=k, foot="lr"[k % 2], terrain="level", mode="LG" if k == 4 else mode,
+                  p_foot_in_world=np.array([s, 0.0, 0.0]), q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
+        for k, s in enumerate((0.6, 1.0, 1.5, 2.2, 2.8))
+    ]  # fmt: skip
+    prints[2] = replace(prints[2], mode="LG")
+    before, over, after = score_modes(prints, [], MovingAlignment(still, still), way, 0.27).steps
+    assert (before.allowed, over.allowed, after.allowed) == (("LG",), (mode, *others), ("LG",))
+
+
+def test_a_step_that_may_count_as_either_mode_has_no_calibration():
+    clear = ScoredMode(t_s=1.0, mode="LG", before="LG", predicted="LG", allowed=("LG",), lead_s=0.5,
+                       probabilities=(0.9, 0.1, 0.0, 0.0, 0.0))  # fmt: skip
+    either = replace(clear, allowed=("LG", "RA"), probabilities=(0.5, 0.0, 0.0, 0.5, 0.0))
+    assert reliability([clear, either]) == [(0.9, 1.0, 1)]
 
 
 def test_a_sole_across_a_ramps_edge_may_count_as_either_mode():

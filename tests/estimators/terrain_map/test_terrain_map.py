@@ -6,11 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, image, pose
+from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import CAMERA_POSES, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY
+from stridetwin.pipeline.terrain_files import pose_sample
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Imu
 
 STAIRS = flight(0.16, 0.30, 5)
@@ -42,6 +45,30 @@ def test_one_image_is_enough(seen):
     ours = max(estimate.stairs, key=lambda s: s.steps)
     assert ours.steps >= 2
     assert ours.riser == pytest.approx(0.16, abs=0.01)
+
+
+def test_an_estimated_pose_of_the_camera_replaces_its_mount(seen):
+    """A nominal mount 5 degrees off makes the floor slope; the estimated one, the identity, mends it."""
+    tilted = np.eye(4)
+    tilted[:3, :3] = Rotation.from_rotvec([math.radians(5.0), 0.0, 0.0]).as_matrix()
+    imu = ImuCalibration(
+        topic="/head/imu", part="", rate_hz=200.0, mount=Mount(body="head"), gyroscope_noise_density=2e-4,
+        gyroscope_random_walk=1e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=1e-5,
+    )  # fmt: skip
+    right, camera = replace(RIG, imus={"/head/imu": imu}), RIG.cameras["/head/color"]
+    off = replace(right, cameras={"/head/color": replace(camera, mount=Mount(body="head", T_body_sensor=tilted))})
+    mount = pose_sample(0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), CAMERA_POSES)
+    corrupt = replace(mount, p_frame_in_world=np.full(3, np.nan))
+
+    def estimated(rig, *samples):
+        terrain_map = TerrainMap(rig, options=Options(poses_of="head/imu"))
+        for sample in samples:
+            assert terrain_map.update(sample) is None
+        return known(terrain_map, seen)
+
+    np.testing.assert_array_equal(everything(estimated(off, mount, corrupt)), everything(estimated(right)))
+    floor = max(estimated(off).planes.values(), key=lambda p: p.area_m2)
+    assert math.degrees(floor.slope) > 3.0
 
 
 def test_two_runs_are_one():
