@@ -14,8 +14,6 @@ from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Windo
 from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
-_FREEDOM = 1.0  # degrees of freedom of the t prior: a Cauchy distribution
-_MEASURED = 0.25  # the variance follows once the mount's is below this share of it
 
 
 class MountPrior:
@@ -24,9 +22,12 @@ class MountPrior:
     Args:
         nominal_sd: (2,) of a mount as calibrated, m and rad; 0: exactly known.
         slipped_sd: (2,) of one that is not, with which the prior begins.
+        freedom: Degrees of freedom of the t prior.
+        measured_share: The variance follows once the estimated mount's is below this share of it.
     """
 
-    def __init__(self, nominal_sd: Array, slipped_sd: Array) -> None:
+    def __init__(self, nominal_sd: Array, slipped_sd: Array, freedom: float, measured_share: float) -> None:
+        self._freedom, self._measured_share = freedom, measured_share
         self._least = nominal_sd**2
         self._most = np.where(nominal_sd > 0, np.maximum(nominal_sd, slipped_sd), 0.0) ** 2
         self._variance = self._most.copy()
@@ -52,10 +53,10 @@ class MountPrior:
         prior = window.prior
         for i, own in enumerate(GROUPS):
             before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
-            if before == 0.0 or spread > 3.0 * _MEASURED * before:
+            if before == 0.0 or spread > 3.0 * self._measured_share * before:
                 continue
             off = window.calibration.moved[own] - self._mean[own]
-            estimated = (_FREEDOM * self._least[i] + off @ off + spread) / (_FREEDOM + 3.0)
+            estimated = (self._freedom * self._least[i] + off @ off + spread) / (self._freedom + 3.0)
             after = min(max(estimated, self._least[i]), self._most[i])
             change, at = 1.0 / after - 1.0 / before, np.arange(own.start, own.stop)
             prior.H[at, at] += change

@@ -181,6 +181,8 @@ class DvioParameters:
         extrinsic_rotation_sd_rad: Of its nominal rotation, rad.
         slipped_position_sd_m: Of the position of a camera that is not mounted as calibrated, m.
         slipped_rotation_sd_rad: Of its rotation, rad.
+        mount_freedom: Degrees of freedom of the t prior of the mount; 1: a Cauchy distribution, hand-chosen.
+        mount_measured_share: The prior's variance follows the mount once that is known to this share of it; hand-chosen.
         time_offset_sd_s: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
         focal_sd: Of the focal lengths, relative.
@@ -250,6 +252,8 @@ class DvioParameters:
     extrinsic_rotation_sd_rad: float = 5e-3
     slipped_position_sd_m: float = 0.03
     slipped_rotation_sd_rad: float = 0.04
+    mount_freedom: float = 1.0
+    mount_measured_share: float = 0.25
     time_offset_sd_s: float = 5e-3
     depth_scale_sd: float = 6e-3
     focal_sd: float = 2e-3

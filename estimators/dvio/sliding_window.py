@@ -98,6 +98,8 @@ class Core:
         self._mount = MountPrior(
             np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
             np.array([parameters.slipped_position_sd_m, parameters.slipped_rotation_sd_rad]),
+            parameters.mount_freedom,
+            parameters.mount_measured_share,
         )
         self._level = LevelGround(parameters.level, used=parameters.level_ground and parameters.uses_depth)
         self.seen = 0

@@ -128,7 +128,7 @@ def test_a_second_observation_continues_from_the_first():
 def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, Window]:
     """A mount prior after thirty keyframes that estimate the mount off by so much, with such a standard deviation."""
     w = seen_window(np.random.default_rng(5))
-    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]), 1.0, 0.25)
     w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
     w.calibration.moved[D_ATTITUDE_IC] = off_rad
     for _ in range(30):
@@ -153,7 +153,7 @@ def test_the_prior_of_a_mount_waits_for_a_measurement():
 
 
 def test_a_known_mount_stays_known():
-    mount = MountPrior(np.zeros(2), np.array([0.03, 0.04]))
+    mount = MountPrior(np.zeros(2), np.array([0.03, 0.04]), 1.0, 0.25)
     assert not mount.adapts
     assert mount.start(np.zeros(6)) == pytest.approx(np.zeros(6))
 
