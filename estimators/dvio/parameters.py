@@ -182,7 +182,7 @@ class DvioParameters:
         slipped_position_sd_m: Of the position of a camera that is not mounted as calibrated, m.
         slipped_rotation_sd_rad: Of its rotation, rad.
         mount_freedom: Degrees of freedom of the t prior of the mount; 1: a Cauchy distribution, hand-chosen.
-        mount_measured_share: The prior's variance follows the mount once that is known to this share of it; hand-chosen.
+        mount_measured_share: The variance of that prior follows a mount known to this share of it; hand-chosen.
         time_offset_sd_s: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
         focal_sd: Of the focal lengths, relative.
