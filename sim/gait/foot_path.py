@@ -86,6 +86,7 @@ class FootPathParameters:
     rise_fade_s: float = 0.12
     pivot_from: float = 0.30  # share of swing from which the moving point goes to the pivot of the landing
     pivot_lasts: float = 0.55  # share of swing that this takes, once the foot is level
+    bump_max_m: float = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
     near_edge_m: float = 0.004  # margin before and behind a riser
     near_edge_down_m: float = 0.012  # likewise, going down
 
@@ -117,6 +118,7 @@ class FootPath:
 # Shares of swing in which the foot moves forward; over a riser, the one with the least total jerk.
 _DIRECT = (0.0, 1.0)
 _FORWARD = {"climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)), "lower": ((0.0, 0.84), (0.0, 0.92))}
+_OVER = (*_FORWARD["climb"], *_FORWARD["lower"])
 _FINE = np.linspace(0.0, 1.0, 61)  # shares of swing at which a swing is planned
 _FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)
 
@@ -202,14 +204,14 @@ def _swing(
         p = _swing_without_lift(a, b, size, _FINE, fine_R, forward)
         return _missing(p, sole, height, near, b.clearance_m)
 
-    if a.departure == "push":
-        forward = _DIRECT
-        lift = bump(s) * _bump_needed(missing(forward))
+    forward, lift_m = _DIRECT, _bump_needed(missing(_DIRECT)) if a.departure == "push" else np.inf
+    if lift_m <= _PATH.bump_max_m:
+        lift = bump(s) * lift_m
     else:
         rise = float(b.p_foot_in_world[2] - a.p_foot_in_world[2])
         far = float(np.linalg.norm(b.p_foot_in_world[:2] - a.p_foot_in_world[:2]))
         best = np.inf
-        for window in _FORWARD[a.departure]:
+        for window in _FORWARD.get(a.departure, _OVER):
             over, jerk = smoothest_above(rise, missing(window) + rise * _FINE_EASE)
             jerk += _jerk(far, window)
             if jerk < best:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -64,6 +65,16 @@ def test_no_foot_goes_through_the_ground(twin: Twin) -> None:
 
 def test_stance_does_not_slip(twin: Twin) -> None:
     assert max(gait.slip(twin, side) for side in "lr") < 0.002
+
+
+@pytest.mark.parametrize("riser_m", [0.12, 0.22])
+def test_a_foot_crosses_a_short_summit_without_a_leap(riser_m: float) -> None:
+    """From a tread over one higher, the riser stands right before the toes; a bump would lift the foot by a metre."""
+    up = Stairs(risers=3, riser_m=riser_m)
+    segments = (Level(length_m=2.0), up, Level(length_m=0.3), replace(up, down=True), Level(length_m=2.0))
+    twin = Twin(TwinConfig(name="summit", route=Route(segments=segments), sensors=()), 1000)
+    top = max(float(path.p_foot_in_world[:, 2].max()) for path in twin.reference.paths.values())
+    assert 3.0 * riser_m < top < 3.0 * riser_m + 0.25
 
 
 @pytest.mark.parametrize("down", [False, True])
