@@ -152,6 +152,12 @@ STUDIES = {
         tables="terrain_zoo.zoo_results",
         kind=MODES,
     ),
+    "terrain_zoo_level": Study(
+        "straight level walks of 15 m: height and tilt of the odometry",
+        "terrain_zoo.zoo_walk",
+        tables="terrain_zoo.zoo_results",
+        kind=MODES,
+    ),
     "assistance": Study(
         "assistance by mode in closed loop: work saved with modes from legs, camera or truth", "assistance"
     ),

@@ -7,7 +7,7 @@ replaces what it is about. Kinds with `tuned=False` never appear in `terrain_zoo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -386,6 +386,6 @@ def cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _over(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
 
 
-def names(*, tuning: bool) -> Sequence[str]:
+def names(*, tuning: bool) -> tuple[str, ...]:
     """The kinds of the tuning set, or all."""
-    return [name for name, entry in KINDS.items() if entry.tuned or not tuning]
+    return tuple(name for name, entry in KINDS.items() if entry.tuned or not tuning)

@@ -61,6 +61,7 @@ def _figures(rows: list[Row]) -> Row:
         "walks": len(rows),
         "steps": len(steps),
         "right_pct": ours["accuracy_pct"],
+        "strict_pct": ours["strict_accuracy_pct"],
         "low_pct": None if interval is None else 100.0 * interval.low,
         "high_pct": None if interval is None else 100.0 * interval.high,
         "worst_pct": min(100.0 * sum(s.right for s in w.steps) / max(len(w.steps), 1) for w in walks),
@@ -84,16 +85,19 @@ def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
 
 
 def _odometry(rows: list[Row]) -> Row:
-    """End height relative to the distance, tilt after 5 m, and the share inside the 95 % bound."""
+    """End height relative to the distance, tilt after 5 m, the share inside the 95 % bound, and the mount's error."""
     found = [row["odometry"] for row in rows]
     height = [100.0 * abs(o["end_height_m"]) / o["distance_m"] for o in found]
     tilt = [math.degrees(o["tilt_rad"]) for o in found if math.isfinite(o["tilt_rad"])]
+    mount = [math.degrees(o["mount_rad"]) for o in found if "mount_rad" in o]
     return {
         "height_median_pct": float(np.median(height)),
         "height_worst_pct": max(height),
         "tilt_median_deg": float(np.median(tilt)) if tilt else None,
         "tilt_worst_deg": max(tilt, default=None),
         "inside_pct": float(np.mean([o["inside_pct"] for o in found])),
+        "mount_median_deg": float(np.median(mount)) if mount else None,
+        "mount_worst_deg": max(mount, default=None),
     }
 
 
@@ -103,6 +107,7 @@ _COLUMNS = (
     ("right %", 9, "{right_pct:.1f}"),
     ("95 %", 13, "{low_pct:.1f}-{high_pct:.1f}"),
     ("worst", 7, "{worst_pct:.0f}"),
+    ("strict %", 10, "{strict_pct:.1f}"),
     ("transitions %", 15, "{transitions_pct:.1f}"),
     ("lead s, p5", 13, "{lead_median_s:.2f} {lead_p5_s:.2f}"),
     ("sure, wrong %", 15, "{sure_and_wrong_pct:.1f}"),
@@ -117,6 +122,8 @@ _ODOMETRY = (
     ("tilt, median deg", 18, "{tilt_median_deg:.2f}"),
     ("worst deg", 11, "{tilt_worst_deg:.2f}"),
     ("inside 95 %", 13, "{inside_pct:.0f}"),
+    ("mount, median deg", 19, "{mount_median_deg:.2f}"),
+    ("worst deg", 11, "{mount_worst_deg:.2f}"),
 )
 _WIDTH = 46
 
@@ -133,6 +140,7 @@ def overall(result: Row) -> list[str]:
     return [
         f"{len(result['cases'])} walks; walks that ended by a fall: {', '.join(fell) or 'none'}",
         "95 %: interval of the share, by Wilson, as if steps were independent; sure, wrong: p > 0.9 for a wrong mode",
+        "strict: where either of two modes counts as right, only the true one",
         f"* {_UNTUNED}",
         *table_lines(_COLUMNS, rows, _WIDTH),
     ]
@@ -142,7 +150,8 @@ def odometry(result: Row) -> list[str]:
     """Figures of the odometry."""
     rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
     return [
-        "Odometry: height at the end relative to the distance; RMS tilt after 5 m; time inside the own 95 % bound",
+        "Odometry: height at the end relative to the distance; RMS tilt after 5 m; time inside the own 95 % bound;",
+        "rotation of the camera's mount at the end, estimated and true",
         *table_lines(_ODOMETRY, rows, _WIDTH),
     ]
 

@@ -1,13 +1,15 @@
 """One walk of the zoo: rendered, followed by the odometry, predicted, and scored.
 
-**Reporting set** (`terrain_zoo`): every kind, seven walks of each, seeds from 6000. **Tuning set**
-(`terrain_zoo_tuning`): only the kinds on which parameters may be tuned, seeds below 1000. Consecutive seeds are of
-consecutive kinds, so that a subset of as many walks as there are kinds has one of each.
+**Reporting set** (`terrain_zoo`): every kind, seven walks of each, seeds from 7000. **Tuning set**
+(`terrain_zoo_tuning`): only the kinds on which parameters may be tuned, seeds below 1000. **Level set**
+(`terrain_zoo_level`): twenty walks of the first kind, on which the odometry's height and tilt are scored. Consecutive
+seeds are of consecutive kinds, so that a subset of as many walks as there are kinds has one of each.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,49 +17,52 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, transform
 from stridetwin.evaluation.path_scores import compare, score
 from stridetwin.evaluation.truth import TruePath
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Odometry
 from stridetwin.streams.trajectory import Pose, trajectory_of
 from stridetwin.studies.case import Case
 from stridetwin.studies.terrain_zoo.kinds import drawn, names
 from stridetwin.studies.walks import fell_at_s, recorded
 from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored_rows
 
-_WALKS_PER_KIND = 7
+_WALKS_PER_KIND, _LEVEL_WALKS = 7, 20
 _SETTLED_M = 5.0
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
-_Variant = tuple[range, bool]
+_Variant = tuple[range, tuple[str, ...]]
 
 
-def _seeds(first: int, *, tuning: bool) -> range:
-    return range(first, first + _WALKS_PER_KIND * len(names(tuning=tuning)))
+def _every(first: int, kinds: tuple[str, ...]) -> _Variant:
+    return range(first, first + _WALKS_PER_KIND * len(kinds)), kinds
 
 
 VARIANTS: dict[str, _Variant] = {
-    "terrain_zoo": (_seeds(6000, tuning=False), False),
-    "terrain_zoo_tuning": (_seeds(0, tuning=True), True),
+    "terrain_zoo": _every(7000, names(tuning=False)),
+    "terrain_zoo_tuning": _every(0, names(tuning=True)),
+    "terrain_zoo_level": (range(7500, 7500 + _LEVEL_WALKS), names(tuning=False)[:1]),
 }
-"""By experiment: its seeds, and whether it is the tuning set."""
+"""By experiment: its seeds and kinds."""
 
 
-def kind_of(seed: int, *, tuning: bool) -> str:
+def kind_of(seed: int, kinds: Sequence[str]) -> str:
     """The kind of a seed's walk."""
-    kinds = names(tuning=tuning)
     return kinds[seed % len(kinds)]
 
 
-def run_case(tuning: bool, case: Case) -> dict[str, Any]:
+def run_case(kinds: Sequence[str], case: Case) -> dict[str, Any]:
     """One walk.
 
     Returns:
-        `seed`, `physics`, `kind`, `mount`, `fell_at_s`, `odometry` (`odometry_figures`), and `methods`: method to the
-        rows of `ModeScores`, and `time_ms` per depth image.
+        `seed`, `physics`, `kind`, `mount`, `fell_at_s`, `odometry` (`odometry_figures`, and `mount_rad`), and
+        `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
-    kind = kind_of(case.seed, tuning=tuning)
+    kind = kind_of(case.seed, kinds)
     config = replace(drawn(kind, case.seed), physics=case.physics)
     sole_m = wearer(config.person, with_exo=False).body.shoe_length_m
     poses: list[Pose] = []
@@ -67,7 +72,8 @@ def run_case(tuning: bool, case: Case) -> dict[str, Any]:
         )
         return case.row(
             kind=kind, mount=config.rig_mount, fell_at_s=fell_at_s(recording),
-            odometry=odometry_figures(poses[::_EVERY], recording, config.rig_mount),
+            odometry=odometry_figures(poses[::_EVERY], recording, config.rig_mount)
+            | {"mount_rad": mount_error(predictions.camera, config)},
             methods=scored_rows(predictions, recording, sole_m),
         )  # fmt: skip
 
@@ -89,6 +95,15 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
         "tilt_rad": float(np.sqrt(np.mean(tilt[settled] ** 2))) if settled.any() else math.nan,
         "inside_pct": scores["nees_position_within_95_pct"],
     }
+
+
+def mount_error(estimated: Odometry | None, config: TwinConfig) -> float:
+    """Rotation between the camera's estimated mount on its IMU and the true one, rad; NaN without an estimate."""
+    if estimated is None:
+        return math.nan
+    rig, mount = standard_rig(config), config.rig_mount
+    true = camera_in_frame(rig, rig.cameras[f"/{mount}/color"], f"{mount}/imu")
+    return float(Rotation.from_matrix(true[:3, :3].T @ transform(estimated)[:3, :3]).magnitude())
 
 
 def _tilt(estimated: Array, true: Array) -> Array:

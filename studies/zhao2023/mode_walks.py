@@ -191,11 +191,13 @@ class Predictions:
         estimates: By method, in order.
         frame_ms: By method, time per depth image; that of the first one includes the map's.
         path: Poses that the methods received.
+        camera: The last estimated pose of the camera in their frame; None without any.
     """
 
     estimates: Mapping[str, list[ModeEstimate]]
     frame_ms: Mapping[str, list[float]]
     path: Trajectory
+    camera: Odometry | None = None
 
 
 def predict(
@@ -221,9 +223,13 @@ def predict(
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
     frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
     poses: list[Odometry] = []
+    camera: Odometry | None = None
     for sample in samples:
-        if isinstance(sample, Odometry) and sample.topic != CAMERA_POSES:
-            poses.append(sample)
+        if isinstance(sample, Odometry):
+            if sample.topic == CAMERA_POSES:
+                camera = sample
+            else:
+                poses.append(sample)
         for method, predictor in predictors.items():
             began = time.process_time()
             estimate = predictor.update(sample)
@@ -232,7 +238,7 @@ def predict(
                 frame_ms[method].append(own)
             if estimate is not None:
                 estimates[method].append(estimate)
-    return Predictions(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses))
+    return Predictions(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses), camera=camera)
 
 
 def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:

@@ -35,15 +35,14 @@ def test_a_quarter_of_the_kinds_is_kept_from_tuning_and_the_sets_share_no_seed()
     assert tuning[-1] < 1000 <= reporting[0]
     kept = [name for name, entry in KINDS.items() if not entry.tuned]
     assert len(kept) >= len(KINDS) / 4
-    assert not {kind_of(seed, tuning=True) for seed in tuning} & set(kept)
+    assert not {kind_of(seed, names(tuning=True)) for seed in tuning} & set(kept)
 
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_consecutive_walks_are_of_every_kind(name: str) -> None:
-    seeds, tuning = VARIANTS[name]
-    kinds = names(tuning=tuning)
+    seeds, kinds = VARIANTS[name]
     for first in (seeds[0], seeds[5]):
-        found = Counter(kind_of(seed, tuning=tuning) for seed in range(first, first + len(kinds)))
+        found = Counter(kind_of(seed, kinds) for seed in range(first, first + len(kinds)))
         assert found == dict.fromkeys(kinds, 1)
 
 
