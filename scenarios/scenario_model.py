@@ -41,6 +41,7 @@ from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
+    DEG,
     MM,
     OneKey,
     OneKind,
@@ -69,15 +70,22 @@ class _UnevenStairs(_Model):
         risers_mm: Height of each riser, in walking order.
         tread_m: Depth of a tread.
         down: Direction of the stair, as the walker takes it.
+        nosing_m, open_risers, tread_slope_rad: As of `Stairs`.
     """
 
     risers_mm: Annotated[tuple[Riser, ...], Field(min_length=1)]
     tread_m: Annotated[float, number(200, 600, key="tread_mm", scale=MM)] = Stairs.tread_m
     down: Annotated[bool, words(DIRECTIONS, key="direction")]
+    nosing_m: Annotated[float, number(0, 40, key="nosing_mm", scale=MM)] = Stairs.nosing_m
+    open_risers: bool = Stairs.open_risers
+    tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = Stairs.tread_slope_rad
 
     def build(self) -> Stairs:
         """The stair."""
-        return Stairs(risers=len(self.risers_mm), riser_m=self.risers_mm, tread_m=self.tread_m, down=self.down)
+        return Stairs(
+            risers=len(self.risers_mm), riser_m=self.risers_mm, tread_m=self.tread_m, down=self.down,
+            nosing_m=self.nosing_m, open_risers=self.open_risers, tread_slope_rad=self.tread_slope_rad,
+        )  # fmt: skip
 
 
 _Stairs = Annotated[

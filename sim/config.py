@@ -96,12 +96,18 @@ class Stairs:
         riser_m: Height of every riser, or one height per riser in walking order.
         tread_m: Depth of a tread.
         down: Which way it leads from the walker's view.
+        nosing_m: How far a tread overhangs the riser below it.
+        open_risers: Treads are planks without risers between them.
+        tread_slope_rad: By which a tread falls towards its edge, so that rain runs off.
     """
 
     risers: Annotated[int, whole(1, 60)]
     riser_m: Annotated[float | tuple[float, ...], ReadAs(Riser), Field(alias="riser_mm")] = 0.165
     tread_m: Annotated[float, number(200, 600, key="tread_mm", scale=MM)] = 0.29
     down: Annotated[bool, words(DIRECTIONS, key="direction")] = False
+    nosing_m: Annotated[float, number(0, 40, key="nosing_mm", scale=MM)] = 0.0
+    open_risers: bool = False
+    tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = 0.0
 
     @property
     def heights_m(self) -> tuple[float, ...]:

@@ -73,6 +73,8 @@ class Slab:
         z0, z1: Height at the start and at the end of its axis, m.
         terrain: level, stair or ramp.
         cross_slope: Lateral tilt, rad, left side up positive.
+        recess: How far the riser below it stands back from its lower edge, m: from the start of its axis, or, negative,
+            from the end; its whole length makes it a plank.
     """
 
     x: float
@@ -85,6 +87,7 @@ class Slab:
     z1: float
     terrain: str
     cross_slope: float = 0.0
+    recess: float = 0.0
 
     def point(self, along: ArrayLike, left: ArrayLike) -> Array:
         """(..., 3) points of its top in the world, at (...) m along its axis and to the left of it."""
@@ -165,10 +168,11 @@ class _Pen:
         return _Pen(x=x, y=y, heading=self.heading, z=self.z, s=self.s, owner=self.owner)
 
     def straight(
-        self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0
-    ) -> None:
+        self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0,
+        recess: float = 0.0,
+    ) -> None:  # fmt: skip
         """Lays a slab along a line."""
-        self._slab_here(length, left, right, terrain, rise, cross_slope)
+        self._slab_here(length, left, right, terrain, rise, cross_slope, recess)
         self._go(length, 0.0, terrain, rise, cross_slope)
 
     def arc(self, angle: float, radius: float, half_width: float) -> None:
@@ -222,11 +226,12 @@ class _Pen:
         self.s, self.z = here.s1, strip.z1
 
     def _slab_here(
-        self, length: float, left: float, right: float, terrain: str = "level", rise: float = 0.0, cross: float = 0.0
-    ) -> None:
+        self, length: float, left: float, right: float, terrain: str = "level", rise: float = 0.0, cross: float = 0.0,
+        recess: float = 0.0,
+    ) -> None:  # fmt: skip
         self._slab(
             Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
-                 z1=self.z + rise, terrain=terrain, cross_slope=cross)
+                 z1=self.z + rise, terrain=terrain, cross_slope=cross, recess=recess)
         )  # fmt: skip
 
     def _slab(self, slab: Slab) -> None:
@@ -249,10 +254,12 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
         case Ramp(angle_rad=angle, rise_m=rise, down=down):
             pen.straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
         case Stairs(heights_m=heights, tread_m=tread, down=down):
+            way = -1.0 if down else 1.0
+            recess, rise = tread if segment.open_risers else segment.nosing_m, tread * math.tan(segment.tread_slope_rad)
             for i, height in enumerate(heights):
                 if i:
-                    pen.straight(tread, "stair", half, half)
-                pen.z += -height if down else height
+                    pen.straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
+                pen.z += way * height
 
 
 def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:

@@ -7,7 +7,8 @@ segment; a ground plane lies just below the lowest point all around.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -23,6 +24,8 @@ from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.streams.samples import Array
 
 _GROUND_BELOW_M = 0.05
+_PLANK_M = 0.04  # thickness of a tread that overhangs its riser
+_TINY_M = 1e-9
 _FOOT_OF_SLABS_M = 0.05  # below the ground plane, so that no gap shows
 
 
@@ -60,9 +63,9 @@ class Terrain:
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
-        """One solid per slab and the floor of a room, on the ground plane."""
+        """The slabs and the floor of a room, on the ground plane; a tread with a nosing is a plank on its riser."""
         slabs = (*self.layout.slabs, *floor(self.route.scenery, self.layout))
-        return tuple(_solid(slab, self.ground_m - _FOOT_OF_SLABS_M) for slab in slabs)
+        return tuple(solid for slab in slabs for solid in _solids(slab, self.ground_m - _FOOT_OF_SLABS_M))
 
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
@@ -120,6 +123,17 @@ class Terrain:
     def ray_hit(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """As `ray_cast`, and the (N, 3) outward normal of the face that is hit (zero for a miss)."""
         return self._obstacles.ray_cast(origins, directions)
+
+
+def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
+    """The body of a slab down to `bottom`; behind a recessed riser it is shorter and carries a plank, or is missing."""
+    if slab.recess:
+        yield _solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
+    left = slab.length - abs(slab.recess)
+    if left > _TINY_M:
+        since = max(slab.recess, 0.0)
+        (x, y, z0), (_, _, z1) = slab.point([since, since + left], [0.0, 0.0]).tolist()
+        yield _solid(replace(slab, x=x, y=y, length=left, z0=z0, z1=z1), bottom)
 
 
 def _solid(slab: Slab, bottom: float) -> Solid:

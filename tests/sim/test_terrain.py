@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import mujoco
@@ -35,6 +36,9 @@ stairs = st.builds(
     riser_m=st.floats(0.03, 0.25),
     tread_m=st.floats(0.2, 0.5),
     down=st.booleans(),
+    nosing_m=st.sampled_from([0.0, 0.03]),
+    open_risers=st.booleans(),
+    tread_slope_rad=st.sampled_from([0.0, 0.03]),
 )
 routes = st.lists(st.tuples(level, st.one_of(ramp, stairs)), min_size=1, max_size=3).map(
     lambda pairs: Route(segments=tuple(s for pair in pairs for s in pair))
@@ -109,6 +113,31 @@ def test_a_ray_straight_down_measures_the_height(route, seed):
     xy = np.column_stack([rng.uniform(-2.5, end + 0.5, 50), rng.uniform(-1.4, 1.4, 50)])
     origins = np.column_stack([xy, np.full(50, 9.0)])
     np.testing.assert_allclose(9.0 - terrain.ray_cast(origins, [0.0, 0.0, -1.0]), terrain.height(xy), atol=1e-9)
+
+
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize(("changes", "behind_m"), [({}, 0.0), ({"nosing_m": 0.03}, 0.03), ({"open_risers": True}, 0.6)])
+def test_the_riser_under_a_tread_stands_back_or_is_missing(down, changes, behind_m):
+    """A level ray 80 mm below the edge of the lowest tread meets its riser, or the level ground above the planks."""
+    stairs = Stairs(risers=3, riser_m=0.15, tread_m=0.3, down=down, **changes)
+    terrain = Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=2.0))))
+    edge, below = (2.0 + 0.6, -0.45) if down else (2.0, 0.0)
+    way = -1.0 if down else 1.0
+    origin = np.array([edge - way * 0.1, 0.0, below + 0.07])
+    (distance,) = terrain.ray_cast([origin], [[way, 0.0, 0.0]])
+    assert distance == pytest.approx(0.1 + behind_m, abs=1e-9)
+    at_plank = origin + [0.0, 0.0, 0.05]
+    assert terrain.ray_cast([at_plank], [[way, 0.0, 0.0]])[0] == pytest.approx(0.1, abs=1e-9)
+
+
+@pytest.mark.parametrize("down", [False, True])
+def test_a_sloping_tread_falls_towards_its_edge(down):
+    stairs = Stairs(risers=3, riser_m=0.15, tread_m=0.3, down=down, tread_slope_rad=math.radians(2.0))
+    strips = Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=2.0)))).profile
+    for before, after in itertools.pairwise(strips):
+        assert abs(after.z0 - before.z1) == pytest.approx(0.15)
+    treads = [s for s in strips if s.terrain == "stair"]
+    assert [math.degrees(s.slope) for s in treads] == pytest.approx([-2.0 if down else 2.0] * 2)
 
 
 def test_rays_hit_risers_ramps_and_nothing():
