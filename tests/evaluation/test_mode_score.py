@@ -103,6 +103,7 @@ def test_a_sole_across_a_ramps_edge_may_count_as_either_mode():
         (("SA", "SA", "SA", "SA"), 0.8),
         (("LG", "SA", "SA", "SA"), 0.6),
         (("SA", "SA", "LG", "SA"), 0.2),
+        (("LG", "SA", "LG", "SA"), 0.2),
         (("SA", "SA", "SA", "LG"), 0.0),
     ],
 )
