@@ -19,14 +19,15 @@ from stridetwin.cli.options import (
     output_option,
     switch,
 )
-from stridetwin.cli.recording import imported
+from stridetwin.cli.recording import imported, table_request
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, current_name
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from stridetwin.cli.bridge import LiveOptions
     from stridetwin.pipeline.run import Found
+    from stridetwin.streams.samples import Block, Imu
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,13 +143,13 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
 def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.pipeline.live_chain import part_file
     from stridetwin.pipeline.run import paths
-    from stridetwin.streams.formats.imu_table import TABLES, read_imu_table
+    from stridetwin.streams.formats.opening import recognise
     from stridetwin.streams.formats.tum import write_tum
 
     follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
-    is_table = arguments.source.suffix in TABLES and not (arguments.rig or arguments.map or arguments.kind)
-    if follow_block is not None and is_table:
-        made = {arguments.output: follow_block(read_imu_table(arguments.source), options)}
+    is_given = bool(arguments.rig or arguments.map or arguments.kind)
+    if follow_block is not None and not is_given and recognise(arguments.source) == "table":
+        made = {arguments.output: follow_block(_table(arguments, options.foot), options)}
     else:
         estimates = paths(found, imported(arguments), options, progress)
         made = {part_file(arguments.output, parts.get(e.frame, "")): e.path for e in estimates}
@@ -156,6 +157,23 @@ def _paths(arguments: EstimateOptions, found: Found, options: Options, progress:
         write_tum(path, file)
     lines = [f"{file}: {len(path)} poses" for file, path in made.items()]
     return Written(files=list(made), rows=sum(map(len, made.values())), lines=lines)
+
+
+def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
+    """The IMU of a table, or that of a foot if it has several."""
+    from stridetwin.streams.formats.imu_table import read_imu_tables
+    from stridetwin.streams.formats.opening import imu_topic, warn_of
+    from stridetwin.streams.recording.index import Notes
+
+    notes = Notes(arguments.source, lenient=False)
+    imus = read_imu_tables(arguments.source, table_request(arguments), notes)
+    warn_of(arguments.source, notes.warnings)
+    if len(imus) == 1:
+        return next(iter(imus.values()))
+    by_topic = {imu_topic(name): block for name, block in imus.items()}
+    if (topic := f"/foot_{foot}/imu") not in by_topic:
+        raise ConfigError(arguments.source, "sensors", ", ".join(imus), f"one for {topic}: --map NAME={topic}")
+    return by_topic[topic]
 
 
 def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:

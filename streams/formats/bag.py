@@ -53,7 +53,7 @@ def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
 
     rest = [t for t in kinds if t not in taken]
     for topic in rest:
-        if _FOOT.search(topic.lower()) and (side := _side(topic.lower())):
+        if _FOOT.search(topic.lower()) and (side := side_of(topic.lower())):
             sort = {Imu: "imu", Image: "camera"}.get(kinds[topic])
             if sort:
                 give(topic, f"/foot_{side}/{sort}")
@@ -74,7 +74,8 @@ def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     return names
 
 
-def _side(topic: str) -> str:
+def side_of(topic: str) -> str:
+    """Side that a name in lower case contains, `l` or `r`; "" for none or both."""
     left, right = bool(_LEFT.search(topic)), bool(_RIGHT.search(topic))
     return "" if left == right else "l" if left else "r"
 
