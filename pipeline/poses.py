@@ -12,6 +12,7 @@ from stridetwin.pipeline.terrain_files import given_poses
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.trajectory import Trajectory
 
 TRUTH = "truth"
@@ -52,6 +53,8 @@ def chosen_poses(found: Found, recording: Recording, options: Options, request: 
     check_topics(found, found.streams(recording.rig, options), recording)
     if request == TRUTH:
         topic, frame = given_poses(recording, camera)
+        if not topic.startswith("/truth/"):
+            raise RecordingError(f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUTH}")
         return ChosenPoses(path=None, frame=frame, words=f"true poses of {topic}")
     first = leader()
     body = camera.mount.body
@@ -59,12 +62,20 @@ def chosen_poses(found: Found, recording: Recording, options: Options, request: 
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
             path = estimate.path if estimate.healthy is None else estimate.path[estimate.healthy]
             return ChosenPoses(path=path, frame=estimate.frame, words=f"poses estimated by {estimate.name}")
-    try:
-        topic, frame = given_poses(recording, camera)
-    except RecordingError:
-        topic = ""
-    if topic and not topic.startswith("/truth/"):
-        return ChosenPoses(path=None, frame=frame, words=f"recorded poses of {topic}")
-    asks = f"--poses {TRUTH} for {topic}, or " if topic else ""
+    if (recorded := _recorded(recording, body)) is not None:
+        return recorded
+    asks = f"--poses {TRUTH}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
     name = first.declaration.name
     raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {asks}--poses FILE")
+
+
+def _recorded(recording: Recording, body: str) -> ChosenPoses | None:
+    """Poses that a device estimated and recorded, of a camera or an IMU on a body: `/head/color/odometry`."""
+    frames: list[CameraCalibration | ImuCalibration] = [*recording.rig.cameras.values(), *recording.rig.imus.values()]
+    for frame in (f for f in frames if f.mount.body == body):
+        if (topic := f"{frame.topic}/odometry") in recording.topics:
+            block = recording.block(topic)
+            p, q = block.columns["p_frame_in_world"], block.columns["q_world_frame"]
+            path = Trajectory(t_ns=block.t_ns, p_frame_in_world=p, q_world_frame=q)
+            return ChosenPoses(path=path, frame=frame.topic.removeprefix("/"), words=f"recorded poses of {topic}")
+    return None

@@ -13,6 +13,7 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
+from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag import Bag, read_bag, side_of
 from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
@@ -21,6 +22,8 @@ from stridetwin.streams.formats.imu_bridging import bridged
 from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest
+from stridetwin.streams.formats.record3d import is_record3d, read_record3d
+from stridetwin.streams.formats.stray_scanner import PER_METRE, is_stray_scanner, read_stray_scanner
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recording.imported import ImportedContents, Source
@@ -33,7 +36,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
 from stridetwin.streams.yaml_file import read_yaml
 
-KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "strayscanner", "record3d", "vrs", "table")
 TABLE_TOPIC = "/foot_l/imu"
 _BAGS = ("mcap", "rosbag1", "rosbag2")
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
@@ -84,6 +87,8 @@ def recognise(path: Path) -> str:
         return "rosbag1"
     if head == _SQLITE:
         return "rosbag2"
+    if path.suffix == ".vrs":
+        return "vrs"
     if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or head.startswith((b"//", b"PacketCounter"))):
         return "table"
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
@@ -167,9 +172,13 @@ def _folder_kind(path: Path) -> str:
         return "tum"
     if seven_scenes.frames_folder(path) is not None:
         return "7scenes"
+    if is_stray_scanner(path):
+        return "strayscanner"
+    if is_record3d(path):
+        return "record3d"
     if is_imu_folder(path):
         return "table"
-    kinds = ", ".join(KINDS[2:])
+    kinds = ", ".join(kind for kind in KINDS[2:] if kind != "vrs")
     raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
 
 
@@ -191,6 +200,12 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
         return tum_rgbd.read_tum_rgbd(path, notes, options.depth_scale or tum_rgbd.PER_METRE)
     if kind == "7scenes":
         return seven_scenes.read_seven_scenes(path, notes, options.depth_scale or seven_scenes.PER_METRE)
+    if kind == "strayscanner":
+        return read_stray_scanner(path, notes, options.depth_scale or PER_METRE)
+    if kind == "record3d":
+        return read_record3d(path, notes)
+    if kind == "vrs":
+        return read_aria_vrs(path, notes)
     return read_bag(_bag(path, kind, notes), kind, notes)
 
 

@@ -382,6 +382,24 @@ def test_an_imu_that_is_joined_sits_where_its_gyro_does(tmp_path, walk):
     assert not any("no mount" in w for w in recording.warnings)
 
 
+@pytest.mark.parametrize("units_m", [0.001, 0.00025])
+def test_a_bag_of_realsense_s_viewer(tmp_path, walk, units_m):
+    recording = open_any(foreign_files.write_realsense_bag(tmp_path, walk, units_m))
+    imu = recording.block("/head/imu")
+    np.testing.assert_array_equal(imu.columns["angular_rate"], walk.gyro)
+    np.testing.assert_allclose(imu.columns["specific_force"], walk.accel, atol=1e-12)
+    np.testing.assert_array_equal([p.pixels for p in recording.images("/head/color")], walk.colour)
+    scale = units_m / 0.001
+    np.testing.assert_allclose(
+        recording.images("/head/depth", [4])[0].depth, scale * expected_depth(walk)[4], atol=1e-6
+    )
+    camera = recording.rig.cameras["/head/color"]
+    assert (camera.intrinsics, camera.imu_topic) == (K, "/head/imu")
+    infrared = recording.rig.cameras["/device_0/sensor_0/Infrared_1/image/data"]
+    assert infrared.depth_topic == "/head/depth"  # depth has the frame of the left infrared camera
+    assert not recording.unread
+
+
 def test_names_of_common_drivers():
     kinds = {
         "/imu/left_foot": Imu, "/imu/right_foot": Imu, "/camera/infra1/image_rect_raw": Image,
