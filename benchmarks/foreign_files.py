@@ -283,3 +283,34 @@ def _csv(path: Path, header: str, t: Any, *columns: Any) -> None:
 def _text(path: Path, header: str, t: Any, *columns: Any) -> None:
     rows = zip(t.tolist(), np.column_stack(columns).tolist())
     path.write_text("\n".join([header, *(f"{s / 1e9:.6f} {' '.join(map(repr, row))}" for s, row in rows)]) + "\n")
+
+
+def write_realsense_bag(folder: Path, walk: Walk, depth_units_m: float = 0.001) -> Path:
+    """A ROS 1 bag as RealSense's viewer records it: gyro, accelerometer, colour, depth and infrared."""
+    store, path = get_typestore(Stores.ROS1_NOETIC), folder / "realsense.bag"
+    sensors = {"Depth_0": 0, "Infrared_1": 0, "Color_0": 1, "Gyro_0": 2, "Accel_0": 2}
+    topics = {name: f"/device_0/sensor_{sensor}/{name}" for name, sensor in sensors.items()}
+    messages: list[tuple[int, str, str, Any]] = []
+    units = store.types["std_msgs/msg/Float32"](depth_units_m)
+    messages.append((int(walk.t[0]), "/device_0/sensor_0/option/Depth_Units/value", "std_msgs/msg/Float32", units))
+    for t, gyro, accel in zip(walk.t.tolist(), walk.gyro, walk.accel):
+        for name, rates, forces in (("Gyro_0", gyro, np.zeros(3)), ("Accel_0", np.zeros(3), accel)):
+            messages.append((t, f"{topics[name]}/imu/data", "sensor_msgs/msg/Imu", _imu(store, t, rates, forces)))
+    for t, colour, mm in zip(walk.t_pictures.tolist(), walk.colour, walk.depth_mm):
+        grey = colour[:, :, 1]
+        for name, encoding, pixels in (
+            ("Depth_0", "mono16", mm),
+            ("Infrared_1", "mono8", grey),
+            ("Color_0", "rgb8", colour),
+        ):
+            image = _image(store, t, encoding, pixels)
+            messages.append((t, f"{topics[name]}/image/data", "sensor_msgs/msg/Image", image))
+    for name in ("Depth_0", "Infrared_1", "Color_0"):
+        info = _info(store, int(walk.t[0]), True)
+        messages.append((int(walk.t[0]), f"{topics[name]}/info/camera_info", "sensor_msgs/msg/CameraInfo", info))
+    with Ros1Writer(path) as writer:
+        kinds = {topic: name for _, topic, name, _ in messages}
+        to = {topic: writer.add_connection(topic, name, typestore=store) for topic, name in kinds.items()}
+        for t, topic, name, message in sorted(messages, key=lambda m: m[0]):
+            writer.write(to[topic], t, store.serialize_ros1(message, name))
+    return path

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,18 +19,32 @@ from stridetwin.cli.options import (
     output_option,
     switch,
 )
-from stridetwin.cli.recording import imported
+from stridetwin.cli.recording import imported, table_request
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, current_name
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from stridetwin.cli.bridge import LiveOptions
     from stridetwin.pipeline.run import Found
-    from stridetwin.streams.trajectory import Trajectory
+    from stridetwin.streams.samples import Block, Imu
 
-Written = tuple[list[Path], int, list[str]]
-"""Files, rows, and messages about them."""
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """What an estimator wrote.
+
+    Attributes:
+        files: Its files, the requested one first.
+        rows: Rows in them.
+        lines: Messages about them.
+        poses: The poses that it used; "" if it uses none.
+    """
+
+    files: list[Path]
+    rows: int
+    lines: list[str]
+    poses: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +70,10 @@ class EstimateOptions(ImportableOptions):
         ),
     ] = None
     poses: Annotated[
-        Path | None,
+        str | None,
         option(
-            "terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame "
-            "(default: poses of the recording).",
+            "terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame, or `truth` for the "
+            "recording's true poses (default: those that dvio estimates).",
             "FILE",
         ),
     ] = None
@@ -90,9 +104,12 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         raise StrideTwinError(f"--exoskeleton goes with {goes_with(lambda d: d.kind == STEPS)}")
     options = options_of(arguments, found.declaration)
     write = {PATH: _paths, STEPS: _steps, MAP: _terrain, MODES: _modes}[found.declaration.kind]
-    files, rows, lines = write(arguments, found, options, progress)
-    data = {"file": str(files[0]), "files": [str(f) for f in files], "estimator": arguments.estimator, "rows": rows}
-    return Outcome(data=data, lines=lines)
+    made = write(arguments, found, options, progress)
+    files = [str(file) for file in made.files]
+    data: dict[str, Any] = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": made.rows}
+    if made.poses:
+        data["poses"] = made.poses
+    return Outcome(data=data, lines=[*made.lines, made.poses] if made.poses else made.lines)
 
 
 def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaration) -> Options:
@@ -126,19 +143,37 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
 def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.pipeline.live_chain import part_file
     from stridetwin.pipeline.run import paths
-    from stridetwin.streams.formats.imu_table import TABLES, read_imu_table
+    from stridetwin.streams.formats.opening import recognise
     from stridetwin.streams.formats.tum import write_tum
 
     follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
-    is_table = arguments.source.suffix in TABLES and not (arguments.rig or arguments.map or arguments.kind)
-    if follow_block is not None and is_table:
-        made = {arguments.output: follow_block(read_imu_table(arguments.source), options)}
+    is_given = bool(arguments.rig or arguments.map or arguments.kind)
+    if follow_block is not None and not is_given and recognise(arguments.source) == "table":
+        made = {arguments.output: follow_block(_table(arguments, options.foot), options)}
     else:
         estimates = paths(found, imported(arguments), options, progress)
         made = {part_file(arguments.output, parts.get(e.frame, "")): e.path for e in estimates}
     for file, path in made.items():
         write_tum(path, file)
-    return list(made), sum(map(len, made.values())), [f"{file}: {len(path)} poses" for file, path in made.items()]
+    lines = [f"{file}: {len(path)} poses" for file, path in made.items()]
+    return Written(files=list(made), rows=sum(map(len, made.values())), lines=lines)
+
+
+def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
+    """The IMU of a table, or that of a foot if it has several."""
+    from stridetwin.streams.formats.imu_table import read_imu_tables
+    from stridetwin.streams.formats.opening import imu_topic, warn_of
+    from stridetwin.streams.recording.index import Notes
+
+    notes = Notes(arguments.source, lenient=False)
+    imus = read_imu_tables(arguments.source, table_request(arguments), notes)
+    warn_of(arguments.source, notes.warnings)
+    if len(imus) == 1:
+        return next(iter(imus.values()))
+    by_topic = {imu_topic(name): block for name, block in imus.items()}
+    if (topic := f"/foot_{foot}/imu") not in by_topic:
+        raise ConfigError(arguments.source, "sensors", ", ".join(imus), f"one for {topic}: --map NAME={topic}")
+    return by_topic[topic]
 
 
 def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
@@ -148,34 +183,35 @@ def _steps(arguments: EstimateOptions, found: Found, options: Options, progress:
     progress("estimate", 0.0)
     made = steps(found, imported(arguments), options)
     write_steps(made, arguments.output)
-    return [arguments.output], len(made), [f"{arguments.output}: {len(made)} steps"]
+    return Written(files=[arguments.output], rows=len(made), lines=[f"{arguments.output}: {len(made)} steps"])
 
 
 def _terrain(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.pipeline.poses import chosen_poses
     from stridetwin.pipeline.run import mapped
     from stridetwin.pipeline.terrain_files import document, write_terrain
 
     progress("estimate", 0.0)
-    terrain_map = mapped(found, imported(arguments), options, _given(arguments))
+    recording = imported(arguments)
+    poses = chosen_poses(found, recording, options, arguments.poses)
+    terrain_map = mapped(found, recording, replace(options, poses_of=poses.frame), poses.path)
     files = write_terrain(terrain_map, arguments.output, mesh=arguments.mesh)
     known = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
     kinds = [t["type"] for t in known["terrains"]]
     words = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs"))
-    return files, len(known["planes"]), [f"{files[0]}: {len(known['planes'])} planes; {words}"]
+    lines = [f"{files[0]}: {len(known['planes'])} planes; {words}"]
+    return Written(files=files, rows=len(known["planes"]), lines=lines, poses=poses.words)
 
 
 def _modes(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.pipeline.poses import chosen_poses
     from stridetwin.pipeline.run import predicted
     from stridetwin.pipeline.step_files import predicted_steps, write_modes
 
     progress("estimate", 0.0)
-    rows = predicted_steps(predicted(found, imported(arguments), options, _given(arguments)))
+    recording = imported(arguments)
+    poses = chosen_poses(found, recording, options, arguments.poses)
+    rows = predicted_steps(predicted(found, recording, replace(options, poses_of=poses.frame), poses.path))
     write_modes(rows, arguments.output)
-    return [arguments.output], len(rows), [f"{arguments.output}: {len(rows)} steps"]
-
-
-def _given(arguments: EstimateOptions) -> Trajectory | None:
-    """The poses of `--poses`."""
-    from stridetwin.streams.formats.tum import read_tum
-
-    return read_tum(arguments.poses) if arguments.poses else None
+    lines = [f"{arguments.output}: {len(rows)} steps"]
+    return Written(files=[arguments.output], rows=len(rows), lines=lines, poses=poses.words)

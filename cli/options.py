@@ -144,12 +144,18 @@ class ImportableOptions(SourceOptions):
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="PATH", help="Recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table."
+            metavar="PATH",
+            help="Recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table or folder of them.",
         ),
     ]
     kind: Annotated[
         str | None, typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}.")
     ] = None
+    columns: Annotated[
+        str | None,
+        option("Columns and units of a table with other names: t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s].", "MAP"),
+    ] = None
+    rate: Annotated[float | None, option("Rate of a table without stamps.", "HZ", positive)] = None
     map: Annotated[list[str], option("Topic for a stream of the source.", "FROM=TO")] = field(default_factory=list)
     rig: Annotated[Path | None, option("Calibration (Kalibr YAML) in place of the source's.", "FILE")] = None
     depth_scale: Annotated[

@@ -17,6 +17,7 @@ from stridetwin.cli.scene import play_command
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
+    from stridetwin.streams.formats.imu_text import TableRequest
     from stridetwin.streams.recording.reader import Recording
 
 
@@ -29,8 +30,18 @@ def imported(arguments: ImportableOptions, *, reports: bool = True) -> Recording
         names=dict(_mapped(text) for text in arguments.map),
         rig=arguments.rig,
         depth_scale=arguments.depth_scale,
+        table=table_request(arguments),
     )
     return opened(arguments.source, arguments.lenient, options, reports=reports)
+
+
+def table_request(arguments: ImportableOptions) -> TableRequest:
+    """What the arguments say about a table."""
+    from stridetwin.streams.formats.imu_columns import parsed_mapping
+    from stridetwin.streams.formats.imu_text import TableRequest
+
+    columns = parsed_mapping(arguments.columns) if arguments.columns else {}
+    return TableRequest(columns=columns, rate_hz=arguments.rate)
 
 
 def _mapped(text: str) -> tuple[str, str]:

@@ -72,7 +72,7 @@ def _topics(found: Found, config: TwinConfig, worn: SensorRig) -> set[str]:
 
     declaration = found.declaration
     has_links = config.exo is not None and config.exo.own is None
-    metadata = exo_geometry.metadata(wearer(config.person), worn.rig) if has_links else {}
+    metadata = exo_geometry.metadata(wearer(config.person), worn.rig, seed=0) if has_links else {}
     options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)
     there = worn.sensors.keys() | {c.depth_topic for c in worn.rig.cameras.values()}
     topics = {s.topic for _, streams in feeding(found, options, worn.rig, there) for s in streams}

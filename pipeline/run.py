@@ -181,12 +181,13 @@ def _started(found: Found, recording: Recording, options: Options) -> tuple[Esti
     """An estimator and its samples from a recording."""
     rig = recording.rig if recording.has_rig else Rig()
     streams = found.streams(rig, options)
-    _check(found, streams, recording)
+    check_topics(found, streams, recording)
     topics = [s.topic for s in streams if s.live and s.topic in recording.topics]
     return found(rig, options=options), iter(recording.samples(topics))
 
 
-def _check(found: Found, streams: Sequence[Stream], recording: Recording) -> None:
+def check_topics(found: Found, streams: Sequence[Stream], recording: Recording) -> None:
+    """Raises RecordingError if a recording lacks a stream that an estimator requires."""
     if lacking := missing(streams, recording.topics):
         raise RecordingError(f"{recording.path}: no topic {', '.join(lacking)}: {found.declaration.name} needs it")
 
@@ -210,7 +211,7 @@ def posed(
     """
     options, camera = with_metadata(found, options, recording), depth_calibration(recording.rig)
     streams = found.streams(recording.rig, options)
-    _check(found, streams, recording)
+    check_topics(found, streams, recording)
     topics = [s.topic for s in streams if s.topic in recording.topics]
     if path is not None:
         return found(recording.rig, options=options), merged(path, recording, topics)

@@ -122,7 +122,7 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, s
     if len(paths) == 1 and not recording.is_mcap:  # in a folder of depth alone, the poses are the depth camera's
         return paths[0], ""
     raise RecordingError(
-        f"{recording.path}: no poses (/truth{camera.topic}/odometry); terrain_map needs them, or a file with --poses"
+        f"{recording.path}: no poses (/truth{camera.topic}/odometry); expected such poses, or --poses FILE"
     )
 
 

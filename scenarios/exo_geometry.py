@@ -29,6 +29,7 @@ from stridetwin.streams.rig import Rig
 
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration of a stationary wearer."""
+_MEASUREMENT = 4  # key of the random numbers of the measurement, beside the walk's seed
 _THIGH, _KNEE, _FOOT = 5, 6, 8
 _SENSORS = {"ahrs", "encoder", "insole"}
 
@@ -88,10 +89,14 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
     return low, high
 
 
-def metadata(size: Wearer, rig: Rig) -> dict[str, str]:
-    """Geometry for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
-    is_known = {sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)
-    return {METADATA_KEY: to_text(geometry(size, rig))} if is_known else {}
+def metadata(size: Wearer, rig: Rig, seed: int) -> dict[str, str]:
+    """Nominal geometry for a recording's metadata; empty for a walk without the exoskeleton or its sensors.
+
+    It is `measured`, with errors that the walk's seed determines: the true geometry is known to the simulation alone.
+    """
+    if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
+        return {}
+    return {METADATA_KEY: to_text(measured(geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT])))}
 
 
 def of_recording(recording: Recording) -> Exoskeleton:

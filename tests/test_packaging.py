@@ -73,8 +73,9 @@ def test_what_is_imported_is_declared():
 
 
 def test_what_the_hardware_modules_import_comes_with_every_installation():
-    # The published classifier, a stream as a table, live transport, the published map: each says what it needs.
-    optional = {"scikit-learn", "pandas", "eclipse-zenoh", "open3d"}
+    # The published classifier, a stream as a table, live transport, the published map, scans of phones and glasses:
+    # each says what it needs.
+    optional = {"scikit-learn", "pandas", "eclipse-zenoh", "open3d", "lzfse", "projectaria-tools"}
     assert set(imported("streams", "estimators")) <= declared()[""] | optional
 
 

@@ -18,6 +18,7 @@ from types import ModuleType
 EXTRAS = frozenset({
     "mujoco", "glfw", "dm_control", "dm_env", "joblib", "platformdirs", "trimesh", "rerun", "rerun_sdk", "dask",
     "distributed", "cma", "sklearn", "pandas", "zenoh", "open3d",
+    "lzfse", "projectaria_tools",
 })  # fmt: skip
 """Import names of the extras' packages."""
 

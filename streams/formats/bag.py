@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,6 +29,8 @@ _LEFT, _RIGHT = re.compile(r"left|(?<![a-z])l(?![a-z])"), re.compile(r"right|(?<
 _TRUE = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|vicon|mocap|optitrack|qualisys|truth")
 _COLOUR = (re.compile(r"color|colour|rgb"), re.compile(r"cam_?0|left"), re.compile(r""))
 _DEPTH = (re.compile(r"aligned|registered"), re.compile(r""))
+_DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
+"""Topic with the metres per unit of the depth images of a sensor, in RealSense's own files."""
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
 
 
@@ -53,7 +55,7 @@ def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
 
     rest = [t for t in kinds if t not in taken]
     for topic in rest:
-        if _FOOT.search(topic.lower()) and (side := _side(topic.lower())):
+        if _FOOT.search(topic.lower()) and (side := side_of(topic.lower())):
             sort = {Imu: "imu", Image: "camera"}.get(kinds[topic])
             if sort:
                 give(topic, f"/foot_{side}/{sort}")
@@ -74,7 +76,8 @@ def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     return names
 
 
-def _side(topic: str) -> str:
+def side_of(topic: str) -> str:
+    """Side that a name in lower case contains, `l` or `r`; "" for none or both."""
     left, right = bool(_LEFT.search(topic)), bool(_RIGHT.search(topic))
     return "" if left == right else "l" if left else "r"
 
@@ -121,6 +124,9 @@ class Bag(Protocol):
         """CDR bytes of one message, read again."""
 
 
+_FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
+
+
 class _Stream:
     """Messages of one topic: for images the first payload and the keys of all, otherwise every payload.
 
@@ -161,14 +167,16 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
     calibration = BagCalibration(notes)
+    depth_units = _depth_units(streams)
     for topic, stream in streams.items():
-        if not stream.times:
+        if not stream.times or _DEPTH_UNITS.fullmatch(topic):
             continue
         try:
             if stream.reader is None:
                 _extra(stream, calibration, blocks, notes)
             elif stream.is_image:
-                images[topic] = _images(bag, stream, stream.reader)
+                units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
+                images[topic] = _images(bag, stream, stream.reader, units)
             else:
                 blocks[topic] = stream.reader.block(_together(stream))
         except ValueError as error:
@@ -194,7 +202,8 @@ def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]
     unread: dict[str, str] = {}
     definitions = Definitions()
     for channel in bag.channels:
-        if channel.typename not in READABLE | CALIBRATIONS | TRANSFORMS | POSES:
+        is_read = channel.typename in READABLE | CALIBRATIONS | TRANSFORMS | POSES
+        if not is_read and not (channel.typename == _FLOAT and _DEPTH_UNITS.fullmatch(channel.topic)):
             unread[channel.topic] = channel.typename
             continue
         try:
@@ -212,12 +221,28 @@ def _together(stream: _Stream) -> Messages:
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
-def _images(bag: Bag, stream: _Stream, reader: TopicReader) -> ImageStream:
+def _depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
+    """Metres per unit of depth by the name of a sensor, such as `/device_0/sensor_0`."""
+    found = {}
+    for topic, stream in streams.items():
+        if stream.payloads and (matched := _DEPTH_UNITS.fullmatch(topic)):
+            c = stream.channel
+            value = float(
+                deserialise(typestore_for(c.typename, c.encoding, c.definition), stream.payloads[-1], c.typename).data
+            )
+            found[matched[1]] = value if 0 < value < 1 else _MILLIMETRE
+    return found
+
+
+def _images(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> ImageStream:
     kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
-        return reader.image(bag.payload(source, keys[i]), int(times[i]), topic)
+        image = reader.image(bag.payload(source, keys[i]), int(times[i]), topic)
+        if isinstance(image, Depth) and units_m != _MILLIMETRE:
+            return replace(image, depth=image.depth * np.float32(units_m / _MILLIMETRE))
+        return image
 
     return ImageStream(kind=kind, t_ns=times, load=load)
 

@@ -76,7 +76,10 @@ def read_euroc(path: Path, notes: Notes) -> Source:
             if (imu := _imu_calibration(folder, topic)) is not None:
                 imus[topic] = imu
         elif re.fullmatch(r"cam\d+", folder.name):
-            images[topic] = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
+            stream = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
+            if not len(stream.t_ns):
+                continue
+            images[topic] = stream
             if (camera := _camera_calibration(folder, topic)) is not None:
                 cameras[topic] = camera
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)

@@ -109,14 +109,14 @@ def read_image_list(
     notes: Notes,
     per_metre: float | None = None,
 ) -> ImageStream:
-    """Reads rows of a stamp and an image file name.
+    """Reads rows of a stamp and an image file name; images that are listed and missing are left out and reported.
 
     Args:
         file: The list.
         folder: Folder that the names are relative to.
         separator: Between stamp and name; None is any white space.
         stamp: Converts a word to nanoseconds.
-        notes: Collects invalid rows, which are omitted when lenient.
+        notes: Collects invalid rows, which are omitted when lenient, and images that are not there.
         per_metre: Units of depth per metre; None for colour.
 
     Raises:
@@ -125,14 +125,24 @@ def read_image_list(
     _, rows = read_text_rows(file, separator)
     stamps: list[int] = []
     files: list[Path] = []
+    missing: list[str] = []
     for row in rows:
         try:
-            path = _listed(file, folder, row.line, (separator or " ").join(row.words[1:]))
-            stamps.append(row_stamp(file, row, stamp))
-            files.append(path)
+            name = (separator or " ").join(row.words[1:])
+            path = _listed(file, folder, row.line, name)
+            t_ns = row_stamp(file, row, stamp)
         except ConfigError as error:
             notes.invalid(error)
-    if not files:
+            continue
+        if _is_file(path):
+            stamps.append(t_ns)
+            files.append(path)
+        else:
+            missing.append(name)
+    if missing:
+        lacking = f"{len(missing)} of {len(rows)} images are listed and missing, the first of them {missing[0]}"
+        notes.warn(f"{file.name}: {lacking}; they are left out")
+    if not files and not missing:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
     return image_stream(stamps, files, per_metre)
 
@@ -153,14 +163,14 @@ def _listed(file: Path, folder: Path, line: int, name: str) -> Path:
     parts = PurePath(name).parts
     if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
         raise ConfigError(file, where, name, valid)
-    path = folder / name
+    return folder / name
+
+
+def _is_file(path: Path) -> bool:
     try:
-        there = path.is_file()
+        return path.is_file()
     except OSError:  # a name too long for the file system
-        there = False
-    if not there:
-        raise ConfigError(file, where, name, f"{valid}; there is no such file")
-    return path
+        return False
 
 
 def chosen_camera(recording: Recording, topic: str | None) -> CameraCalibration:

@@ -1,62 +1,130 @@
-"""Reads and writes the table of a single IMU, `.npz` or `.csv`: `t` (s), `accel` (m/s²), `gyro` (rad/s)."""
+"""Tables of inertial sensors, `.npz` and text: reads a file or a folder of them, and writes that of one IMU.
+
+The samples of an IMU are checked to be plausible, and short gaps are bridged (`imu_bridging`).
+"""
 
 from __future__ import annotations
 
-import csv
 import zipfile
-from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
+from stridetwin.streams.formats.derived import joined_at_rates
+from stridetwin.streams.formats.imu_bridging import bridged
+from stridetwin.streams.formats.imu_columns import AXES, missing_axis
+from stridetwin.streams.formats.imu_folder import folder_parts
+from stridetwin.streams.formats.imu_text import SUFFIXES, Part, TableRequest, read_text_table
 from stridetwin.streams.formats.tum import LATEST_S
+from stridetwin.streams.formats.units import ACCEL, GYRO
 from stridetwin.streams.plausible import IMU_RATES_HZ, implausible_rates, implausible_units
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Imu
 
 MIN_ROWS = 20
 _FREE_BYTES, _BYTES_PER_BYTE = 16 << 20, 20
-_AXES = "xyz"
-_NAMES = {"accel": ("accel_{}", "a{}", "acc_{}"), "gyro": ("gyro_{}", "g{}", "w{}")}
+_COLUMNS = {ACCEL: "specific_force", GYRO: "angular_rate"}
 
 
-def read_imu_table(path: str | Path, topic: str = "/foot/imu") -> Block[Imu]:
-    """Reads `t` (s), `accel` (m/s²) and `gyro` (rad/s) from a table, and checks that they are plausible.
+def read_imu_table(path: str | Path, topic: str = "/foot/imu", request: TableRequest | None = None) -> Block[Imu]:
+    """The one IMU of a table or a folder of tables; see `read_imu_tables`.
 
     Args:
-        path: `.npz` with `t` (N,), `accel` (N, 3) and `gyro` (N, 3), or `.csv` with a header and the columns
-            `t`, `accel_x` ... (or `ax` ...) and `gyro_x` ... (or `gx` ...).
+        path: `.npz` with `t` (N,), `accel` (N, 3) and `gyro` (N, 3), or a text table with a header.
         topic: Topic of the samples.
+        request: See `TableRequest`.
 
     Returns:
-        One sample per row. Times are rounded to ns.
+        One sample per row, m/s² and rad/s. Times are rounded to ns.
 
     Raises:
-        StrideTwinError: The table cannot be read or is invalid; names file, column, row and value.
+        StrideTwinError: The table cannot be read, is invalid, or has several IMUs; names file, column, row and value.
     """
-    path = Path(path)
-    if path.suffix == ".npz":
+    imus = read_imu_tables(Path(path), request or TableRequest(), Notes(Path(path), lenient=False))
+    if len(imus) > 1:
+        raise ConfigError(path, "sensors", ", ".join(imus), "one IMU; import the table to use several")
+    (block,) = imus.values()
+    return replace(block, topic=topic)
+
+
+def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str, Block[Imu]]:
+    """The IMUs of a table or a folder of tables, by the name of the sensor in the source; "" for the only one.
+
+    Args:
+        path: `.npz`, a text table (`imu_text.SUFFIXES`), or a folder of text tables.
+        request: See `TableRequest`.
+        notes: Collects what was assumed and bridged.
+
+    Returns:
+        Samples in m/s² and rad/s. Where force and rate have stamps of their own, the force is interpolated.
+
+    Raises:
+        StrideTwinError: A table cannot be read, or is invalid; names file, column, row and value.
+    """
+    if path.is_dir():
+        parts = folder_parts(path, request, notes)
+    elif path.suffix == ".npz":
         t, accel, gyro = _read_npz(path)
-    elif path.suffix == ".csv":
-        t, accel, gyro = _read_csv(path)
+        parts = [Part(file=path, sensor="", quantity=q, t=t, values=v) for q, v in ((ACCEL, accel), (GYRO, gyro))]
+    elif path.suffix in SUFFIXES:
+        parts = read_text_table(path, request, notes)
     else:
-        raise ConfigError(path, "", path.suffix, "a table .npz or .csv")
-    _check_numbers(path, t, accel, gyro)
-    _check_times(path, t)
-    t_ns = np.rint(t * 1e9).astype(np.int64)
-    for found in (*implausible_rates(t_ns, IMU_RATES_HZ), *implausible_units(t_ns, accel, gyro)):
+        raise ConfigError(path, "", path.suffix, "a table .npz, .csv, .txt or .sto")
+    by_sensor: dict[str, dict[str, Part]] = {}
+    for part in parts:
+        by_sensor.setdefault(part.sensor, {})[part.quantity] = part
+    if not by_sensor:
+        raise missing_axis(path, ACCEL, "x", ())
+    return {sensor: _imu(path, sensor, own, notes) for sensor, own in by_sensor.items()}
+
+
+def _imu(path: Path, sensor: str, parts: Mapping[str, Part], notes: Notes) -> Block[Imu]:
+    for quantity in (ACCEL, GYRO):
+        if quantity not in parts:
+            (there,) = parts.values()
+            what = "forces" if quantity == ACCEL else "rates"
+            raise ConfigError(
+                there.file, quantity, None,
+                f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both",
+            )  # fmt: skip
+    force, rate = parts[ACCEL], parts[GYRO]
+    for part in (force, rate):
+        _check_numbers(part)
+        _check_times(part)
+    name = sensor or "IMU"
+    if force.t is rate.t:
+        columns = {"angular_rate": rate.values, "specific_force": force.values}
+        block: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_nanoseconds(rate.t), columns=columns)
+        block = bridged(name, block, notes)
+    else:
+        blocks = [
+            bridged(
+                f"{name} ({p.quantity})",
+                Block(topic=name, kind=Imu, t_ns=_nanoseconds(p.t), columns={_COLUMNS[p.quantity]: p.values}), notes,
+            )
+            for p in (rate, force)
+        ]  # fmt: skip
+        block = joined_at_rates(name, *blocks)
+        notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
+        if len(block) < MIN_ROWS:
+            raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
+    force_column, rate_column = block.columns["specific_force"], block.columns["angular_rate"]
+    for found in (
+        *implausible_rates(block.t_ns, IMU_RATES_HZ),
+        *implausible_units(block.t_ns, force_column, rate_column),
+    ):
         raise ConfigError(path, found.field, found.value, found.valid)
-    return Block(
-        topic=topic,
-        kind=Imu,
-        t_ns=t_ns,
-        columns={"angular_rate": gyro, "specific_force": accel},
-    )
+    return block
+
+
+def _nanoseconds(t: Array) -> NDArray[np.int64]:
+    return np.rint(t * 1e9).astype(np.int64)
 
 
 def _read_npz(path: Path) -> tuple[Array, Array, Array]:
@@ -94,65 +162,22 @@ def _check_packing(path: Path) -> None:
                 raise ConfigError(path, f"size of {member.filename[:40]}, unpacked", member.file_size, f"up to {most}")
 
 
-def _read_csv(path: Path) -> tuple[Array, Array, Array]:
-    header: list[str] | None = None
-    where: list[int] = []
-    table = array("d")
-    row = 0
-    try:
-        for line in csv.reader(lines(path, "utf-8-sig")):
-            if not line:
-                continue
-            if header is None:
-                header = [name.strip() for name in line]
-                where = _columns(path, header)
-                continue
-            row += 1
-            for at in where:
-                try:
-                    table.append(float(line[at]))
-                except (ValueError, IndexError):
-                    value = line[at] if at < len(line) else None
-                    raise ConfigError(path, f"{header[at]}, row {row}", value, "a number") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if header is None:
-        _columns(path, [])
-    numbers = np.array(table).reshape(-1, 7)
-    return numbers[:, 0], numbers[:, 1:4], numbers[:, 4:7]
-
-
-def _columns(path: Path, header: list[str]) -> list[int]:
-    """Indices of `t`, the accelerations and the rates."""
-    where = [_column(path, header, ("t",))]
-    for quantity in ("accel", "gyro"):
-        where += [_column(path, header, [n.format(axis) for n in _NAMES[quantity]]) for axis in _AXES]
-    return where
-
-
-def _column(path: Path, header: list[str], names: Sequence[str]) -> int:
-    for name in names:
-        if name in header:
-            return header.index(name)
-    there = ", ".join(header) or "none"
-    raise ConfigError(path, names[0], None, f"a column {' or '.join(names)}; the table has {there}")
-
-
-def _check_numbers(path: Path, t: Array, accel: Array, gyro: Array) -> None:
-    if len(t) < MIN_ROWS:
-        raise ConfigError(path, "rows", len(t), f"at least {MIN_ROWS}")
-    for name, values in (("t", t[:, None]), ("accel", accel), ("gyro", gyro)):
+def _check_numbers(part: Part) -> None:
+    if len(part.t) < MIN_ROWS:
+        raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
+    for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             row, axis = bad[0]
-            column = name if name == "t" else f"{name}_{_AXES[axis]}"
-            raise ConfigError(path, f"{column}, row {row + 1}", float(values[row, axis]), "a finite number")
+            column = name if name == "t" else f"{name}_{AXES[axis]}"
+            raise ConfigError(part.file, f"{column}, row {row + 1}", float(values[row, axis]), "a finite number")
 
 
-def _check_times(path: Path, t: Array) -> None:
+def _check_times(part: Part) -> None:
+    path, t = part.file, part.t
     step = np.diff(t)
-    if np.any(step < 1e-9):
-        row = int(np.argmax(step < 1e-9)) + 1
+    if np.any(step < 0):
+        row = int(np.argmax(step < 0)) + 1
         raise ConfigError(
             path, f"t, row {row + 1}", float(t[row]), f"a time after that of the previous row, {t[row - 1]:g} s"
         )
@@ -160,6 +185,8 @@ def _check_times(path: Path, t: Array) -> None:
         raise ConfigError(path, "t, row 1", float(t[0]), "a time from 0 s on")
     if t[-1] >= LATEST_S:
         raise ConfigError(path, f"t, row {len(t)}", float(t[-1]), f"a time before {LATEST_S:g} s")
+    if t[0] == t[-1]:
+        raise ConfigError(path, "t", float(t[0]), "stamps that increase")
 
 
 TABLES = (".npz", ".csv")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,17 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
+from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
-from stridetwin.streams.formats.bag import Bag, read_bag
+from stridetwin.streams.formats.bag import Bag, read_bag, side_of
 from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
-from stridetwin.streams.formats.imu_table import read_imu_table
+from stridetwin.streams.formats.imu_bridging import bridged
+from stridetwin.streams.formats.imu_folder import is_imu_folder
+from stridetwin.streams.formats.imu_table import read_imu_tables
+from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest
+from stridetwin.streams.formats.record3d import is_record3d, read_record3d
+from stridetwin.streams.formats.stray_scanner import PER_METRE, is_stray_scanner, read_stray_scanner
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recording.imported import ImportedContents, Source
@@ -30,7 +36,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
 from stridetwin.streams.yaml_file import read_yaml
 
-KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "strayscanner", "record3d", "vrs", "table")
 TABLE_TOPIC = "/foot_l/imu"
 _BAGS = ("mcap", "rosbag1", "rosbag2")
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
@@ -50,12 +56,14 @@ class ImportOptions:
         names: Topic of a stream, by its name in the source or its default topic.
         rig: Kalibr YAML whose calibrations replace those of the source.
         depth_scale: Units of a folder's depth images per metre; None for the layout's.
+        table: What the header of a table leaves open.
     """
 
     kind: str | None = None
     names: Mapping[str, str] = field(default_factory=dict)
     rig: Path | None = None
     depth_scale: float | None = None
+    table: TableRequest = field(default_factory=TableRequest)
 
 
 def recognise(path: Path) -> str:
@@ -79,7 +87,9 @@ def recognise(path: Path) -> str:
         return "rosbag1"
     if head == _SQLITE:
         return "rosbag2"
-    if path.suffix in (".csv", ".npz"):
+    if path.suffix == ".vrs":
+        return "vrs"
+    if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or head.startswith((b"//", b"PacketCounter"))):
         return "table"
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
@@ -124,6 +134,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     streams = streams_of(source, topics, numbered=kind not in _BAGS)
     registered = _registered(source, topics)
     source = _renamed(source, topics, bodies_are_known=own is not None)
+    if own is None and kind != "table":  # a table's IMUs are bridged before they are joined
+        source = replace(source, blocks={topic: _bridged(topic, b, notes) for topic, b in source.blocks.items()})
     better = _better_rig(path, source.rig, options, streams, notes)
     rig = completed(_merged(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, words in source.assumed.items():
@@ -140,9 +152,15 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
 def opened(path: Path, lenient: bool, options: ImportOptions | None = None, *, reports: bool = True) -> Recording:
     """`open_any`, with a warning on stderr for each assumption and problem."""
     recording = open_any(path, lenient, options)
-    for words in (*recording.warnings, *map(str, recording.problems)) if reports else ():
-        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
+    if reports:
+        warn_of(path, [*recording.warnings, *map(str, recording.problems)])
     return recording
+
+
+def warn_of(path: Path, warnings: Iterable[str]) -> None:
+    """Prints warnings about a source on stderr."""
+    for words in warnings:
+        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
 
 
 def _folder_kind(path: Path) -> str:
@@ -154,20 +172,40 @@ def _folder_kind(path: Path) -> str:
         return "tum"
     if seven_scenes.frames_folder(path) is not None:
         return "7scenes"
-    kinds = ", ".join(KINDS[2:6])
+    if is_stray_scanner(path):
+        return "strayscanner"
+    if is_record3d(path):
+        return "record3d"
+    if is_imu_folder(path):
+        return "table"
+    kinds = ", ".join(kind for kind in KINDS[2:] if kind != "vrs")
     raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
+
+
+def imu_topic(name: str) -> str:
+    """Our topic of a sensor of a table: that of a foot if the name has a side, such as `left_sensor`, else its own."""
+    side = side_of(name.lower())
+    return f"/foot_{side}/imu" if side else f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
 
 
 def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
     if kind == "table":
-        block = read_imu_table(path, topic=TABLE_TOPIC)
-        return Source(kind=kind, blocks={TABLE_TOPIC: block}, images={}, rig=Rig())
+        imus = read_imu_tables(path, options.table, notes)
+        names = {name: imu_topic(name) for name in imus if name}
+        blocks: dict[str, Block[Any]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
+        return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind == "euroc":
         return euroc.read_euroc(path, notes)
     if kind == "tum":
         return tum_rgbd.read_tum_rgbd(path, notes, options.depth_scale or tum_rgbd.PER_METRE)
     if kind == "7scenes":
         return seven_scenes.read_seven_scenes(path, notes, options.depth_scale or seven_scenes.PER_METRE)
+    if kind == "strayscanner":
+        return read_stray_scanner(path, notes, options.depth_scale or PER_METRE)
+    if kind == "record3d":
+        return read_record3d(path, notes)
+    if kind == "vrs":
+        return read_aria_vrs(path, notes)
     return read_bag(_bag(path, kind, notes), kind, notes)
 
 
@@ -244,6 +282,10 @@ def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) 
     assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
     rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
     return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
+
+
+def _bridged(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    return bridged(topic, block, notes) if block.kind in (Imu, Accelerometer) and finite(block).all() else block
 
 
 def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:

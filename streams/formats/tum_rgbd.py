@@ -62,6 +62,7 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     if (path / "depth.txt").is_file():
         images[DEPTH] = read_image_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
         _check_depth(images[DEPTH], per_metre, notes)
+    images = {topic: stream for topic, stream in images.items() if len(stream.t_ns)}
     blocks |= _inertial(path, notes)
     file = path / "groundtruth.txt"
     if file.is_file():

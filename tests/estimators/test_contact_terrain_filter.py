@@ -12,7 +12,7 @@ from stridetwin.estimators.contact_terrain.estimate import beyond_slopes, most_l
 from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
-from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures
+from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures, _update
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.evaluation.step_scores import score_steps
 from stridetwin.streams.errors import ConfigError
@@ -276,6 +276,22 @@ def test_modes_follow_from_geometry(slope, height, mode):
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
 def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
     assert sloping(np.radians(slope), np.radians(0.3), CLASSES.ramp_rad) == pytest.approx(share, abs=1e-6)
+
+
+def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():
+    z, P = np.array([0.3, -0.2]), np.array([[0.04, 0.01], [0.01, 0.09]])
+    H, y, noise = np.array([[1.0, 0.5]]), np.array([0.6]), np.array([0.02])
+    mean, covariance, share = _update(z, P, H, y, noise, 0.6, 2.0)
+    S = (H @ P @ H.T)[0, 0] + noise[0]
+    innovation = (y - H @ z)[0]
+    density = np.exp(-0.5 * innovation**2 / S) / np.sqrt(2 * np.pi * S)
+    assert share == pytest.approx(0.6 * density / (0.6 * density + 0.4 / 2.0))
+    gain = (P @ H.T)[:, 0] / S
+    held, moved = P - np.outer(gain, gain) * S, z + gain * innovation
+    expected = share * moved + (1 - share) * z
+    spread = share * np.outer(moved - expected, moved - expected) + (1 - share) * np.outer(z - expected, z - expected)
+    np.testing.assert_allclose(mean, expected, atol=1e-12)
+    np.testing.assert_allclose(covariance, share * held + (1 - share) * P + spread, atol=1e-12)
 
 
 def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():

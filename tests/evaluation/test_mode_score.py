@@ -130,6 +130,36 @@ def test_a_sole_across_a_ramps_edge_may_count_as_either_mode():
     assert allowed(edge + 0.05) == ("LG",)
 
 
+@pytest.mark.parametrize(
+    ("modes", "lead_s"),
+    [
+        (("SA", "SA", "SA", "SA"), 0.8),
+        (("LG", "SA", "SA", "SA"), 0.6),
+        (("SA", "SA", "LG", "SA"), 0.2),
+        (("LG", "SA", "LG", "SA"), 0.2),
+        (("SA", "SA", "SA", "LG"), 0.0),
+    ],
+)
+def test_the_lead_counts_from_when_a_prediction_stays_right(modes: tuple[str, ...], lead_s: float) -> None:
+    def at(t_ns: int, mode: str) -> SimpleNamespace:
+        shares = {m: float(m == mode) for m in MODES}
+        step = SimpleNamespace(
+            foot="l", mode=mode, probabilities=shares, slope=math.nan, slope_sd=math.nan, p_foot_in_world=np.zeros(3)
+        )
+        return SimpleNamespace(t_ns=t_ns, steps=(step,), change=None)
+
+    prints = [
+        Footprint(topic="/truth/footprints", t_ns=t_ns, foot=foot, terrain="stair", mode="SA",
+                  p_foot_in_world=np.zeros(3), q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
+        for t_ns, foot in ((0, "l"), (1, "r"), (2_000_000_000, "l"))
+    ]  # fmt: skip
+    estimates = [at(1_200_000_000 + 200_000_000 * k, mode) for k, mode in enumerate(modes)]
+    pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
+    still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
+    (step,) = score_modes(prints, estimates, MovingAlignment(still, still), None, 0.27).steps
+    assert step.lead_s == pytest.approx(lead_s)
+
+
 def test_beyond_a_turn_places_count_along_the_way() -> None:
     turned = layout(
         Level(length_m=3), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=2),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import replace
 from itertools import islice
 from types import SimpleNamespace
@@ -44,13 +45,29 @@ def test_steps_are_counted_anew_where_the_odometry_began_anew():
 @pytest.mark.parametrize("method", ["proposed", "published"])
 def test_estimate_writes_a_row_a_step(walk, tmp_path, method):
     out = tmp_path / "modes.csv"
-    assert main(["estimate", "locomotion_mode", str(walk), "--method", method, "-o", str(out)]) == 0
+    assert main(["estimate", "locomotion_mode", str(walk), "--method", method, "--poses", "truth", "-o", str(out)]) == 0
     with out.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == MODE_COLUMNS
     assert len(rows) >= 4
     assert {row["mode"] for row in rows} == {"LG"}
     assert np.all(np.diff([float(row["t_s"]) for row in rows]) > 0.0)
+
+
+def test_the_poses_are_the_odometry_s_unless_the_truth_is_requested(walk, tmp_path, capsys):
+    recording, whole, without = Recording(walk), tmp_path / "whole.mcap", tmp_path / "without.mcap"
+    for path, left_out in ((whole, ""), (without, "/truth/")):
+        with RecordingWriter(path, recording.rig, recording.metadata) as writer:
+            for sample in recording.samples([t for t in recording.topics if not (left_out and t.startswith(left_out))]):
+                writer.write(sample)
+    files = [tmp_path / f"{name}.csv" for name in ("with", "without", "true")]
+    said = []
+    for file, source, more in zip(files, (whole, without, whole), ([], [], ["--poses", "truth"])):
+        assert main(["estimate", "locomotion_mode", str(source), *more, "-o", str(file), "--json"]) == 0
+        said.append(json.loads(capsys.readouterr().out)["poses"])
+    assert said == ["poses estimated by dvio"] * 2 + ["true poses of /truth/head/imu/odometry"]
+    estimated, alone, true = (file.read_text(encoding="utf-8") for file in files)
+    assert estimated == alone != true
 
 
 def test_a_recording_without_insoles_is_refused(walk, tmp_path, capsys):

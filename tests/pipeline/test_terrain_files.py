@@ -53,7 +53,7 @@ def folder(tmp_path_factory):
 
 def test_estimate_writes_planes_terrains_and_points(folder, tmp_path, capsys):
     file = tmp_path / "map.json"
-    assert main(["estimate", "terrain_map", str(folder), "-o", str(file), "--json"]) == 0
+    assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(file), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["files"] == [str(file), str(tmp_path / "map.ply")]
     found = json.loads(file.read_text())
@@ -70,7 +70,7 @@ def test_estimate_writes_planes_terrains_and_points(folder, tmp_path, capsys):
 def test_the_ground_is_a_mesh_as_well_where_one_is_asked_for(folder, tmp_path, capsys):
     trimesh = pytest.importorskip("trimesh")
     file = tmp_path / "map.json"
-    assert main(["estimate", "terrain_map", str(folder), "-o", str(file), "--mesh", "--json"]) == 0
+    assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(file), "--mesh", "--json"]) == 0
     surface = tmp_path / "map.glb"
     assert json.loads(capsys.readouterr().out)["files"][-1] == str(surface)
     scene = trimesh.load(surface)
@@ -94,7 +94,7 @@ def test_the_ground_is_a_mesh_as_well_where_one_is_asked_for(folder, tmp_path, c
 
 def test_the_published_map_writes_the_same_files_and_all_surfaces(folder, tmp_path, capsys):
     trimesh = pytest.importorskip("trimesh")
-    arguments = ["--backend", "open3d", "--mesh", "-o", str(tmp_path / "map.json"), "--json"]
+    arguments = ["--poses", "truth", "--backend", "open3d", "--mesh", "-o", str(tmp_path / "map.json"), "--json"]
     assert main(["estimate", "terrain_map", str(folder), *arguments]) == 0
     files = json.loads(capsys.readouterr().out)["files"]
     assert files == [str(tmp_path / name) for name in ("map.json", "map.ply", "map.glb", "map_mesh.ply")]
@@ -107,6 +107,15 @@ def test_the_published_map_writes_the_same_files_and_all_surfaces(folder, tmp_pa
 def test_a_backend_goes_with_estimators_that_have_it(folder, tmp_path, capsys):
     assert main(["estimate", "dvio", str(folder), "--backend", "open3d", "-o", str(tmp_path / "path.txt")]) == 2
     assert "--backend goes with terrain_map, locomotion_mode" in capsys.readouterr().err
+
+
+def test_true_poses_are_used_on_request_alone(folder, tmp_path, capsys):
+    file = tmp_path / "map.json"
+    assert main(["estimate", "terrain_map", str(folder), "-o", str(file)]) == 2
+    assert "dvio cannot run on this recording; pass --poses truth, or --poses FILE" in capsys.readouterr().err
+    assert not file.exists()
+    assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(file)]) == 0
+    assert "true poses of /truth/head/color/odometry" in capsys.readouterr().out
 
 
 def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):

@@ -74,6 +74,10 @@ READ = {
         "stridetwin import walk.bag --map /xsens/imu=/foot_l/imu -o walk.mcap",
         "stridetwin estimate foot_ins walk.bag --map /xsens/imu=/foot_l/imu -o left.txt",
     ],
+    "on a logger's table; tests/streams/test_imu_tables.py makes one": [
+        'stridetwin estimate foot_ins log.csv --columns "t=clock[ms],ax=accX[mg],ay=accY[mg],az=accZ[mg],'
+        'gx=p[deg/s],gy=q[deg/s],gz=r[deg/s]" -o path.txt',
+    ],
 }
 """What is only read, and why."""
 

@@ -201,6 +201,17 @@ def test_modes_follow_the_terrain() -> None:
     assert modes["stairs"].count("SA") == 4
     assert modes["stairs"].count("SD") == 4
     assert set(modes["ramp"]) == {"LG", "RA", "RD"}
+    for side in "lr":
+        for step in usual("ramp").reference.steps[side]:
+            assert step.mode == {0: "LG", 1: "RA", -1: "RD"}[np.sign(step.slope)]
+
+
+@pytest.mark.parametrize(("riser_m", "modes"), [(0.06, {"LG"}), (0.08, {"LG", "SA", "SD"})])
+def test_risers_of_seven_centimetres_are_stairs(riser_m: float, modes: set[str]) -> None:
+    flights = (Stairs(risers=3, riser_m=riser_m), Level(length_m=1.5), Stairs(risers=3, riser_m=riser_m, down=True))
+    route = Route(segments=(Level(length_m=1.5), *flights, Level(length_m=1.5)))
+    steps = Twin(TwinConfig(name="low", route=route, sensors=()), 7).reference.steps
+    assert {step.mode for own in steps.values() for step in own} == modes
 
 
 def test_walk_starts_and_ends_in_standing(twin: Twin) -> None:

@@ -148,6 +148,31 @@ def test_the_tilt_of_an_ahrs_errs_more_in_motion_and_its_heading_drifts():
     assert np.ptp(moving[:, 2] - np.linspace(moving[0, 2], moving[-1, 2], len(moving))) > np.radians(0.5)
 
 
+def ahrs_paths(pitch, seeds, seconds=60.0):
+    """(len(seeds), 2, 3) rotation vectors in the world, rad, of the errors at 0 s and later, at rest."""
+    topic = "/exo/thigh_l/ahrs"
+    body = replace(still(np.zeros((2, 3)), yaw=0.4, pitch=pitch), t_ns=np.array([0, round(seconds * 1e9)]))
+    body = replace(body, w_body=np.zeros((2, 3)))
+    measured = [made(AhrsModel, topic, Noise.of_topic(seed, topic)).read(body).columns for seed in seeds]
+    rotations = [Rotation.from_quat(columns["q_world_sensor"], scalar_first=True) for columns in measured]
+    sensor = body.mounted(SENSOR_RIG.sensors[topic].calibration.mount.T_body_sensor).rotation
+    return np.array([(rotation * sensor.inv()).as_rotvec() for rotation in rotations])
+
+
+def test_the_heading_of_an_ahrs_drifts_as_its_data_sheet_says():
+    errors = ahrs_paths(0.0, range(200))
+    drift = errors[:, 1, 2] - errors[:, 0, 2]  # over a minute
+    most = np.radians(0.1)
+    assert 0.95 * most < np.abs(drift).max() <= most + 1e-9
+    assert drift.std() == pytest.approx(most / np.sqrt(3), rel=0.1)
+
+
+def test_the_error_of_an_ahrs_is_one_about_the_axes_of_the_world():
+    level, upright = ahrs_paths(0.0, range(3), 3000.0), ahrs_paths(1.4, range(3), 3000.0)
+    np.testing.assert_allclose(upright, level, atol=1e-12)
+    assert np.abs(level[:, 1, 2]).max() > 3 * np.abs(level[..., :2]).max()
+
+
 def test_encoder_counts():
     t = np.arange(1000, dtype=np.int64)
     angle = np.linspace(-0.1, 1.2, 1000)

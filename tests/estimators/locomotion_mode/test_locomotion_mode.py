@@ -3,14 +3,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.published import mode_between
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Insole, Odometry
 from tests.estimators.locomotion_mode.walker import RISER, STEP_M, STEPS, TREAD, footprints, samples
-from tests.estimators.terrain_map.scenes import RIG
+from tests.estimators.terrain_map.scenes import RIG, pose
 
 CAMERA = RIG.cameras["/head/color"]
 
@@ -57,6 +60,26 @@ def test_the_first_stair_is_known_two_steps_before_with_its_size(predicted):
     assert abs(change.riser - RISER) < 0.01
     assert abs(change.tread - TREAD) < 0.015
     assert abs(change.time_s - (t - estimate.t_ns * 1e-9)) < 0.35
+
+
+@pytest.mark.parametrize("method", ["proposed", "published"])
+def test_a_head_that_nods_about_its_neck_moves_no_body(method):
+    neck, arm = np.array([1.0, 2.0, 1.5]), np.array([0.10, 0.03, 0.12])  # m, world; the camera in the head
+    R_head_camera = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    T_head_camera = np.eye(4)
+    T_head_camera[:3, :3], T_head_camera[:3, 3] = R_head_camera.as_matrix(), arm
+    mount = Mount(body="head", T_body_sensor=T_head_camera)
+    rig = Rig(cameras={"/head/color": replace(CAMERA, mount=mount)})
+    predictor = LocomotionMode(rig, options=Options(method=method))
+    places = []
+    for k in range(40):
+        head = Rotation.from_euler("zy", [0.2, 0.5 * math.sin(0.2 * k)])
+        predictor.update(pose(20_000_000 * k, neck + head.apply(arm), head * R_head_camera))
+        places.append(predictor._body.p)
+    if method == "proposed":
+        np.testing.assert_allclose(places, np.tile(neck, (40, 1)), atol=1e-9)
+    else:  # Zhao et al. 2023 follow the camera
+        assert np.ptp(places, axis=0).max() > 0.05
 
 
 def test_estimates_are_finite_probabilities_in_order(predicted):

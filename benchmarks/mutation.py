@@ -1,0 +1,254 @@
+"""How many inserted bugs the tests find.
+
+`python -m benchmarks.mutation [--count 200] [--seed 0] [-o FILE.jsonl] [--only PATH] [--json]` inserts one bug per run
+into the estimators, the truth or the scores, and runs the tests that are nearest to the changed module (`NEAREST`)
+until one fails. The bugs are a sample of all of `benchmarks.mutants`, which the seed determines: modules count by the
+square root of their number of bugs, so that large ones do not crowd out the rest. The file gets one row per bug; a run
+continues where an earlier one with the same seed was interrupted. `--show survived` lists the bugs that no test found.
+
+Bugs are inserted into a copy of the repository's files with a cache of compiled functions of its own, never into the
+repository itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import math
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.command import answer, command
+from benchmarks.mutants import Mutant, is_change, mutants
+from stridetwin.streams.errors import StrideTwinError
+
+ROOT = Path(__file__).parents[1]
+SCOPES = ("estimators", "evaluation", "sim/truth.py", "sim/gait/footsteps.py", "sim/sensors/exo_sensors.py")
+"""Folders and files into which bugs are inserted."""
+NEAREST: dict[str, tuple[str, ...]] = {
+    "estimators/foot_ins": ("tests/estimators/test_strapdown.py", "tests/estimators/test_foot_ins.py",
+        "tests/estimators/test_foot_clipping.py", "tests/estimators/test_foot_floor.py",
+        "tests/estimators/test_foot_ins_faults.py", "tests/estimators/test_foot_ins_smoother.py"),
+    "estimators/foot_to_foot": ("tests/estimators/test_foot_to_foot.py", "tests/estimators/test_gyro_scale.py",
+        "tests/estimators/test_left_right.py", "tests/estimators/test_board_tracking.py"),
+    "estimators/checkerboard": ("tests/estimators/test_board.py", "tests/estimators/test_board_pose.py",
+        "tests/estimators/test_board_tracking.py"),
+    "estimators/contact_terrain": ("tests/estimators/test_contact_terrain_leg.py",
+        "tests/estimators/test_contact_terrain_filter.py", "tests/estimators/test_contact_terrain_published.py",
+        "tests/estimators/test_leg_speed.py"),
+    "estimators/terrain_map": ("tests/estimators/terrain_map",),
+    "estimators/locomotion_mode": ("tests/estimators/locomotion_mode",),
+    "estimators/dvio": ("tests/estimators/dvio",),
+    "estimators": ("tests/estimators/test_methods.py", "tests/estimators/test_compiled.py",
+        "tests/estimators/test_foot_ins.py", "tests/estimators/test_contact_terrain_filter.py",
+        "tests/pipeline/test_example_package.py"),
+    "evaluation/gate": ("tests/evaluation/gate",),
+    "evaluation": ("tests/evaluation/test_scoring.py", "tests/evaluation/test_steps.py",
+        "tests/evaluation/test_step_scores.py", "tests/evaluation/test_mode_score.py",
+        "tests/evaluation/test_drift.py", "tests/evaluation/test_footprints.py", "tests/evaluation/test_ahead.py",
+        "tests/evaluation/test_score_needs.py", "tests/pipeline/test_terrain_files.py"),
+    "sim/truth.py": ("tests/sim/test_twin.py", "tests/sim/test_gait.py"),
+    "sim/gait/footsteps.py": ("tests/sim/test_gait.py", "tests/sim/test_gait_style.py", "tests/sim/test_twin.py"),
+    "sim/sensors/exo_sensors.py": ("tests/sim/test_sensors.py", "tests/sim/test_twin.py"),
+}  # fmt: skip
+"""Tests of a file or of a folder's files; the longest name that fits a module counts."""
+SHOWN = ("survived", "found", "timeout")
+_INTERRUPTED = 2  # exit code of pytest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bug:
+    """One bug in one file of the repository."""
+
+    file: str
+    mutant: Mutant
+
+    @property
+    def key(self) -> tuple[str, int, str, str]:
+        """What identifies it in a row of the results."""
+        return self.file, self.mutant.start, self.mutant.before, self.mutant.after
+
+
+def nearest(file: str) -> tuple[str, ...]:
+    """The tests of a file, those of its own part before the rest.
+
+    Raises:
+        StrideTwinError: None is known.
+    """
+    fitting = [name for name in NEAREST if file == name or file.startswith(f"{name}/")]
+    if not fitting:
+        raise StrideTwinError(f"{file}: no tests are known: expected a file below {', '.join(NEAREST)}")
+    return NEAREST[max(fitting, key=len)]
+
+
+def sample(seed: int, scopes: tuple[str, ...] = SCOPES, root: Path = ROOT) -> Iterator[Bug]:
+    """All bugs in the order that a seed determines.
+
+    Args:
+        seed: Of the order.
+        scopes: Folders and files, relative to the root.
+        root: Of the repository.
+    """
+    rng = random.Random(seed)
+    paths = sorted(p for s in scopes for p in ([root / s] if s.endswith(".py") else (root / s).rglob("*.py")))
+    sources = {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+    left = {file: found for file, source in sources.items() if (found := mutants(source))}
+    for found in left.values():
+        rng.shuffle(found)
+    weights = {file: math.sqrt(len(found)) for file, found in left.items()}
+    while left:
+        file = rng.choices(list(left), [weights[name] for name in left])[0]
+        mutant = left[file].pop()
+        if not left[file]:
+            del left[file]
+        if is_change(sources[file], mutant):
+            yield Bug(file=file, mutant=mutant)
+
+
+class Copy:
+    """A copy of the repository's files, in which bugs are inserted and tests run.
+
+    Args:
+        folder: New folder for it.
+        root: Of the repository.
+    """
+
+    def __init__(self, folder: Path, root: Path = ROOT) -> None:
+        self.folder = folder / "tree"
+        listed = subprocess.run(
+            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=root, check=True,
+            capture_output=True, text=True,
+        ).stdout  # fmt: skip
+        for name in filter(None, listed.split("\0")):
+            source, target = root / name, self.folder / name
+            if source.is_file() or source.is_symlink():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(source, target, follow_symlinks=False)
+        data = os.environ.get("STRIDETWIN_DATA", str(root.parent / "shared" / "data"))
+        self._environment = os.environ | {
+            "NUMBA_CACHE_DIR": str(folder / "numba"), "PYTHONPATH": str(self.folder), "STRIDETWIN_DATA": data,
+            "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+        }  # fmt: skip
+
+    def failing(self, tests: tuple[str, ...], timeout_s: float) -> tuple[str, str]:
+        """Runs tests until one fails.
+
+        Returns:
+            `survived`, `found` or `timeout`; and the test that failed.
+        """
+        there = [test for test in tests if (self.folder / test).exists()]
+        arguments = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *there]
+        process = subprocess.Popen(
+            arguments, cwd=self.folder, env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, start_new_session=True,
+        )  # fmt: skip
+        try:
+            output, _ = process.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            return "timeout", ""
+        failed = [line.split(" ")[1] for line in output.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+        return ("survived" if process.returncode == 0 else "found"), (failed or [""])[0]
+
+    def outcome(self, bug: Bug, timeout_s: float) -> dict[str, Any]:
+        """Row of the results for one bug."""
+        path = self.folder / bug.file
+        source = path.read_text(encoding="utf-8")
+        began = time.monotonic()
+        try:
+            path.write_text(bug.mutant.applied(source), encoding="utf-8")
+            outcome, test = self.failing(nearest(bug.file), timeout_s)
+        finally:
+            path.write_text(source, encoding="utf-8")
+        seconds = round(time.monotonic() - began, 1)
+        return {"file": bug.file, **asdict(bug.mutant), "outcome": outcome, "test": test, "seconds": seconds}
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Inserts the bugs of the sample that have no row yet.
+
+    Raises:
+        StrideTwinError: The tests fail without a bug, or take longer than the limit.
+    """
+    scopes = (arguments.only,) if arguments.only else SCOPES
+    bugs = list(itertools.islice(sample(arguments.seed, scopes, ROOT), arguments.count))
+    rows = {_key(row): row for row in _rows(arguments.output)}
+    missing = [bug for bug in bugs if bug.key not in rows]
+    with tempfile.TemporaryDirectory() as name:
+        copy = Copy(Path(name), ROOT) if missing else None
+        sound: set[tuple[str, ...]] = set()
+        for bug in missing:
+            assert copy is not None
+            if (tests := nearest(bug.file)) not in sound:
+                outcome, test = copy.failing(tests, arguments.timeout)
+                if outcome != "survived":
+                    raise StrideTwinError(f"{test or tests[0]}: {outcome} without a bug: expected tests that pass")
+                sound.add(tests)
+            row = rows[bug.key] = copy.outcome(bug, arguments.timeout)
+            if arguments.output is not None:
+                with arguments.output.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
+            print(_line(row), file=sys.stderr, flush=True)
+    chosen = [rows[bug.key] for bug in bugs]
+    counts = Counter(row["outcome"] for row in chosen)
+    found = (len(chosen) - counts["survived"]) / len(chosen) if chosen else math.nan
+    return {"bugs": len(chosen), **{name: counts[name] for name in SHOWN}, "share_found": found, "rows": chosen}
+
+
+def _rows(path: Path | None) -> list[dict[str, Any]]:
+    """Rows of an earlier run; a last line that was not written whole is left out."""
+    if path is None or not path.exists():
+        return []
+    lines = path.read_text(encoding="utf-8").split("\n")
+    if lines[-1]:
+        path.write_text("".join(f"{line}\n" for line in lines[:-1]), encoding="utf-8")
+    return [json.loads(line) for line in lines[:-1]]
+
+
+def _key(row: dict[str, Any]) -> tuple[str, int, str, str]:
+    return row["file"], row["start"], row["before"], row["after"]
+
+
+def _line(row: dict[str, Any]) -> str:
+    before, after = (" ".join(str(row[name]).split())[:60] for name in ("before", "after"))
+    return f"{row['outcome']:8s} {row['file']}:{row['line']} {row['kind']}: {before} -> {after} ({row['seconds']:g} s)"
+
+
+def main() -> int:
+    """Command line."""
+    parser = command(__doc__)
+    parser.add_argument("--count", type=int, default=200, metavar="N", help="bugs to insert (default 200)")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample (default 0)")
+    parser.add_argument("--only", metavar="PATH", help="a folder or file of these: " + ", ".join(SCOPES))
+    parser.add_argument(
+        "--timeout", type=float, default=600.0, metavar="S", help="of the tests of one bug (default 600)"
+    )
+    parser.add_argument("--show", choices=SHOWN, default="survived", help="bugs to list (default survived)")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="rows, one JSON object per line; continued")
+    show = parser.parse_known_args()[0].show
+
+    def listed(result: dict[str, Any]) -> None:
+        for row in result["rows"]:
+            if row["outcome"] == show:
+                print(_line(row))
+        words = ", ".join(f"{result[name]} {name}" for name in SHOWN)
+        print(f"{result['bugs']} bugs: {words}; {result['share_found']:.1%} noticed")
+
+    return answer(parser, measure, listed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

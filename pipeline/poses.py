@@ -1,0 +1,81 @@
+"""Which poses an estimator of the ground takes from a recording: given ones, an odometry's, or the truth on request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
+from stridetwin.pipeline.run import Found, check_topics, fed, leader, paths
+from stridetwin.pipeline.terrain_files import given_poses
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration
+from stridetwin.streams.trajectory import Trajectory
+
+TRUTH = "truth"
+"""The value of `--poses` that requests the true poses of a recording."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChosenPoses:
+    """Poses for the map.
+
+    Attributes:
+        path: The poses; None: those recorded in the recording (`terrain_files.given_poses`).
+        frame: Frame that they belong to, such as `head/imu`; "" is the depth camera's optical frame.
+        words: What they are, for a message.
+    """
+
+    path: Trajectory | None
+    frame: str
+    words: str
+
+
+def chosen_poses(found: Found, recording: Recording, options: Options, request: str | None) -> ChosenPoses:
+    """The poses that a request selects for an estimator of kind `map` or `modes`.
+
+    Args:
+        found: Its class.
+        recording: With depth and its calibration.
+        options: See `Options`.
+        request: `truth` for the true poses of the recording, or a TUM file with poses of the depth camera's optical
+            frame. None selects an odometry that the recording can feed, else recorded poses that are not the truth.
+
+    Raises:
+        StrideTwinError: The recording has no such poses; the message names the alternatives.
+    """
+    if request is not None and request != TRUTH:
+        return ChosenPoses(path=read_tum(Path(request)), frame="", words=f"poses of {request}")
+    camera = depth_calibration(recording.rig)
+    check_topics(found, found.streams(recording.rig, options), recording)
+    if request == TRUTH:
+        topic, frame = given_poses(recording, camera)
+        if not topic.startswith("/truth/"):
+            raise RecordingError(f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUTH}")
+        return ChosenPoses(path=None, frame=frame, words=f"true poses of {topic}")
+    first = leader()
+    body = camera.mount.body
+    for estimate in (e for options in fed(first, recording) for e in paths(first, recording, options)):
+        if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
+            path = estimate.path if estimate.healthy is None else estimate.path[estimate.healthy]
+            return ChosenPoses(path=path, frame=estimate.frame, words=f"poses estimated by {estimate.name}")
+    if (recorded := _recorded(recording, body)) is not None:
+        return recorded
+    asks = f"--poses {TRUTH}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
+    name = first.declaration.name
+    raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {asks}--poses FILE")
+
+
+def _recorded(recording: Recording, body: str) -> ChosenPoses | None:
+    """Poses that a device estimated and recorded, of a camera or an IMU on a body: `/head/color/odometry`."""
+    frames: list[CameraCalibration | ImuCalibration] = [*recording.rig.cameras.values(), *recording.rig.imus.values()]
+    for frame in (f for f in frames if f.mount.body == body):
+        if (topic := f"{frame.topic}/odometry") in recording.topics:
+            block = recording.block(topic)
+            p, q = block.columns["p_frame_in_world"], block.columns["q_world_frame"]
+            path = Trajectory(t_ns=block.t_ns, p_frame_in_world=p, q_world_frame=q)
+            return ChosenPoses(path=path, frame=frame.topic.removeprefix("/"), words=f"recorded poses of {topic}")
+    return None

@@ -1,0 +1,100 @@
+"""Repeated stamps and short gaps of an inertial stream: bridged and reported, as a lost packet ruins no estimate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.samples import Array, Block
+
+LONGEST_S = 0.1
+"""Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
+_GAP = 1.6  # periods between two stamps, from which on a sample is missing
+_FEWEST = 10  # samples needed to know a period
+
+
+def bridged(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    """A stream of equal samples without repeated stamps, and with samples in its short gaps.
+
+    Repeated rows are left out. Other rows with the stamp of the row before, such as the samples of one packet, are
+    spread evenly over the time until the next stamp. Gaps of up to `LONGEST_S` are filled with linear interpolation;
+    longer ones stay, and are reported.
+
+    Args:
+        name: Named by reports.
+        block: Columns of numbers (N, ...), stamps that do not decrease.
+        notes: Collects a warning for each of these.
+
+    Returns:
+        The stream; the same one if nothing was bridged. Stamps that decrease are left as they are.
+    """
+    t_ns = block.t_ns
+    if len(t_ns) < _FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
+        return block
+    block = _spread(name, _without_repeated_rows(name, block, notes), notes)
+    return _filled(name, block, notes)
+
+
+def _without_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    same = np.diff(block.t_ns) == 0
+    for column in block.columns.values():
+        same &= np.all(np.diff(column, axis=0).reshape(len(same), -1) == 0, axis=1)
+    if not same.any():
+        return block
+    notes.warn(f"{name}: {int(same.sum())} repeated rows are left out")
+    keep = np.concatenate(([True], ~same))
+    return replace(block, t_ns=block.t_ns[keep], columns={n: c[keep] for n, c in block.columns.items()})
+
+
+def _spread(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    t_ns = block.t_ns
+    first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
+    if len(first) == len(t_ns):
+        return block
+    counts = np.diff(np.append(first, len(t_ns)))
+    period = float(np.median(np.diff(t_ns[first]) / counts[:-1]))
+    known = np.append(t_ns[first], t_ns[-1] + round(period * counts[-1])) - t_ns[0]
+    at = np.interp(np.arange(len(t_ns)), np.append(first, len(t_ns)), known.astype(np.float64))
+    notes.warn(f"{name}: {len(t_ns) - len(first)} repeated stamps are spread over the time until the next one")
+    return replace(block, t_ns=t_ns[0] + np.rint(at).astype(np.int64))
+
+
+def _filled(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    t_ns = block.t_ns
+    steps = np.diff(t_ns)
+    period = float(np.median(steps))
+    wide = steps > _GAP * period
+    short = wide & (steps <= LONGEST_S * 1e9)
+    if (long := wide & ~short).any():
+        at = int(np.argmax(long))
+        words = f"{int(long.sum())} gaps of more than {LONGEST_S:g} s are not bridged"
+        notes.warn(f"{name}: {words}, the first of them {steps[at] * 1e-9:.3g} s at {t_ns[at] * 1e-9:.6f} s")
+    if not short.any():
+        return block
+    lacking = np.where(short, np.rint(steps / period).astype(np.int64) - 1, 0)
+    stamps = _between(t_ns, lacking)
+    longest = float(steps[short].max()) * 1e-6
+    words = f"{int(short.sum())} gaps of up to {longest:.3g} ms are bridged by {int(lacking.sum())} samples"
+    notes.warn(f"{name}: {words}, interpolated linearly")
+    columns = {n: _interpolated(stamps, t_ns, column) for n, column in block.columns.items()}
+    return replace(block, t_ns=stamps, columns=columns)
+
+
+def _between(t_ns: NDArray[np.int64], lacking: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The stamps with as many evenly spaced ones after each as are lacking there."""
+    places = np.concatenate(([0], np.cumsum(lacking + 1)))
+    since = np.interp(np.arange(places[-1] + 1), places, (t_ns - t_ns[0]).astype(np.float64))
+    stamps = t_ns[0] + np.rint(since).astype(np.int64)
+    stamps[places] = t_ns  # exactly
+    return np.asarray(stamps, np.int64)
+
+
+def _interpolated(stamps: NDArray[np.int64], t_ns: NDArray[np.int64], column: Array) -> Array:
+    since, known = (stamps - t_ns[0]).astype(np.float64), (t_ns - t_ns[0]).astype(np.float64)
+    flat = column.reshape(len(t_ns), -1)
+    made = np.column_stack([np.interp(since, known, flat[:, k]) for k in range(flat.shape[1])])
+    return np.asarray(made.reshape(len(stamps), *column.shape[1:]))

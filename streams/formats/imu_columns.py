@@ -1,0 +1,236 @@
+"""Which columns of a table are time, specific force and angular rate, and in which units, by the table's header.
+
+Units in the header count before those that are usual for a kind of file (`DIALECTS`). A mapping names the columns of
+any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.units import ACCEL, GYRO, TIME, UNITS, factor_of, unit_of
+
+AXES = "xyz"
+OPTION = "--columns"
+EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
+_NAMES = {ACCEL: ("accel_{}", "a{}", "acc_{}"), GYRO: ("gyro_{}", "g{}", "w{}")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dialect:
+    """The units that a kind of file leaves out of its header.
+
+    Attributes:
+        time: Unit of time; "" is found from the rate.
+        accel: Unit of the specific force; "" must be in the header.
+        gyro: Unit of the angular rate; likewise.
+    """
+
+    time: str = ""
+    accel: str = ""
+    gyro: str = ""
+
+
+OURS = Dialect(time="s", accel="m/s²", gyro="rad/s")
+XSENS = Dialect(accel="m/s²", gyro="rad/s")
+SENSOR_LOGGER = Dialect(time="s", accel="m/s²", gyro="rad/s")
+MOVESENSE = Dialect(time="ms", accel="m/s²", gyro="deg/s")
+GAITMAP = Dialect(accel="m/s²", gyro="deg/s")
+UNKNOWN = Dialect()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """Three columns of a table.
+
+    Attributes:
+        sensor: Name of its sensor; "" in a table of one.
+        quantity: `accel` or `gyro`.
+        at: Indices of x, y and z.
+        factor: From the table's unit to m/s² or rad/s.
+    """
+
+    sensor: str
+    quantity: str
+    at: tuple[int, int, int]
+    factor: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Columns:
+    """The columns of a table.
+
+    Attributes:
+        names: Header of every column.
+        time: Index of the stamps; None in a table without.
+        time_unit: Unit of the stamps; "" is found from the rate.
+        signals: Forces and rates, by sensor.
+    """
+
+    names: tuple[str, ...]
+    time: int | None
+    time_unit: str
+    signals: tuple[Signal, ...] = field(default_factory=tuple)
+
+
+_TIME = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "epoc", "epoch")
+_PREFIX = {
+    ACCEL: re.compile(r"(?:accel|accelerometer|acceleration|acc|a|total_acceleration)_?([xyz])(?:_axis)?"),
+    GYRO: re.compile(
+        r"(?:gyro|gyroscope|gyr|g|w|omega|angular_velocity|angular_rate|rotation_rate|alpha)_?([xyz])(?:_axis)?"
+    ),
+}
+_BARE = re.compile(r"([xyz])(?:_axis)?")
+_WITHOUT_GRAVITY = re.compile(r"(?:free|linear|lin|user)_?acc|^freeacc|^linear")
+_UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
+
+
+def columns_of(path: Path, header: Sequence[str], sensors: Sequence[str] = (), quantity: str = "") -> Columns:
+    """The columns of a table.
+
+    Args:
+        path: Named by errors.
+        header: Name, and unit in brackets, of each column.
+        sensors: Sensor of each column, of a header with two rows.
+        quantity: What bare columns `x`, `y`, `z` are, as the file's name implies: `accel`, `gyro` or "".
+
+    Raises:
+        ConfigError: An axis or a unit is missing.
+    """
+    named = [_name_and_unit(cell) for cell in header]
+    words = [name for name, _ in named]
+    dialect = _dialect(words, bool(sensors))
+    owners = list(sensors) or [""] * len(words)
+    found: dict[tuple[str, str], dict[str, int]] = {}
+    for at, (name, unit) in enumerate(named):
+        kind, axis = _meaning(name, unit, quantity, words)
+        if kind:
+            found.setdefault((owners[at], kind), {}).setdefault(axis, at)
+    signals = tuple(_signal(path, header, sensor, kind, axes, named, dialect) for (sensor, kind), axes in found.items())
+    time = next((words.index(name) for name in _TIME if name in words), None)
+    if time is None and sensors and words[0] in ("", "axis"):
+        time = 0
+    known = unit_of(named[time][1]) if time is not None else None
+    time_unit = known[1] if known is not None and known[0] == TIME else dialect.time
+    return Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
+
+
+def mapped_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -> Columns:
+    """The columns that a mapping names.
+
+    Args:
+        path: Named by errors.
+        header: Names of the columns; units in brackets may be left out in the mapping.
+        mapping: Column and unit in brackets, such as `Acc X[g]`, of `t` (may be missing), `ax` ... `gz`.
+
+    Raises:
+        ConfigError: An unknown column or unit; names what is there.
+    """
+    places: dict[str, int] = {}
+    units: dict[str, str] = {}
+    for key, text in mapping.items():
+        quantity = TIME if key == "t" else ACCEL if key[0] == "a" else GYRO
+        matched = _UNIT.fullmatch(text)
+        name, unit = (matched[1], matched[2]) if matched else (text, "")
+        bare = [_UNIT.sub(lambda m: m[1], cell).strip() for cell in header]
+        at = next((names.index(w) for names in (list(header), bare) for w in (text, name) if w in names), None)
+        if at is None:
+            raise ConfigError(path, f"{OPTION} {key}", name, f"one of the columns {', '.join(header)}")
+        own = _UNIT.fullmatch(header[at])
+        known = unit_of(unit or (own[2] if own else ""))
+        if known is None or known[0] != quantity:
+            raise ConfigError(
+                path,
+                f"{OPTION} {key}, unit",
+                unit or None,
+                f"one of {', '.join(UNITS[quantity])} in [], as in {EXAMPLE}",
+            )
+        places[key], units[key] = at, known[1]
+    signals = []
+    for quantity, letter in ((ACCEL, "a"), (GYRO, "g")):
+        keys = [letter + axis for axis in AXES]
+        if any(key in places for key in keys):
+            if lacking := [key for key in keys if key not in places]:
+                raise ConfigError(path, OPTION, ",".join(mapping), f"also {lacking[0]}, as in {EXAMPLE}")
+            x, y, z = (places[key] for key in keys)
+            factor = factor_of(quantity, units[keys[0]])
+            signals.append(Signal(sensor="", quantity=quantity, at=(x, y, z), factor=factor))
+    return Columns(names=tuple(header), time=places.get("t"), time_unit=units.get("t", ""), signals=tuple(signals))
+
+
+def parsed_mapping(text: str) -> dict[str, str]:
+    """The mapping of an option, `t=Time[ms],ax=...`.
+
+    Raises:
+        ConfigError: It has another form.
+    """
+    mapping = {}
+    for part in text.split(","):
+        key, equals, value = (word.strip() for word in part.partition("="))
+        if not (equals and value) or key not in ("t", *(q + a for q in "ag" for a in AXES)):
+            raise ConfigError(
+                "import", OPTION, part, f"t, ax, ay, az, gx, gy, gz with a column and its unit: {EXAMPLE}"
+            )
+        mapping[key] = value
+    return mapping
+
+
+def missing_axis(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
+    """The error for a table without an axis of a quantity."""
+    names = [name.format(axis) for name in _NAMES[quantity]]
+    there = ", ".join(header) or "none"
+    valid = f"a column {' or '.join(names)}; the table has {there}; other names: {OPTION} {EXAMPLE}"
+    return ConfigError(path, names[0], None, valid)
+
+
+def _name_and_unit(cell: str) -> tuple[str, str]:
+    matched = _UNIT.fullmatch(cell)
+    name, unit = (matched[1], matched[2]) if matched else (cell, "")
+    return re.sub(r"[^a-z0-9]+", "_", name.strip().lower()).strip("_"), unit
+
+
+def _dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
+    if has_sensors:
+        return GAITMAP
+    if "sampletimefine" in names or "packetcounter" in names:
+        return XSENS
+    if "seconds_elapsed" in names:
+        return SENSOR_LOGGER
+    if names[:4] == ["timestamp", "x", "y", "z"]:
+        return MOVESENSE
+    return OURS if "t" in names else UNKNOWN
+
+
+def _meaning(name: str, unit: str, quantity: str, names: Sequence[str]) -> tuple[str, str]:
+    """Quantity and axis of a column; "" for any other."""
+    known = unit_of(unit)
+    if _WITHOUT_GRAVITY.search(name):
+        return "", ""
+    for kind, pattern in _PREFIX.items():
+        if (matched := pattern.fullmatch(name)) and (known is None or known[0] == kind):
+            return kind, matched[1]
+    if matched := _BARE.fullmatch(name):
+        if known is not None and known[0] in (ACCEL, GYRO):
+            return known[0], matched[1]
+        if not unit and (quantity or "gx" in names):  # Movesense: x, y, z, gx, gy, gz
+            return quantity or ACCEL, matched[1]
+    return "", ""
+
+
+def _signal(
+    path: Path, header: Sequence[str], sensor: str, kind: str, axes: Mapping[str, int],
+    named: Sequence[tuple[str, str]], dialect: Dialect,
+) -> Signal:  # fmt: skip
+    if lacking := [axis for axis in AXES if axis not in axes]:
+        raise missing_axis(path, kind, lacking[0], header)
+    x, y, z = (axes[axis] for axis in AXES)
+    known = {unit_of(named[at][1]) for at in (x, y, z)}
+    units = {unit[1] for unit in known if unit is not None} or {getattr(dialect, kind)}
+    if len(units) != 1 or not (unit := units.pop()):
+        valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
+        raise ConfigError(path, f"header, unit of {header[x]}", named[x][1] or None, valid)
+    return Signal(sensor=sensor, quantity=kind, at=(x, y, z), factor=factor_of(kind, unit))

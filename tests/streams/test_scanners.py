@@ -1,0 +1,227 @@
+"""Scans of iPhones and recordings of Aria glasses: images, IMU and path in our frames, units and topics."""
+
+from __future__ import annotations
+
+import json
+import sys
+from types import ModuleType, SimpleNamespace
+
+import av
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.cli.main import main
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.opening import open_any, recognise
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2 as G
+
+FRAMES, RATE_HZ = 12, 30.0
+WIDTH, HEIGHT, SMALL = 64, 48, (16, 12)
+K = (50.0, 51.0, 31.0, 23.5)
+T = 100.0 + np.arange(FRAMES) / RATE_HZ
+RNG = np.random.default_rng(2)
+DEPTH_MM = RNG.integers(500, 3000, (FRAMES, SMALL[1], SMALL[0])).astype(np.uint16)
+GREY = np.linspace(60, 200, FRAMES).astype(np.uint8)
+P = np.column_stack([0.1 * np.arange(FRAMES), np.full(FRAMES, 1.5), np.zeros(FRAMES)])  # y up
+R_YUP_OPTICAL = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])  # level, along -z
+R_WORLD_OPTICAL = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""The same camera in a world with z up: it looks along y."""
+
+
+def stray_scanner(folder, *, imu=True, video=True):
+    (folder / "depth").mkdir()
+    for i, mm in enumerate(DEPTH_MM):
+        cv2.imwrite(str(folder / "depth" / f"{i:06d}.png"), mm)
+    q = R_YUP_OPTICAL.as_quat()
+    poses = [", ".join(map(repr, [*p, *q.tolist()])) for p in P.tolist()]
+    rows = [f"{t:.6f}, {i:06d}, {pose}" for i, (t, pose) in enumerate(zip(T, poses))]
+    (folder / "odometry.csv").write_text("\n".join(["timestamp, frame, x, y, z, qx, qy, qz, qw", *rows]) + "\n")
+    (folder / "camera_matrix.csv").write_text(f"{K[0]}, 0.0, {K[2]}\n0.0, {K[1]}, {K[3]}\n0.0, 0.0, 1.0\n")
+    if imu:
+        # the phone held sideways, its right side down: the force is along -x of the device, an iPhone reports +1 g
+        t = np.linspace(100.0, 100.39, 40)
+        rows = [f"{s:.6f}, 1.0, 0.0, 0.0, 0.1, 0.2, 0.3" for s in t]
+        (folder / "imu.csv").write_text(
+            "\n".join(["timestamp, a_x, a_y, a_z, alpha_x, alpha_y, alpha_z", *rows]) + "\n"
+        )
+    if video:
+        with av.open(str(folder / "rgb.mp4"), "w") as container:
+            stream = container.add_stream("mpeg4", rate=30)
+            stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+            for grey in GREY:
+                frame = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), grey, np.uint8), format="rgb24")
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+    return folder
+
+
+def record3d(folder, compress=bytes):
+    (folder / "rgbd").mkdir()
+    for i, mm in enumerate(DEPTH_MM):
+        cv2.imwrite(str(folder / "rgbd" / f"{i}.jpg"), np.full((HEIGHT, WIDTH, 3), GREY[i], np.uint8))
+        depth = mm.astype("<f4") / 1000
+        depth[0, 0] = np.nan
+        (folder / "rgbd" / f"{i}.depth").write_bytes(compress(depth.tobytes()))
+    # ARKit's own camera looks along -z: here without rotation
+    poses = [[0.0, 0.0, 0.0, 1.0, *p] for p in P.tolist()]
+    metadata = {
+        "w": WIDTH, "h": HEIGHT, "dw": SMALL[0], "dh": SMALL[1], "fps": RATE_HZ, "poses": poses,
+        "K": [K[0], 0, 0, 0, K[1], 0, K[2], K[3], 1], "frameTimestamps": (T - T[0]).tolist(),
+    }  # fmt: skip
+    (folder / "metadata").write_text(json.dumps(metadata))
+    return folder
+
+
+def check_path(recording):
+    path = recording.block("/head/color/odometry").columns
+    np.testing.assert_allclose(path["p_frame_in_world"], P[:, [0, 2, 1]] * [1, -1, 1], atol=1e-9)
+    R = Rotation.from_quat(path["q_world_frame"], scalar_first=True)
+    np.testing.assert_allclose((R_WORLD_OPTICAL.inv() * R).magnitude(), 0, atol=1e-6)
+    np.testing.assert_allclose(path["v_frame_in_world"][1:-1], [[0.1 * RATE_HZ, 0, 0]] * (FRAMES - 2), atol=1e-3)
+
+
+def test_stray_scanner(tmp_path):
+    recording = open_any(stray_scanner(tmp_path))
+    assert recognise(tmp_path) == "strayscanner"
+    check_path(recording)
+    np.testing.assert_allclose([d.depth for d in recording.images("/head/depth")], DEPTH_MM / 1000, atol=1e-6)
+    colour = {i: image.pixels for i, image in zip((7, 2), recording.images("/head/color", [7, 2]))}
+    for i, pixels in colour.items():
+        assert pixels.shape == (HEIGHT, WIDTH, 3)
+        assert abs(float(pixels.mean()) - GREY[i]) < 3
+    imu = recording.block("/head/imu").columns
+    np.testing.assert_allclose(imu["specific_force"], [[-G, 0, 0]] * 40)
+    np.testing.assert_allclose(imu["angular_rate"], [[0.1, 0.2, 0.3]] * 40)
+    camera, depth = recording.rig.cameras["/head/color"], recording.rig.cameras["/head/depth"]
+    assert camera.intrinsics == K
+    np.testing.assert_allclose(depth.intrinsics, (12.5, 12.75, (31 + 0.5) / 4 - 0.5, (23.5 + 0.5) / 4 - 0.5))
+    assert (depth.width, depth.height, depth.depth_topic) == (*SMALL, "/head/depth")
+    # in the camera, whose y axis points down, the force points up
+    force = camera.mount.T_body_sensor[:3, :3].T @ imu["specific_force"][0]
+    np.testing.assert_allclose(force, [0, G, 0], atol=1e-9)
+
+
+def test_stray_scanner_without_some_of_its_files(tmp_path):
+    stray_scanner(tmp_path, imu=False, video=False)
+    (tmp_path / "depth" / "000004.png").unlink()
+    recording = open_any(tmp_path)
+    assert set(recording.topics) == {"/head/depth", "/head/depth/odometry"}
+    assert recording.topics["/head/depth"].count == FRAMES - 1
+    assert "depth: 1 of 12 images are missing, the first of them 000004.png" in recording.warnings
+    (tmp_path / "camera_matrix.csv").write_text("1,2\n3,4\n")
+    with pytest.raises(StrideTwinError, match=r"camera_matrix\.csv: matrix: .*fx,0,cx"):
+        open_any(tmp_path)
+
+
+def test_a_video_with_fewer_frames_than_listed(tmp_path):
+    stray_scanner(tmp_path)
+    odometry = (tmp_path / "odometry.csv").read_text()
+    last = odometry.splitlines()[-1].replace(f"{T[-1]:.6f}", f"{T[-1] + 1 / RATE_HZ:.6f}")
+    (tmp_path / "odometry.csv").write_text(odometry + last + "\n")
+    recording = open_any(tmp_path)
+    with pytest.raises(StrideTwinError, match=r"rgb\.mp4: frames: invalid 12: expected at least 13, as listed"):
+        recording.images("/head/color", [FRAMES])
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_record3d(tmp_path, compressed):
+    compress = pytest.importorskip("lzfse").compress if compressed else bytes
+    recording = open_any(record3d(tmp_path, compress))
+    assert recognise(tmp_path) == "record3d"
+    check_path(recording)
+    expected = DEPTH_MM[5] / 1000
+    expected[0, 0] = 0
+    np.testing.assert_allclose(recording.images("/head/depth", [5])[0].depth, expected, atol=1e-6)
+    assert abs(float(recording.images("/head/color", [5])[0].pixels.mean()) - GREY[5]) < 3
+    assert recording.rig.cameras["/head/color"].intrinsics == K
+    assert recording.rig.cameras["/head/depth"].width == SMALL[0]
+
+
+def test_compressed_depth_without_its_package_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "lzfse", None)
+    record3d(tmp_path, lambda data: b"bvx2" + data[:-4])
+    with pytest.raises(
+        StrideTwinError, match=r"lzfse is not installed; .*0\.depth: .*pip install 'stridetwin\[record3d\]'"
+    ):
+        open_any(tmp_path)
+
+
+def test_the_map_takes_the_scanner_s_own_poses(tmp_path, capsys):
+    (folder := tmp_path / "scan").mkdir()
+    stray_scanner(folder, imu=False, video=False)
+    for file in (folder / "depth").iterdir():  # the floor, 1.4 m below
+        cv2.imwrite(str(file), np.full((120, 160), 1400, np.uint16))
+    down = ", ".join(map(str, Rotation.from_euler("x", 90, degrees=True).as_quat()))
+    rows = [f"{t:.6f}, {i:06d}, 0.0, 1.4, 0.0, {down}" for i, t in enumerate(T)]
+    (folder / "odometry.csv").write_text("\n".join(["timestamp, frame, x, y, z, qx, qy, qz, qw", *rows]) + "\n")
+    out = tmp_path / "map.json"
+    assert main(["estimate", "terrain_map", str(folder), "-o", str(out), "--json"]) == 0
+    planes = json.loads(out.read_text())["planes"]
+    assert max(planes, key=lambda plane: plane["area_m2"])["centre_m"][2] == pytest.approx(0.0, abs=0.02)
+    assert json.loads(capsys.readouterr().out)["poses"] == "recorded poses of /head/depth/odometry"
+    assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(out)]) == 2
+    assert "/head/depth/odometry is an estimate; leave out --poses truth" in capsys.readouterr().err
+
+
+class Provider:
+    """Stands in for the provider of `projectaria_tools`."""
+
+    labels = ("imu-right", "camera-rgb", "mic")
+
+    def get_stream_id_from_label(self, label):
+        return label if label in self.labels else None
+
+    def get_label_from_stream_id(self, stream):
+        return stream
+
+    def get_all_streams(self):
+        return list(self.labels)
+
+    def get_num_data(self, stream):
+        return 40 if stream == "imu-right" else 3
+
+    def get_imu_data_by_index(self, stream, i):
+        return SimpleNamespace(
+            capture_timestamp_ns=10**9 + i * 10**6, gyro_radsec=[0.1, 0.2, 0.3], accel_msec2=[0, G, 0]
+        )
+
+    def get_timestamps_ns(self, stream, domain):
+        assert domain == "device"
+        return [10**9, 10**9 + 10**7, 10**9 + 2 * 10**7]
+
+    def get_image_data_by_index(self, stream, i):
+        return SimpleNamespace(to_numpy_array=lambda: np.full((8, 8, 3), i, np.uint8)), None
+
+
+def test_aria(tmp_path, monkeypatch):
+    core, provider, data = (
+        ModuleType(f"projectaria_tools.{n}") for n in ("core", "core.data_provider", "core.sensor_data")
+    )
+    found = {"walk.vrs": Provider()}
+    provider.create_vrs_data_provider = lambda name: found.get(name.rpartition("/")[2])
+    data.TimeDomain = SimpleNamespace(DEVICE_TIME="device")
+    core.data_provider, core.sensor_data = provider, data
+    modules = {"projectaria_tools": ModuleType("projectaria_tools"), core.__name__: core, data.__name__: data}
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    for name in ("walk.vrs", "other.vrs"):
+        (tmp_path / name).write_bytes(b"VisionRe")
+    recording = open_any(tmp_path / "walk.vrs")
+    imu = recording.block("/head/imu")
+    np.testing.assert_array_equal(imu.t_ns, 10**9 + np.arange(40) * 10**6)
+    np.testing.assert_allclose(imu.columns["specific_force"][3], [0, G, 0])
+    assert [image.pixels[0, 0, 0] for image in recording.images("/head/color")] == [0, 1, 2]
+    assert recording.unread == {"/mic": "stream"}
+    with pytest.raises(StrideTwinError, match=r"other\.vrs: cannot be read: projectaria_tools finds no recording"):
+        open_any(tmp_path / "other.vrs")
+
+
+def test_aria_without_its_package_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "projectaria_tools", None)
+    (tmp_path / "walk.vrs").write_bytes(b"VisionRe")
+    with pytest.raises(
+        StrideTwinError, match=r"projectaria_tools\S* is not installed; .*pip install 'stridetwin\[aria\]'"
+    ):
+        open_any(tmp_path / "walk.vrs")
