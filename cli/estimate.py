@@ -21,7 +21,7 @@ from stridetwin.cli.options import (
 )
 from stridetwin.cli.recording import imported, table_request
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, current_name
+from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, PathEstimate, current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
@@ -81,14 +81,17 @@ class EstimateOptions(ImportableOptions):
     mesh: Annotated[
         bool, switch("--mesh", "terrain_map: write the ground as a .glb; with open3d also all surfaces, _mesh.ply.")
     ] = False
+    dead_reckoning: Annotated[
+        bool, switch("--dead-reckoning", "dvio: also write poses without tracking: on the IMU alone, or lost.")
+    ] = False
     exoskeleton: Annotated[
         Path | None, option("contact_terrain: geometry, where the recording provides none.", "FILE")
     ] = None
     output: Annotated[
         Path,
         output_option(
-            "TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain, locomotion_mode: "
-            "table, .csv; terrain_map: .json, and a .ply beside it."
+            "TUM trajectory to write, or .csv with status and covariance (foot_to_foot: _l and _r are added); "
+            "contact_terrain, locomotion_mode: table, .csv; terrain_map: .json, and a .ply beside it."
         ),
     ]
 
@@ -142,21 +145,20 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
 
 def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.pipeline.live_chain import part_file
+    from stridetwin.pipeline.path_files import write_path
     from stridetwin.pipeline.run import paths
     from stridetwin.streams.formats.opening import recognise
-    from stridetwin.streams.formats.tum import write_tum
 
     follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
     is_given = bool(arguments.rig or arguments.map or arguments.kind)
     if follow_block is not None and not is_given and recognise(arguments.source) == "table":
-        made = {arguments.output: follow_block(_table(arguments, options.foot), options)}
+        path = follow_block(_table(arguments, options.foot), options)
+        made = {arguments.output: PathEstimate(name=arguments.estimator, frame="", path=path)}
     else:
         estimates = paths(found, imported(arguments), options, progress)
-        made = {part_file(arguments.output, parts.get(e.frame, "")): e.path for e in estimates}
-    for file, path in made.items():
-        write_tum(path, file)
-    lines = [f"{file}: {len(path)} poses" for file, path in made.items()]
-    return Written(files=list(made), rows=sum(map(len, made.values())), lines=lines)
+        made = {part_file(arguments.output, parts.get(e.frame, "")): e for e in estimates}
+    written = [write_path(path, file, dead_reckoning=arguments.dead_reckoning) for file, path in made.items()]
+    return Written(files=list(made), rows=sum(rows for rows, _ in written), lines=[line for _, line in written])
 
 
 def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:

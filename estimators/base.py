@@ -46,6 +46,8 @@ POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
 CAMERA_POSES = "/poses/camera"
 """Topic of the estimated pose of the camera in the frame of `POSES`, `Odometry`; without any, the nominal one holds."""
+TRACKING = "tracking"
+"""Status of a pose that measurements of the surroundings support, as against dead reckoning."""
 FEET = {"l": "left", "r": "right"}
 Progress = Callable[[str, float], None]
 
@@ -177,6 +179,7 @@ class PathEstimate:
         nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
         world: Estimates of one world are aligned with the truth together, as the first of them is; "" = each by itself.
         healthy: (N,) whether the estimator considers its pose valid; None if not provided.
+        status: (N,) words of the estimator, `TRACKING` among them; None if not provided.
         camera: Estimated poses of the camera in the frame, one per change; None if not estimated.
         label: As `Declaration.label`.
         leads: As `Declaration.leads`.
@@ -189,6 +192,7 @@ class PathEstimate:
     nis: Mapping[str, float] = field(default_factory=dict)
     world: str = ""
     healthy: NDArray[np.bool_] | None = None
+    status: NDArray[np.str_] | None = None
     camera: Trajectory | None = None
     label: str | None = None
     leads: bool = False

@@ -10,7 +10,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
+from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import Feet
@@ -25,7 +25,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
-TRACKING, IMU_ONLY, LOST = "tracking", "imu_only", "lost"
+IMU_ONLY, LOST = "imu_only", "lost"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,12 +192,14 @@ class Dvio:
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount))
         first, poses, camera_poses = int(recording.image_times(color)[0]), list[Pose](), list[Pose]()
+        status: list[str] = []
         for sample in samples:
             estimate = odometry.update(sample)
             if progress is not None and isinstance(sample, Image):
                 progress("estimate", min(1.0, (sample.t_ns - first) * 1e-9 / max(recording.duration, 1e-9)))
             if estimate is not None:
                 poses.append(estimate.pose)
+                status.append(estimate.health)
                 if not camera_poses or estimate.camera_pose is not camera_poses[-1]:
                     camera_poses.append(estimate.camera_pose)
         if not poses:
@@ -207,7 +209,8 @@ class Dvio:
             PathEstimate(
                 name=name if options.method == cls.declaration.methods[0] else f"{name}_{options.method}",
                 frame=f"{mount}/imu", path=trajectory_of(poses), ready_ns=poses[0].t_ns, label=cls.declaration.label,
-                healthy=np.array([pose.valid for pose in poses], bool), leads=True, camera=trajectory_of(camera_poses),
+                healthy=np.array([pose.valid for pose in poses], bool), leads=True, status=np.array(status),
+                camera=trajectory_of(camera_poses),
             )
         ]  # fmt: skip
 

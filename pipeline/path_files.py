@@ -1,0 +1,86 @@
+"""Estimated paths as files: TUM trajectories, or tables with status and covariance.
+
+An odometry without images continues on its IMU alone, and its error grows with the square of the time. Unless asked
+otherwise, a file holds the poses that the estimator trusts and that no long dead reckoning has led to.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.base import TRACKING, PathEstimate
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.formats.tum import seconds, write_tum
+from stridetwin.streams.trajectory import Trajectory
+
+DEAD_RECKONING_S = 1.0
+"""Poses longer than this after the last tracked one are left out, s: a consumer IMU is then off by some centimetres."""
+TABLE = ".csv"
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_UPPER = np.triu_indices(6)
+COLUMNS = (
+    "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "status",
+    *(f"cov_{_AXES[i]}_{_AXES[j]}" for i, j in zip(*_UPPER)),
+)  # fmt: skip
+"""Covariance of position (m) and of rotation about the world's axes (rad), its upper triangle by rows."""
+
+
+def reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
+    """(N,) whether a pose is trusted and at most `DEAD_RECKONING_S` after a tracked one."""
+    t_ns = estimate.path.t_ns
+    keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
+    if estimate.status is not None:
+        tracked = np.where(estimate.status == TRACKING, t_ns, t_ns[0] - round(2e9 * DEAD_RECKONING_S))
+        keep &= t_ns - np.maximum.accumulate(tracked) <= DEAD_RECKONING_S * 1e9
+    return keep
+
+
+def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = False) -> tuple[int, str]:
+    """Writes a path: a table of `COLUMNS` if the file ends in `.csv`, else a TUM trajectory.
+
+    Args:
+        estimate: The path.
+        file: The file.
+        dead_reckoning: Whether poses that are not `reliable` are written too.
+
+    Returns:
+        The number of poses, and a message about them.
+    """
+    keep = reliable(estimate)
+    which = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
+    path = estimate.path[which]
+    if file.suffix == TABLE:
+        _write_table(path, None if estimate.status is None else estimate.status[which], file)
+    else:
+        write_tum(path, file)
+    return len(path), f"{file}: {len(path)} poses{_left_out(estimate.path, keep, dead_reckoning)}"
+
+
+def _left_out(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
+    """What a message says of poses that are not reliable."""
+    if keep.all():
+        return ""
+    what = "included" if written else "left out, --dead-reckoning includes them"
+    if not keep.any():
+        return "; tracking never began: all of them are unreliable"
+    last = int(np.flatnonzero(keep)[-1])
+    lost_s = (int(path.t_ns[-1]) - int(path.t_ns[last])) * 1e-9
+    ended = f"; tracking ended {lost_s:.1f} s before the recording" if lost_s > DEAD_RECKONING_S else ""
+    return f"{ended}; {int((~keep).sum())} poses without tracking {what}"
+
+
+def _write_table(path: Trajectory, status: NDArray[np.str_] | None, file: Path) -> None:
+    """Writes `COLUMNS`; an unknown status or covariance is empty."""
+    poses = np.column_stack((path.p_frame_in_world, path.q_world_frame[:, [1, 2, 3, 0]])).tolist()
+    words = [""] * len(path) if status is None else status.tolist()
+    upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
+    with whole_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
+            known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
+            writer.writerow([seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known])
