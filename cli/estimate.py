@@ -196,7 +196,7 @@ def _terrain(arguments: EstimateOptions, found: Found, options: Options, progres
     progress("estimate", 0.0)
     recording = imported(arguments)
     poses = chosen_poses(found, recording, options, arguments.poses)
-    terrain_map = mapped(found, recording, replace(options, poses_of=poses.frame), poses.path)
+    terrain_map = mapped(found, recording, replace(options, poses_of=poses.frame), poses.path, poses.camera)
     files = write_terrain(terrain_map, arguments.output, mesh=arguments.mesh)
     known = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
     kinds = [t["type"] for t in known["terrains"]]
@@ -213,7 +213,8 @@ def _modes(arguments: EstimateOptions, found: Found, options: Options, progress:
     progress("estimate", 0.0)
     recording = imported(arguments)
     poses = chosen_poses(found, recording, options, arguments.poses)
-    rows = predicted_steps(predicted(found, recording, replace(options, poses_of=poses.frame), poses.path))
+    own = replace(options, poses_of=poses.frame)
+    rows = predicted_steps(predicted(found, recording, own, poses.path, poses.camera))
     write_modes(rows, arguments.output)
     lines = [f"{arguments.output}: {len(rows)} steps"]
     return Written(files=[arguments.output], rows=len(rows), lines=lines, poses=poses.words)

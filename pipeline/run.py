@@ -193,8 +193,9 @@ def check_topics(found: Found, streams: Sequence[Stream], recording: Recording) 
 
 
 def posed(
-    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None
-) -> tuple[Estimator, Iterator[Sample]]:
+    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None,
+    camera_poses: Trajectory | None = None,
+) -> tuple[Estimator, Iterator[Sample]]:  # fmt: skip
     """An estimator of kind `map` or `modes`, and the poses and samples from a recording that it takes.
 
     Args:
@@ -202,6 +203,7 @@ def posed(
         recording: With depth and its calibration.
         options: See `Options`; `poses_of` is that of the poses.
         path: Poses of the frame `options.poses_of`; None uses those in the recording.
+        camera_poses: `PathEstimate.camera` of an odometry that gave them.
 
     Returns:
         The estimator, and samples in time order; each pose comes before the image of the same instant.
@@ -214,25 +216,29 @@ def posed(
     check_topics(found, streams, recording)
     topics = [s.topic for s in streams if s.topic in recording.topics]
     if path is not None:
-        return found(recording.rig, options=options), merged(path, recording, topics)
+        return found(recording.rig, options=options), merged(path, recording, topics, camera_poses)
     topic, frame = given_poses(recording, camera)
     options = replace(options, poses_of=frame)
     return found(recording.rig, options=options), iter(recording.samples([topic, *topics]))
 
 
-def mapped(found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None) -> Any:
+def mapped(
+    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None,
+    camera_poses: Trajectory | None = None,
+) -> Any:  # fmt: skip
     """An estimator of kind `map` after a whole recording; see `posed`."""
-    estimator, samples = posed(found, recording, options, path)
+    estimator, samples = posed(found, recording, options, path, camera_poses)
     for sample in samples:
         estimator.update(sample)
     return estimator
 
 
 def predicted(
-    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None
-) -> list[ModeEstimate]:
+    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None,
+    camera_poses: Trajectory | None = None,
+) -> list[ModeEstimate]:  # fmt: skip
     """All predictions of an estimator of kind `modes` on a recording; see `posed`."""
-    estimator, samples = posed(found, recording, options, path)
+    estimator, samples = posed(found, recording, options, path, camera_poses)
     return [estimate for sample in samples if (estimate := estimator.update(sample)) is not None]
 
 

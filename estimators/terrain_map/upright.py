@@ -1,0 +1,76 @@
+"""The vertical of a world whose z axis may point anywhere, from the surfaces in depth images.
+
+Floors, table tops and ceilings have vertical normals, walls horizontal ones, and a camera is held more or less upright.
+So the vertical is the direction near the camera's upward axis along which most normals lie, with those across it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+_CELLS = 80
+"""Normals along the longer side of an image."""
+_REACH = 3
+"""Cells between the points of a normal: neighbours are too close for the noise of depth."""
+_NEAR = np.cos(np.radians(5.0))
+"""Normals within 5° are of one surface; walls within 5° of the horizontal."""
+_HELD = np.cos(np.radians(80.0))
+"""A camera that looks down or up keeps its upper side above the horizon; a wall in front of it lies beyond."""
+_WALL_WEIGHT = 0.5
+_JUMP_SHARE = 0.1  # neighbouring depths that differ by more are of different surfaces
+_CANDIDATES, _ROUNDS = 400, 5
+_SUPPORT_MIN = 0.1
+
+
+def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
+    """(N, 3) unit normals towards the camera, in its optical frame, of a coarse grid of an image.
+
+    Args:
+        depth: (H, W) m; 0 is invalid.
+        intrinsics: (4,) fu, fv, pu, pv.
+    """
+    step = max(1, max(depth.shape) // _CELLS)
+    z = depth[::step, ::step].astype(float)
+    v, u = np.mgrid[: z.shape[0], : z.shape[1]] * step
+    fu, fv, pu, pv = intrinsics
+    points = np.stack([(u - pu) / fu * z, (v - pv) / fv * z, z], axis=-1)
+    r = _REACH
+    here, right, below = points[:-r, :-r], points[:-r, r:], points[r:, :-r]
+    nearest = np.minimum(np.minimum(here[..., 2], right[..., 2]), below[..., 2])
+    farthest = np.maximum(np.maximum(here[..., 2], right[..., 2]), below[..., 2])
+    whole = (nearest > 0.0) & (farthest - nearest < _JUMP_SHARE * nearest)
+    normal = np.cross((below - here)[whole], (right - here)[whole])
+    length = np.linalg.norm(normal, axis=1)
+    normal, seen = normal[length > 0.0] / length[length > 0.0, None], here[whole][length > 0.0]
+    return np.asarray(normal * -np.sign(np.sum(normal * seen, axis=1))[:, None])
+
+
+def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
+    """(3,) unit vector upwards in the world; None if no surface is level.
+
+    Args:
+        views: Per image, (N, 3) normals in the camera's optical frame, and (3, 3) rotation of that frame to the world.
+    """
+    parts = [(camera @ R.T, -R[:, 1]) for camera, R in views]
+    if not parts:
+        return None
+    all_normals = np.concatenate([part for part, _ in parts])
+    held = np.mean([axis for _, axis in parts], axis=0)
+    held /= np.linalg.norm(held)
+    near = all_normals[all_normals @ held > _HELD]
+    if not len(near):
+        return None
+    candidates = near[np.linspace(0, len(near) - 1, min(_CANDIDATES, len(near))).astype(int)]
+    along = candidates @ all_normals.T
+    support = (along > _NEAR).mean(axis=1)
+    walls = (np.abs(along) < np.sqrt(1.0 - _NEAR**2)).mean(axis=1)
+    up = candidates[np.argmax(support + _WALL_WEIGHT * walls)]
+    for _ in range(_ROUNDS):
+        up = all_normals[all_normals @ up > _NEAR].mean(axis=0)
+        up /= np.linalg.norm(up)
+    return up if float((all_normals @ up > _NEAR).mean()) > _SUPPORT_MIN else None
