@@ -62,7 +62,7 @@ command, the touch-down of a foot) are not here: no pattern can tell the senses 
 ALLOWED = {
     r"\bstandard deviations?\b": "the term itself",
     r"\bAllan deviations?\b": "the term of IMU noise",
-    r"\bdead reckoning\b": "the term itself",
+    r"\bdead[ -]reckoning\b": "the term itself",
 }
 """Uses that are right, and why. Code, fenced or between backticks, is left out: it shows names as they are."""
 
