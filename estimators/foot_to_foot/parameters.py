@@ -146,7 +146,7 @@ class PublishedParameters(_Common):
         accel_spread_mps2: Amplitude σ̄_a by which the accelerometer's standard deviation is normalised, m/s².
         gyro_spread_radps: Amplitude σ̄_g of the gyro, rad/s.
         threshold: γ; the foot is stationary if the sum of the normalised variances is lower.
-        zero_velocity_sd_mps: m/s.
+        zero_velocity_sd_mps: m/s; like the threshold and the window the best of `benchmarks.jao_open_values`.
         relative_position_sd_m: Effect of the heading that rotates a relative position, m, in addition to its own noise.
         range_sd_m: Of a sonar's echo, m.
         max_range_misfit_m: Echoes farther off are from something else, m.
@@ -156,7 +156,7 @@ class PublishedParameters(_Common):
     accel_spread_mps2: float = 0.0045
     gyro_spread_radps: float = 0.0017
     threshold: float = 1e4
-    zero_velocity_sd_mps: float = 0.01
+    zero_velocity_sd_mps: float = 0.3
     relative_position_sd_m: float = 0.015
     range_sd_m: float = 0.03
     max_range_misfit_m: float = 0.5
