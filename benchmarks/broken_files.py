@@ -1,8 +1,8 @@
 """Robustness to damaged files: every import format, mutated in many ways, read strictly and leniently.
 
 A mutated source must be rejected in one line per error, be read in part with a warning, or be read unchanged if nothing
-relevant was changed. A traceback or a hang is a fault. Different numbers without a warning count as unnoticed: formats without
-a checksum allow only plausibility checks.
+relevant was changed. A traceback or a hang is a fault. Different numbers without a warning count as unnoticed: formats
+without a checksum allow only plausibility checks.
 """
 
 from __future__ import annotations
