@@ -1,8 +1,8 @@
 """Robustness to damaged files: every import format, mutated in many ways, read strictly and leniently.
 
-A mutated source must be rejected in one line, be read in part with a warning, or be read unchanged if nothing relevant
-was changed. A traceback or a hang is a fault. Different numbers without a warning count as unnoticed: formats without
-a checksum allow only plausibility checks.
+A mutated source must be rejected in one line per error, be read in part with a warning, or be read unchanged if nothing
+relevant was changed. A traceback or a hang is a fault. Different numbers without a warning count as unnoticed: formats
+without a checksum allow only plausibility checks.
 """
 
 from __future__ import annotations
@@ -223,8 +223,8 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
                 read, words = contents(path, lenient)
         except StrideTwinError as error:
             message = str(error)
-            if "\n" in message or str(path) not in message:
-                return "traceback", f"an error that does not name the file in one line: {message!r}"
+            if not all(str(path) in line for line in message.split("\n")):  # a settings file has a line for each error
+                return "traceback", f"an error that does not name the file in every line: {message!r}"
             outcome, said = outcome or "refused", said or message
             continue
         except _HangError:

@@ -18,6 +18,7 @@ import json
 import math
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -65,7 +66,7 @@ NEAREST: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Tests of a file or of a folder's files; the longest name that fits a module counts."""
 SHOWN = ("survived", "found", "timeout")
-_INTERRUPTED = 2  # exit code of pytest
+_WAITING = 10  # limit of the time that passes, in limits of CPU time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +144,7 @@ class Copy:
         }  # fmt: skip
 
     def failing(self, tests: tuple[str, ...], timeout_s: float) -> tuple[str, str]:
-        """Runs tests until one fails.
+        """Runs tests until one fails, or until they have used `timeout_s` of CPU time.
 
         Returns:
             `survived`, `found` or `timeout`; and the test that failed.
@@ -152,13 +153,15 @@ class Copy:
         arguments = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *there]
         process = subprocess.Popen(
             arguments, cwd=self.folder, env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, start_new_session=True,
+            text=True, start_new_session=True, preexec_fn=lambda: _limit_cpu(timeout_s),
         )  # fmt: skip
         try:
-            output, _ = process.communicate(timeout=timeout_s)
+            output, _ = process.communicate(timeout=_WAITING * timeout_s)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
+            return "timeout", ""
+        if process.returncode == -signal.SIGXCPU:
             return "timeout", ""
         failed = [line.split(" ")[1] for line in output.splitlines() if line.startswith(("FAILED ", "ERROR "))]
         return ("survived" if process.returncode == 0 else "found"), (failed or [""])[0]
@@ -175,6 +178,12 @@ class Copy:
             path.write_text(source, encoding="utf-8")
         seconds = round(time.monotonic() - began, 1)
         return {"file": bug.file, **asdict(bug.mutant), "outcome": outcome, "test": test, "seconds": seconds}
+
+
+def _limit_cpu(seconds: float) -> None:
+    """Ends this process after some CPU time: the time of a shared machine says nothing of an endless loop."""
+    limit = math.ceil(seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 10))
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -234,7 +243,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the sample (default 0)")
     parser.add_argument("--only", metavar="PATH", help="a folder or file of these: " + ", ".join(SCOPES))
     parser.add_argument(
-        "--timeout", type=float, default=600.0, metavar="S", help="of the tests of one bug (default 600)"
+        "--timeout", type=float, default=600.0, metavar="S", help="CPU time for the tests of one bug (default 600)"
     )
     parser.add_argument("--show", choices=SHOWN, default="survived", help="bugs to list (default survived)")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="rows, one JSON object per line; continued")

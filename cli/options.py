@@ -21,7 +21,7 @@ from stridetwin.streams.files import partial_path
 if TYPE_CHECKING:
     from rich.table import Table
 
-KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "strayscanner", "record3d", "vrs", "table")
 _MOST = 1_000_000
 _OUTPUTS = {
     "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",

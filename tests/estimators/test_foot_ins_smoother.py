@@ -7,10 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.estimators.foot_ins.state import IGNORED, STATES, blank
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 from tests.estimators.one_foot import take
 
@@ -172,6 +174,17 @@ def test_a_sensor_too_fast_for_the_window_has_a_shorter_lag() -> None:
         held.append(smoother.held)
     assert max(held) <= 21
     assert returned == 300 - held[-1]
+
+
+def test_a_lag_keeps_the_calibration_of_the_rig(longer: Walk) -> None:
+    options, rig = Options(lag_s=0.5), Rig(imus={"/foot_l/imu": ADIS16485})
+    smooth = FootIns.batch(rig, options).run(longer.imu).trajectory
+    np.testing.assert_array_equal(
+        smooth.covariance, FootInsSmoother(0.5, ADIS16485).run(longer.imu).trajectory.covariance
+    )
+    plain = FootIns.batch(None, options).run(longer.imu).trajectory
+    np.testing.assert_array_equal(plain.covariance, FootInsSmoother(0.5).run(longer.imu).trajectory.covariance)
+    assert not np.array_equal(plain.covariance, smooth.covariance)
 
 
 @pytest.mark.parametrize("lag_s", [-0.1, 11.0, float("nan")])

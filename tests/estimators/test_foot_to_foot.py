@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
-from stridetwin.estimators.foot_ins.state import PHASE, STATES, TRACKING
+from stridetwin.estimators.foot_ins.state import D_POSITION, D_VELOCITY, PHASE, POSITION, STATES, TRACKING, VELOCITY
 from stridetwin.estimators.foot_to_foot import (
     BoardObservation,
     FootToFoot,
@@ -22,9 +22,11 @@ from stridetwin.estimators.foot_to_foot import (
     FootToFootParameters,
     PublishedParameters,
     RelativePosition,
+    published,
     relative_updates,
     state,
 )
+from stridetwin.estimators.foot_to_foot.filter import follow
 from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
 from stridetwin.estimators.foot_to_foot.state import ALL_STATES, CLOCKS, FEET, MOUNTS, Pair, blank_pair
@@ -40,6 +42,8 @@ rewind = from_python(compiled_rewind)
 see = from_python(relative_updates.board_update)
 reduced = from_python(relative_updates.reduce_measurement)
 board_in_camera = from_python(relative_updates.board_in_camera)
+published_step = from_python(published.published_step)
+relative_position_update = from_python(published.relative_position_update)
 
 GRAVITY = FootInsParameters().gravity_mps2
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -391,6 +395,48 @@ def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is
     assert ADIS16485.accelerometer_range == 0.0
     assert parameters.accel_limit_noise_mps2_rthz == parameters.gyro_limit_noise_radps_rthz == 0.0
     assert parameters.accel_noise_mps2_rthz == ADIS16485.accelerometer_noise_density
+
+
+def test_the_published_zero_velocity_update_stops_a_foot() -> None:
+    pair = moving_pair(3)
+    memory, foot = pair.feet[0], for_sensor(FootInsParameters(), None)
+    parameters = for_kernel(PublishedParameters(threshold=1e9))
+    memory.covariance[D_VELOCITY : D_VELOCITY + 3, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
+    t_ns = int(memory.ring_t_ns.max()) + 8_000_000
+    memory.nominal[VELOCITY : VELOCITY + 3] = 0.4, -0.3, 0.2
+    published_step(memory, foot, parameters, t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY))
+    assert np.linalg.norm(memory.nominal[VELOCITY : VELOCITY + 3]) < 0.02
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_the_published_relative_position_moves_both_feet_to_it(camera: int) -> None:
+    pair = moving_pair(5)
+    parameters, foot = for_kernel(PublishedParameters()), for_sensor(FootInsParameters(), None)
+    here, there = pair.feet[camera], pair.feet[1 - camera]
+    t_ns = int(max(here.ring_t_ns.max(), there.ring_t_ns.max()))
+    for memory in (here, there):
+        at = memory.row + D_POSITION
+        pair.covariance[at : at + 3, at : at + 3] = np.eye(3)
+    a = rewind(here, GRAVITY, t_ns, 0.1, 0.05)
+    wanted = np.array([0.3, -0.2, 0.1])  # in the world
+    before = [memory.nominal[POSITION : POSITION + 3].copy() for memory in (here, there)]
+    measured = tuple((np.array(a.R).T @ wanted).tolist())
+    sigmas = relative_position_update(pair, foot, parameters, camera, t_ns, measured, 0.01)
+    after = [memory.nominal[POSITION : POSITION + 3] for memory in (here, there)]
+    np.testing.assert_allclose(after[1] - after[0], wanted, atol=0.01)
+    np.testing.assert_allclose(after[0] - before[0], before[1] - after[1], atol=1e-6)  # equally uncertain
+    assert sigmas == pytest.approx(np.linalg.norm(wanted - (before[1] - before[0])) / 0.01, rel=1e-6)
+
+
+def test_a_stream_of_samples_is_followed_as_by_update(short) -> None:
+    simulation, imus, aids = short
+    samples = sorted([s for block in imus.values() for s in block] + list(aids), key=lambda s: s.t_ns)
+    whole = estimator_for(simulation).run(imus, aids)
+    for foot, path in follow(estimator_for(simulation), samples).items():
+        assert path.trajectory.covariance.shape[1:] == (6, 6)
+        np.testing.assert_allclose(
+            path.trajectory.p_frame_in_world[-1], whole[foot].trajectory.p_frame_in_world[-1], atol=0.01
+        )
 
 
 def test_observations_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:

@@ -128,6 +128,12 @@ def test_a_bug_that_matters_is_found_and_one_that_does_not_survives(repository, 
     assert (copy.folder / "half.py").read_text() == SOURCE
 
 
+def test_an_endless_loop_is_a_timeout(repository, tmp_path):
+    copy = mutation.Copy(tmp_path / "copy", repository)
+    (copy.folder / "test_half.py").write_text("def test_half():\n    while True:\n        pass\n")
+    assert copy.failing(("test_half.py",), 2.0) == ("timeout", "")
+
+
 def test_tests_that_fail_without_a_bug_are_refused(repository, tmp_path):
     (repository / "test_half.py").write_text(TEST.replace("2.0\n", "3.0\n"))
     with pytest.raises(StrideTwinError, match=r"test_half\.py::test_half: found without a bug"):

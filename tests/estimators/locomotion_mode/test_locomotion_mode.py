@@ -63,6 +63,26 @@ def test_the_first_stair_is_known_two_steps_before_with_its_size(predicted):
 
 
 @pytest.mark.parametrize("method", ["proposed", "published"])
+def test_coming_steps_are_numbered_from_the_next_one(walk, method):
+    mode = predictor(method)
+    made = [e for e in (mode.update(s) for s in walk[: len(walk) // 2]) if e is not None]
+    assert made[-1].step > 2
+    for estimate in made:
+        assert [s.step for s in estimate.steps] == [estimate.step + k + 1 for k in range(len(estimate.steps))]
+
+
+def test_a_pose_that_is_not_finite_leaves_the_body_where_it_was():
+    mode = predictor()
+    for k in range(3):
+        mode.update(pose(20_000_000 * k, np.array([0.01 * k, 0.0, 1.6]), Rotation.identity()))
+    place, t_ns = mode._body.p.copy(), mode._body.t_ns
+    for bad in (np.array([math.nan, 0.0, 1.6]), np.array([0.0, math.inf, 1.6])):
+        mode.update(pose(80_000_000, bad, Rotation.identity()))
+        np.testing.assert_array_equal(mode._body.p, place)
+        assert mode._body.t_ns == t_ns
+
+
+@pytest.mark.parametrize("method", ["proposed", "published"])
 def test_a_head_that_nods_about_its_neck_moves_no_body(method):
     neck, arm = np.array([1.0, 2.0, 1.5]), np.array([0.10, 0.03, 0.12])  # m, world; the camera in the head
     R_head_camera = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, position
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
-from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, StepFilter, TouchDowns
-from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, Rhythm, StepFilter, TouchDowns
+from stridetwin.estimators.locomotion_mode.rollout import _even_steps, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
     Flight,
     Segment,
@@ -65,6 +65,23 @@ def test_the_filter_finds_steady_steps_of_both_feet(mean, share, seed):
     assert abs(steps.mean - mean) < 0.05
     assert abs(steps.of(SIDE["l"]) - steps.of(SIDE["r"]) - 2 * difference) < 0.08
     assert 0.0 < steps.sd < 0.15
+
+
+def test_landings_are_counted_from_the_last_one():
+    rhythm = Rhythm(LocomotionModeParameters())
+    for k, foot in enumerate("lrlrlr"):
+        rhythm.land(foot, k * 600_000_000, True)
+    last_ns = 5 * 600_000_000
+    for since_ns in (0, 200_000_000, 400_000_000):  # the prediction does not move while the foot swings
+        (first, _), (second, _) = rhythm.times(("l", "r"), last_ns + since_ns)
+        assert first == pytest.approx(last_ns + 6e8, abs=3e7)
+        assert second == pytest.approx(last_ns + 12e8, abs=6e7)
+
+
+def test_even_steps_are_longer_by_their_shift():
+    level = 0.02 * np.arange(80)
+    found = _even_steps(level, np.full(80, 0.05), 0.6, np.array([-0.1, 0.0, 0.1]), 60, 4.0)
+    np.testing.assert_allclose([level[int(found[h, 0].argmax())] for h in range(3)], [0.5, 0.6, 0.7], atol=0.011)
 
 
 def test_a_step_into_a_pause_says_little():
