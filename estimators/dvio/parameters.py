@@ -355,11 +355,16 @@ _PUBLISHED: dict[str, Any] = {
     "anchored": False,
     "steps": 2,
 }
+# VINS-Mono and VINS-RGBD refine the mount and the camera's clock (`estimate_extrinsic: 1`, `estimate_td: 1`).
+_VINS = {name: value for name, value in _PUBLISHED.items() if not name.startswith(("extrinsic", "time_offset"))} | {
+    "slipped_position_sd_m": 0.0,
+    "slipped_rotation_sd_rad": 0.0,
+}
 METHODS: dict[str, DvioParameters] = {
     PROPOSED: DvioParameters(),
     "dvio": DvioParameters(**_PUBLISHED),
-    "vins_rgbd": DvioParameters(**_PUBLISHED, host_depth="fixed", projection_depth=False),
-    "vins_mono": DvioParameters(**_PUBLISHED, host_depth="none", projection_depth=False),
+    "vins_rgbd": DvioParameters(**_VINS, host_depth="fixed", projection_depth=False),
+    "vins_mono": DvioParameters(**_VINS, host_depth="none", projection_depth=False),
 }
 """The proposed method; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
 
