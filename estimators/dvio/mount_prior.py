@@ -1,9 +1,11 @@
 """Prior of the camera's mount, whose spread is itself estimated: most mounts are as calibrated, some have slipped.
 
-The prior is Student's t: normal, with a variance that is itself unknown. It begins wide, and from the first motion on
-its variance follows the estimated mount (expectation maximisation). A mount as calibrated thus keeps the accuracy of
-its calibration, and one that is off is not held back. The calibration is never marginalised, so its own prior remains a
-separate summand of the window's prior, which can be exchanged. See docs/dvio.md (14).
+The prior is Student's t: normal, with a variance that is itself unknown, which follows the estimated mount (expectation
+maximisation). A mount as calibrated thus keeps the accuracy of its calibration, and one that is off is not held back.
+The variance of the rotation begins as the calibration has it: if it begins wide, a wrong rotation explains the first
+images of a plain corridor, and the odometry diverges. That of the position begins wide and waits for a measurement,
+because walking measures it slowly. The calibration is never marginalised, so its own prior remains a separate summand
+of the window's prior, which can be exchanged. See docs/dvio.md (14).
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Windo
 from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
+_POSITION = 0
 
 
 class MountPrior:
@@ -21,16 +24,16 @@ class MountPrior:
 
     Args:
         nominal_sd: (2,) of a mount as calibrated, m and rad; 0: exactly known.
-        slipped_sd: (2,) of one that is not, with which the prior begins.
+        slipped_sd: (2,) of one that is not; the position begins with it.
         freedom: Degrees of freedom of the t prior.
-        measured_share: The variance follows once the estimated mount's is below this share of it.
+        measured_share: The position's variance follows once the estimated position's is below this share of it.
     """
 
     def __init__(self, nominal_sd: Array, slipped_sd: Array, freedom: float, measured_share: float) -> None:
         self._freedom, self._measured_share = freedom, measured_share
         self._least = nominal_sd**2
         self._most = np.where(nominal_sd > 0, np.maximum(nominal_sd, slipped_sd), 0.0) ** 2
-        self._variance = self._most.copy()
+        self._variance = np.array([self._most[0], self._least[1]])
         self._mean = np.zeros(6)
 
     def start(self, mean: Array) -> Array:
@@ -53,7 +56,8 @@ class MountPrior:
         prior = window.prior
         for i, own in enumerate(GROUPS):
             before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
-            if before == 0.0 or spread > 3.0 * self._measured_share * before:
+            waits = i == _POSITION and spread > 3.0 * self._measured_share * before
+            if before == 0.0 or waits:
                 continue
             off = window.calibration.moved[own] - self._mean[own]
             estimated = (self._freedom * self._least[i] + off @ off + spread) / (self._freedom + 3.0)

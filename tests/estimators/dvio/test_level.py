@@ -148,8 +148,15 @@ def test_a_mount_that_has_slipped_is_not_held_back():
     assert mount.sd[1] > 0.02
 
 
-def test_the_prior_of_a_mount_waits_for_a_measurement():
-    assert mounted(0.0, 0.03)[0].sd == pytest.approx([0.03, 0.04])
+def test_the_prior_of_a_mount_begins_with_the_calibration_s_rotation_and_waits_for_a_measured_position():
+    w = seen_window(np.random.default_rng(5))
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]), 1.0, 0.25)
+    w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
+    assert mount.sd == pytest.approx([0.03, 5e-3])
+    mount.follow(w, np.diag([0.03**2] * 3 + [5e-3**2] * 3))
+    assert mount.sd == pytest.approx([0.03, 5e-3])
+    mount.follow(w, np.diag([1e-3**2] * 3 + [5e-3**2] * 3))
+    assert mount.sd[0] < 0.01
 
 
 def test_a_known_mount_stays_known():
