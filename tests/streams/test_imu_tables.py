@@ -158,6 +158,14 @@ def test_lost_packets_and_short_gaps_are_filled_and_long_ones_reported(tmp_path)
     )
 
 
+def test_late_stamps_are_no_gaps(tmp_path):
+    t = T.copy()
+    t[10::7] += 0.8 / RATE_HZ  # the sample is late, not lost
+    recording = open_any(written(tmp_path / "a.csv", t))
+    assert len(recording.block("/foot_l/imu")) == N
+    assert not any("gap" in w for w in recording.warnings)
+
+
 def real(tmp_path: Path, name: str) -> Path:
     source = DATA / f"{name}.csv.gz"
     if not source.exists():
