@@ -238,12 +238,12 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
     return outcome, said
 
 
-def trials(name: str, count: int, seed: int = 0) -> list[Trial]:
-    """Damages a format's file `count` times."""
+def trials(name: str, count: int, seed: int = 0, write: Callable[[Path, Walk], Path] | None = None) -> list[Trial]:
+    """Damages a format's file `count` times; `write` writes that of a format that is not among `FORMATS`."""
     rng = np.random.default_rng([seed, *name.encode()])
     found = []
     with tempfile.TemporaryDirectory() as folder:
-        original = FORMATS[name](Path(folder), Walk())
+        original = (write or FORMATS[name])(Path(folder), Walk())
         broken = Path(folder) / "broken" / original.name
         broken.parent.mkdir()
         shutil.copytree(original, broken) if original.is_dir() else shutil.copy(original, broken)

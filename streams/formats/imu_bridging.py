@@ -13,7 +13,9 @@ from stridetwin.streams.samples import Array, Block
 
 LONGEST_S = 0.1
 """Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
-_GAP = 1.6  # periods between two stamps, from which on a sample is missing
+_GAP = (
+    1.6  # periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter
+)
 _FEWEST = 10  # samples needed to know a period
 
 
@@ -67,7 +69,8 @@ def _filled(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     t_ns = block.t_ns
     steps = np.diff(t_ns)
     period = float(np.median(steps))
-    wide = steps > _GAP * period
+    around = np.convolve(np.pad(steps, 1, constant_values=round(period)), np.ones(3), "valid")
+    wide = (steps > _GAP * period) & (around > (_GAP + 2) * period)  # after a late stamp, the next step is short
     short = wide & (steps <= LONGEST_S * 1e9)
     if (long := wide & ~short).any():
         at = int(np.argmax(long))

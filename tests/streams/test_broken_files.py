@@ -1,6 +1,8 @@
 """Broken files of every format are refused in one line, read in part, or read as they are: never a traceback."""
 
+import logger_files
 import pytest
+import scan_files
 
 from benchmarks.broken_files import trials
 from benchmarks.foreign_files import FORMATS
@@ -11,6 +13,24 @@ def test_broken_files_are_no_surprise(name):
     found = trials(name, 12, seed=1)
     faults = [t for t in found if t.outcome in ("traceback", "hang")]
     assert not faults
+    assert any(t.outcome == "refused" for t in found)
+
+
+WRITERS = (
+    logger_files.ngimu, logger_files.xsens, logger_files.metamotion, logger_files.movesense, logger_files.phyphox,
+    logger_files.sensor_logger, logger_files.gaitmap, logger_files.opensense, scan_files.stray_scanner,
+    scan_files.record3d,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
+def test_broken_tables_and_scans_are_no_surprise(write):
+    def written(folder, _):
+        (source := folder / "source").mkdir()
+        return write(source)
+
+    found = trials(write.__name__, 12, seed=1, write=written)
+    assert not [t for t in found if t.outcome in ("traceback", "hang")]
     assert any(t.outcome == "refused" for t in found)
 
 
