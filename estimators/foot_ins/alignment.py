@@ -28,6 +28,7 @@ from stridetwin.estimators.foot_ins.state import (
     D_ACCEL_BIAS,
     D_ATTITUDE,
     D_CONTACT,
+    D_DRIFT,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
@@ -146,3 +147,4 @@ def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, til
     if not levered:
         for i in range(D_CONTACT, STATES):
             P[o + i, o + i] = 0.0
+        P[o + D_DRIFT, o + D_DRIFT] = parameters.height_drift_sd**2

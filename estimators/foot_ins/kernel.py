@@ -19,7 +19,9 @@ from stridetwin.estimators.foot_ins.stance import (
     level_floor_update,
     motion_statistic,
     move_contact_point,
+    rest_level,
     stationary_speed_sd,
+    vary_height_drift,
     zero_rate_update,
     zero_velocity_update,
 )
@@ -98,20 +100,21 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
     predict(memory, parameters, rate, force, dt)
     restore(memory, parameters)
     move_contact_point(memory, parameters, dt)
+    vary_height_drift(memory, parameters, dt)
     speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
     if speed < parameters.max_velocity_sd_mps:
         zero_velocity_update(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
     level_floor_update(memory, parameters, t_ns, speed)
-    if memory.peak[0] < parameters.rest_level:
+    if memory.peak[0] < rest_level(memory, parameters):
         zero_rate_update(memory, parameters, rate, dt)
     return TRACKING, speed
 
 
 @njit(**INSIDE)
 def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
-    """Writes the nominal state (20,), and the (6, 6) covariance of position (m) and attitude (rad), world axes."""
+    """Writes the nominal state (21,), and the (6, 6) covariance of position (m) and attitude (rad), world axes."""
     P, o = memory.covariance, memory.row
     for i in range(NOMINAL):
         state[i] = memory.nominal[i]
@@ -138,7 +141,7 @@ def run(
         force: m/s².
         phase: (N,) int8, out.
         speed: (N,) out: standard deviation, m/s.
-        state: (N, 20) out: nominal state.
+        state: (N, 21) out: nominal state.
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):

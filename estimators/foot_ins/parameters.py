@@ -55,7 +55,7 @@ class FootInsParameters:
     """m/s³/√Hz, in addition to the calibration's."""
     gyro_bias_sd_radps: float = 3.3e-4
     """Turn-on bias, rad/s, if the calibration has none."""
-    accel_bias_sd_mps2: float = 0.07
+    accel_bias_sd_mps2: float = 0.15
     """Turn-on bias, m/s², if the calibration has none."""
     gyro_range_radps: float = 0.0
     """Limit of the gyro, rad/s, if the calibration has none; 0 = the largest magnitude so far on the axis."""
@@ -103,11 +103,19 @@ class FootInsParameters:
     """Updates with a larger standard deviation are skipped, m/s."""
     innovation_gate: float = 3.0
     """Innovation, in standard deviations, beyond which an update is down-weighted. [real walks]"""
-    level_step_m: float = 0.0175
-    """A smaller change of floor height between two steps counts as none, m; 0 = each floor is new. [real walks]"""
-    level_tilt_rad: float = 0.06
-    """Largest tilt on a level floor, relative to the first stance, rad. [real walks]"""
-    floor_sd_m: float = 0.0053
+    height_drift_sd: float = 0.005
+    """Systematic height error per metre of path: standard deviation."""
+    height_drift_s: float = 5.0
+    """Correlation time of that error, s: it changes with the gait."""
+    same_floor: float = 0.9
+    """Probability that a foot lands on the floor that it left, before its height is considered; 0 = each is new."""
+    same_after_new: float = 0.5
+    """The same after a step onto a new floor."""
+    new_floor_range_m: float = 0.5
+    """Another floor is anywhere in a range of this width, m."""
+    sole_m: float = 0.1
+    """Arm by which a tilted sole raises the sensor, m."""
+    floor_sd_m: float = 0.01
     """Height differences of a foot on the same floor from step to step, m. [real walks]"""
     stand_speed_mps: float = 0.02
     """Largest speed uncertainty of a foot on a floor, m/s. [real walks]"""
@@ -152,7 +160,7 @@ class FootInsParameters:
             "lever_sd_m",
             "contact_sd_m",
         }
-        may_be_zero |= {"level_step_m", "rest_level"}
+        may_be_zero |= {"same_floor", "same_after_new", "rest_level", "height_drift_sd", "sole_m"}
         values = asdict(self)
         may_be_zero |= {name for name in values if "_noise" in name or "_walk" in name}
         check_numbers("FootInsParameters", values, may_be_zero)

@@ -9,7 +9,7 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import (
     clear,
-    correct,
+    correct_probably,
     gated_update,
     normalized_innovation,
     spread_measurements,
@@ -38,10 +38,12 @@ from stridetwin.estimators.foot_ins.state import (
     D_ACCEL_BIAS,
     D_ATTITUDE,
     D_CONTACT,
+    D_DRIFT,
     D_FLOOR,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
+    DRIFT,
     FILL,
     FLOOR,
     GYRO_BIAS,
@@ -134,6 +136,18 @@ def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) 
 
 
 @njit(**INSIDE)
+def vary_height_drift(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+    """Lets the height drift per metre of path change over `dt` (s): a Gauss-Markov process of time `height_drift_s`."""
+    x, P, o = memory.nominal, memory.covariance, memory.row + D_DRIFT
+    kept = math.exp(-dt / parameters.height_drift_s)
+    x[DRIFT] *= kept
+    for j in range(P.shape[0]):
+        P[o, j] *= kept
+        P[j, o] *= kept
+    P[o, o] += (1.0 - kept * kept) * parameters.height_drift_sd**2
+
+
+@njit(**INSIDE)
 def add_across_sole(memory: Memory, variance: float) -> None:
     """Adds to the covariance of the stationary point: `variance` in every direction across the lever arm."""
     P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
@@ -208,6 +222,14 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 
 @njit(**INSIDE)
+def rest_level(memory: Memory, parameters: KernelParameters) -> float:
+    """Largest motion statistic of a foot at rest: `rest_level`, and what an unknown gyro bias (two sigma) adds to it."""
+    P, o = memory.covariance, memory.row + D_GYRO_BIAS
+    unknown = P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]
+    return parameters.rest_level + 4.0 * unknown / parameters.gyro_scale_radps**2
+
+
+@njit(**INSIDE)
 def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
@@ -233,11 +255,18 @@ def inject(memory: Memory) -> None:
         x[ACCEL_BIAS + i] += error[o + D_ACCEL_BIAS + i]
         x[CONTACT + i] += error[o + D_CONTACT + i]
     x[FLOOR] += error[o + D_FLOOR]
+    x[DRIFT] += error[o + D_DRIFT]
     rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
     put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
     shift(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
     for i in range(STATES):
         error[o + i] = 0.0
+
+
+@njit(**INSIDE)
+def _normal(x: float, variance: float) -> float:
+    """Density of a normal distribution of mean 0."""
+    return math.exp(-0.5 * x * x / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
 @njit(**INSIDE)
@@ -268,14 +297,20 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     height = x[POSITION + 2] + r[2]
     known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
-    flat = math.hypot(r[0], r[1]) <= parameters.level_tilt_rad * parameters.lever_arm_m
+    lift = parameters.sole_m * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
+    variance = parameters.floor_sd_m**2 + lift**2
     spread_measurements(P, work, o, 1)
-    step_sd = math.sqrt(work.spread[0, 0] + parameters.floor_sd_m**2)
-    possible = abs(step) < min(parameters.level_step_m, parameters.innovation_gate * step_sd)
-    if known and flat and possible:
-        correct(P, memory.error, work.gain, o, h, -step, parameters.floor_sd_m**2)
+    likelihood = _normal(step, work.spread[0, 0] + variance) * parameters.new_floor_range_m
+    same, last = 0.0, memory.level[0]
+    prior = last * parameters.same_floor + (1.0 - last) * parameters.same_after_new
+    if known and prior > 0.0:
+        same = likelihood / (likelihood + 1.0 / prior - 1.0)
+        memory.level[0] = same
+        correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)
         inject(memory)
+    if same > 0.5:
         return
+    height = x[POSITION + 2] + r[2]
     x[FLOOR] = height
     h[D_FLOOR] = 0.0
     spread_measurements(P, work, o, 1)

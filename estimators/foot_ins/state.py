@@ -13,14 +13,14 @@ from stridetwin.estimators.foot_ins.kalman import Workspace, workspace
 from stridetwin.estimators.foot_ins.quaternions import Vec3
 from stridetwin.streams.samples import Array
 
-# Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
-# point of the sole from the end of the lever arm (sensor frame), height of the floor.
-POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR = 0, 3, 6, 10, 13, 16, 19
-NOMINAL = 20
-# Error state (19,): true = nominal + error; that of the attitude is a rotation vector in the world,
+# Nominal state (21,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
+# point of the sole from the end of the lever arm (sensor frame), height of the floor, height drift per metre of path.
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR, DRIFT = 0, 3, 6, 10, 13, 16, 19, 20
+NOMINAL = 21
+# Error state (20,): true = nominal + error; that of the attitude is a rotation vector in the world,
 # R_true = exp([e]x) R.
-D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR = 0, 3, 6, 9, 12, 15, 18
-STATES = 19
+D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR, D_DRIFT = 0, 3, 6, 9, 12, 15, 18, 19
+STATES = 20
 REPORTED = 15  # number of them in an estimate
 
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
@@ -41,11 +41,11 @@ class Memory(NamedTuple):
     """State of the filter of one foot; covariance and error may belong to a larger filter.
 
     Attributes:
-        nominal: (20,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
-            bias m/s², wandering of the contact m, height of the floor m.
+        nominal: (21,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
+            bias m/s², wandering of the contact m, height of the floor m, height drift per path length.
         covariance: (n, n) of the filter's error state.
         error: (n,) found by updates, but not yet moved into the nominal state.
-        row: First of the 19 rows of `covariance` and `error` that are this foot's.
+        row: First of the 20 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
         clock: (12,) int64, see the constants above.
@@ -57,11 +57,12 @@ class Memory(NamedTuple):
             alignment began.
         lever: (3,) from the sensor to the stationary point, sensor frame, m.
         peak: (1,) slowly decaying peak of the motion statistic.
+        level: (1,) probability that the last step stayed on its floor.
         extreme: (6,) largest magnitude of each channel so far.
         nis: (2,) over all zero-velocity updates: sum of the normalised innovation squared, per degree of freedom;
             and their number.
         hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
-        work: Of one update of the 19 states.
+        work: Of one update of the 20 states.
     """
 
     nominal: Array
@@ -77,6 +78,7 @@ class Memory(NamedTuple):
     force_sum: Array
     lever: Array
     peak: Array
+    level: Array
     extreme: Array
     nis: Array
     hidden: Array
@@ -93,7 +95,7 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
-        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), extreme=np.zeros(6), nis=np.zeros(2),
+        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), level=np.ones(1), extreme=np.zeros(6), nis=np.zeros(2),
         hidden=np.zeros((RING, 6)), work=workspace(len(covariance), STATES),
     )  # fmt: skip
 
