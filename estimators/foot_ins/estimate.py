@@ -92,10 +92,13 @@ class FootInsEstimate:
         """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
+        covariance = memory.covariance[o : o + REPORTED, o : o + REPORTED].copy()
+        way = p - memory.path[:3]
+        covariance[:3, :3] += memory.path[3] ** 2 * np.outer(way, way)
         return cls(
             t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
-            covariance=memory.covariance[o : o + REPORTED, o : o + REPORTED].copy(),
+            covariance=covariance,
             standing_speed_sd=standing_speed_sd, aligned=phase == TRACKING,
         )  # fmt: skip
 

@@ -84,7 +84,8 @@ def append_sample(memory: Memory, t_ns: int, rate: Vec3, force: Vec3) -> None:
 def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
-    See docs/foot_ins.md (6).
+    See docs/foot_ins.md (6). |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an
+    error of some per cent; before the alignment, any size within `norm_error_max` of gravity.
 
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
     """
@@ -101,8 +102,11 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
         force2 += dot(force, force)
         mean = plus(mean, 1.0, force)
         n += 1
-    g = parameters.gravity_mps2
-    spread2 = force2 / n - 2.0 * g * math.sqrt(dot(mean, mean)) / n + g * g
+    size, g = math.sqrt(dot(mean, mean)) / n, memory.norm[0]
+    if g == 0.0:
+        most = parameters.norm_error_max * parameters.gravity_mps2
+        g = parameters.gravity_mps2 + min(max(size - parameters.gravity_mps2, -most), most)
+    spread2 = force2 / n - 2.0 * g * size + g * g
     return max(spread2, 0.0) / parameters.accel_scale_mps2**2 + rate2 / n / parameters.gyro_scale_radps**2
 
 
@@ -222,11 +226,10 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 
 @njit(**INSIDE)
-def rest_level(memory: Memory, parameters: KernelParameters) -> float:
-    """Largest motion statistic of a foot at rest: `rest_level`, and what an unknown gyro bias (two sigma) adds to it."""
+def unknown_bias_statistic(memory: Memory, parameters: KernelParameters) -> float:
+    """What two standard deviations of the gyro bias add to the motion statistic of a foot at rest."""
     P, o = memory.covariance, memory.row + D_GYRO_BIAS
-    unknown = P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]
-    return parameters.rest_level + 4.0 * unknown / parameters.gyro_scale_radps**2
+    return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / parameters.gyro_scale_radps**2
 
 
 @njit(**INSIDE)
@@ -264,6 +267,25 @@ def inject(memory: Memory) -> None:
 
 
 @njit(**INSIDE)
+def _floor_variance(memory: Memory, parameters: KernelParameters) -> float:
+    """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `floor_prior` steps, and the walk's."""
+    prior = parameters.floor_prior
+    return (prior * parameters.floor_sd_m**2 + memory.floor[2]) / (prior + memory.floor[1])
+
+
+@njit(**INSIDE)
+def _note_level_step(memory: Memory, same: float, step: float, variance: float, spread: float) -> None:
+    """Learns from a step by `step` (m), on the same floor with probability `same`, how much such steps differ.
+
+    Of the squared step, the part that is expected to be the floor's, not the path's, given both variances (m²).
+    """
+    share = variance / (variance + spread)
+    memory.floor[0] = same
+    memory.floor[1] += same
+    memory.floor[2] += same * (share * share * step * step + share * spread)
+
+
+@njit(**INSIDE)
 def _normal(x: float, variance: float) -> float:
     """Density of a normal distribution of mean 0."""
     return math.exp(-0.5 * x * x / variance) / math.sqrt(2.0 * math.pi * variance)
@@ -276,10 +298,11 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     See docs/foot_ins.md (14).
 
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
-    ground is level or clearly not. If the foot is stationary and flat, and its height has changed by less than
-    `level_step_m` and by no more than the filter's uncertainty, the floor is taken to be the same, up to `floor_sd_m`
-    (after Abdulrahim, Hide, Moore, Hill 2012). Elsewhere, on a stair or ramp, the floor is at the foot's height and as
-    uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a moving foot.
+    ground is often level (Abdulrahim, Hide, Moore, Hill 2012). Whether it is here is a hypothesis: the same floor, up
+    to its unevenness and the arm of a tilted sole, or another one anywhere within `new_floor_range_m`. The height is
+    corrected by the probability of the first (`kalman.correct_probably`). If that is below a half, as on a stair or
+    ramp, the floor is at the foot's height and as uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a
+    moving foot.
     """
     clock = memory.clock
     if stationary_speed_sd > parameters.stand_speed_mps:
@@ -298,14 +321,14 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
     lift = parameters.sole_m * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
-    variance = parameters.floor_sd_m**2 + lift**2
+    variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
     likelihood = _normal(step, work.spread[0, 0] + variance) * parameters.new_floor_range_m
-    same, last = 0.0, memory.level[0]
+    same, last = 0.0, memory.floor[0]
     prior = last * parameters.same_floor + (1.0 - last) * parameters.same_after_new
-    if known and prior > 0.0:
+    if known and prior > 0.0 and abs(step) < parameters.level_step_m:
         same = likelihood / (likelihood + 1.0 / prior - 1.0)
-        memory.level[0] = same
+        _note_level_step(memory, same, step, variance, work.spread[0, 0])
         correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)
         inject(memory)
     if same > 0.5:
@@ -316,4 +339,4 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     spread_measurements(P, work, o, 1)
     for j in range(P.shape[0]):
         P[o + D_FLOOR, j] = P[j, o + D_FLOOR] = work.gain[j]
-    P[o + D_FLOOR, o + D_FLOOR] = work.spread[0, 0]
+    P[o + D_FLOOR, o + D_FLOOR] = work.spread[0, 0] + variance

@@ -57,7 +57,10 @@ class Memory(NamedTuple):
             alignment began.
         lever: (3,) from the sensor to the stationary point, sensor frame, m.
         peak: (1,) slowly decaying peak of the motion statistic.
-        level: (1,) probability that the last step stayed on its floor.
+        norm: (1,) size of the specific force at rest, m/s²; 0 until the alignment.
+        floor: (3,) of the steps so far: probability that the last one stayed on its floor; sum of these; sum of the
+            squared height differences of the floor, m².
+        path: (4,) position of the first sample, m; unknown share of the length of the way from there.
         extreme: (6,) largest magnitude of each channel so far.
         nis: (2,) over all zero-velocity updates: sum of the normalised innovation squared, per degree of freedom;
             and their number.
@@ -78,7 +81,9 @@ class Memory(NamedTuple):
     force_sum: Array
     lever: Array
     peak: Array
-    level: Array
+    norm: Array
+    floor: Array
+    path: Array
     extreme: Array
     nis: Array
     hidden: Array
@@ -95,7 +100,8 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
-        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), level=np.ones(1), extreme=np.zeros(6), nis=np.zeros(2),
+        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), norm=np.zeros(1),
+        floor=np.array([1.0, 0.0, 0.0]), path=np.zeros(4), extreme=np.zeros(6), nis=np.zeros(2),
         hidden=np.zeros((RING, 6)), work=workspace(len(covariance), STATES),
     )  # fmt: skip
 

@@ -77,6 +77,7 @@ class Window(NamedTuple):
         transition: (C + 1, 20, 20) Ψ of the passage from the sample before; row C: over the samples not yet summed.
         information: (C + 1, 20, 20) J of the same.
         evidence: (C + 1, 20) j of the same.
+        path: (4,) of the memory.
         given: Output for a sample that leaves.
         scratch: (2, 20, 20).
     """
@@ -90,6 +91,7 @@ class Window(NamedTuple):
     transition: Array
     information: Array
     evidence: Array
+    path: Array
     given: Memory
     scratch: Array
 
@@ -103,7 +105,7 @@ def empty_window(capacity: int) -> Window:
         speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
         covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
         information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
-        given=blank(), scratch=np.zeros((2, STATES, STATES)),
+        path=np.zeros(4), given=blank(), scratch=np.zeros((2, STATES, STATES)),
     )  # fmt: skip
 
 
@@ -201,6 +203,8 @@ def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
     window.place[HELD] += 1
     window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
     P, n = memory.covariance, STATES
+    for k in range(4):
+        window.path[k] = memory.path[k]
     for k in range(NOMINAL):
         window.nominal[i, k] = memory.nominal[k]
     for k in range(n):
@@ -317,5 +321,7 @@ def release_oldest(window: Window) -> int:
     for k in range(NOMINAL):
         given.nominal[k] = window.nominal[i, k]
     given.clock[T_LAST] = window.t_ns[i]
+    for k in range(4):
+        given.path[k] = window.path[k]
     inject(given)
     return i

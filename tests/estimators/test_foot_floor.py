@@ -13,7 +13,7 @@ from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 def test_level_ground_stays_level(seed: int) -> None:
     truth = walk(strides=30, slow_heel_rad=0.05, calibration=ADIS16485, rng=np.random.default_rng(seed))
     z = FootIns(ADIS16485).run(truth.imu).trajectory.p_frame_in_world[:, 2]
-    new_floors = FootIns(ADIS16485, replace(FootInsParameters(), level_step_m=0.0)).run(truth.imu)
+    new_floors = FootIns(ADIS16485, replace(FootInsParameters(), same_floor=0.0, same_after_new=0.0)).run(truth.imu)
     assert abs(z[-1] - z[0]) < 0.01
     assert abs(z[-1] - z[0]) < abs(np.ptp(new_floors.trajectory.p_frame_in_world[[0, -1], 2]))
 
