@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from stridetwin.estimators.base import PathEstimate, deprecated
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
+    BY_FLOOR,
+    BY_RATE,
+    BY_VELOCITY,
     HEADED,
     IGNORED,
     POSITION,
@@ -169,5 +172,10 @@ class FootInsPath:
 
 def standing_nis(memory: Memory) -> float:
     """Mean normalised innovation squared of zero-velocity updates, per degree of freedom; NaN before the first."""
-    total, count = memory.nis
-    return float(total / count) if count else math.nan
+    return nis_by_kind(memory).get("standing", math.nan)
+
+
+def nis_by_kind(memory: Memory) -> dict[str, float]:
+    """The same of each kind of update used so far: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+    sums = {"standing": memory.nis[BY_VELOCITY], "floor": memory.nis[BY_FLOOR], "rest": memory.nis[BY_RATE]}
+    return {name: float(total / count) for name, (total, count) in sums.items() if count > 0.0}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind, standing_nis
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, blank
@@ -75,8 +74,7 @@ class FootIns:
         topic = _topic(options)
         block, estimator = recording.block(topic), cls.batch(recording.rig, options)
         path = estimator.run(block)
-        nis = {} if math.isnan(estimator.nis) else {"standing": estimator.nis}
-        return [path.estimate(recording, cls.declaration.name, options.foot, "", nis)]
+        return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis_by_kind)]
 
     @classmethod
     def follow_block(cls, block: Block[Imu], options: Options) -> Trajectory:
@@ -107,6 +105,11 @@ class FootIns:
         NaN before the first update.
         """
         return standing_nis(self._memory)
+
+    @property
+    def nis_by_kind(self) -> dict[str, float]:
+        """The same of each kind of update used: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+        return nis_by_kind(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""

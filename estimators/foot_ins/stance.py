@@ -34,6 +34,9 @@ from stridetwin.estimators.foot_ins.quaternions import (
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
+    BY_FLOOR,
+    BY_RATE,
+    BY_VELOCITY,
     CONTACT,
     D_ACCEL_BIAS,
     D_ATTITUDE,
@@ -201,8 +204,8 @@ def zero_velocity_update(
     slip = plus(v, 1.0, cross(w, r))
     put_vec3(rotate(whitening, plus((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
     gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[0] += normalized_innovation(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
-    memory.nis[1] += 1.0
+    memory.nis[BY_VELOCITY, 0] += normalized_innovation(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
+    memory.nis[BY_VELOCITY, 1] += 1.0
     inject(memory)
 
 
@@ -243,7 +246,9 @@ def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, d
     for i in range(3):
         work.jacobian[i, D_GYRO_BIAS + i] = 1.0 / sd
         work.innovation[i] = (rate[i] - memory.nominal[GYRO_BIAS + i]) / sd
-    gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    length = gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    memory.nis[BY_RATE, 0] += length**2 / 3.0
+    memory.nis[BY_RATE, 1] += 1.0
     inject(memory)
 
 
@@ -282,6 +287,8 @@ def _note_level_step(memory: Memory, same: float, step: float, variance: float, 
     share = variance / (variance + spread)
     memory.floor[0] = same
     memory.floor[1] += same
+    memory.nis[BY_FLOOR, 0] += same * step * step / (variance + spread)
+    memory.nis[BY_FLOOR, 1] += same
     memory.floor[2] += same * (share * share * step * step + share * spread)
 
 

@@ -31,6 +31,8 @@ CLOCKS = 12
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
+BY_VELOCITY, BY_FLOOR, BY_RATE = range(3)  # rows of `nis`
+
 START_POSITION_SD = 1e-4  # m; the start defines the world's origin
 START_HEADING_SD = 1e-3  # rad; and its heading
 
@@ -62,8 +64,8 @@ class Memory(NamedTuple):
             squared height differences of the floor, m².
         path: (4,) position of the first sample, m; unknown share of the length of the way from there.
         extreme: (6,) largest magnitude of each channel so far.
-        nis: (2,) over all zero-velocity updates: sum of the normalised innovation squared, per degree of freedom;
-            and their number.
+        nis: (3, 2) over all updates of a kind (zero velocity, floor, zero rate): sum of the normalised innovation
+            squared, per degree of freedom; and their number.
         hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
         work: Of one update of the 20 states.
     """
@@ -101,7 +103,7 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
         force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), norm=np.zeros(1),
-        floor=np.array([1.0, 0.0, 0.0]), path=np.zeros(4), extreme=np.zeros(6), nis=np.zeros(2),
+        floor=np.array([1.0, 0.0, 0.0]), path=np.zeros(4), extreme=np.zeros(6), nis=np.zeros((3, 2)),
         hidden=np.zeros((RING, 6)), work=workspace(len(covariance), STATES),
     )  # fmt: skip
 

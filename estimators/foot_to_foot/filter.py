@@ -25,7 +25,7 @@ from stridetwin.estimators.base import (
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, REPORTED, STATES
+from stridetwin.estimators.foot_ins.state import ATTITUDE, BY_VELOCITY, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel
 from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected, relative_position
 from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
@@ -225,7 +225,7 @@ class FootToFoot:
 
         Of the updates used: `standing_l`, `standing_r`, `sightings` (boards), `echoes`.
         """
-        sums = {f"standing_{f}": memory.nis for f, memory in zip(FEET, self._pair.feet)}
+        sums = {f"standing_{f}": memory.nis[BY_VELOCITY] for f, memory in zip(FEET, self._pair.feet)}
         sums |= {"sightings": self._pair.nis[OBSERVATIONS], "echoes": self._pair.nis[ECHOES]}
         return {name: float(total / count) for name, (total, count) in sums.items() if count}
 
