@@ -49,6 +49,14 @@ class EstimateOptions(ImportableOptions):
     ]
     foot: Annotated[Literal["l", "r"] | None, option("foot_ins: foot of a recording (default l).")] = None
     lag: Annotated[float | None, option("foot_ins: smooth each pose with the next S seconds, up to 10.", "S")] = None
+    imu: Annotated[
+        str | None,
+        option(
+            "foot_ins, IMU table: auto reads noise, gyro bias and range from the samples (default); none assumes any "
+            "consumer IMU; or the name of a part.",
+            "NAME",
+        ),
+    ] = None
     method: Annotated[
         str | None,
         option(
@@ -86,6 +94,8 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         raise StrideTwinError(f"--mesh goes with {goes_with(lambda d: d.kind == MAP)}")
     if arguments.poses and found.declaration.kind not in (MAP, MODES):
         raise StrideTwinError(f"--poses goes with {goes_with(lambda d: d.kind in (MAP, MODES))}")
+    if arguments.imu is not None and found.declaration.kind != PATH:
+        raise StrideTwinError("--imu goes with foot_ins and an IMU table")
     if arguments.exoskeleton and found.declaration.kind != STEPS:
         raise StrideTwinError(f"--exoskeleton goes with {goes_with(lambda d: d.kind == STEPS)}")
     options = options_of(arguments, found.declaration)
@@ -124,21 +134,29 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
 
 
 def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.cli.table_imu import AUTO, described, rig_of_table
     from stridetwin.pipeline.live_chain import part_file
     from stridetwin.pipeline.run import paths
     from stridetwin.streams.formats.imu_table import TABLES, read_imu_table
     from stridetwin.streams.formats.tum import write_tum
 
+    about: list[str] = []
     follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
     is_table = arguments.source.suffix in TABLES and not (arguments.rig or arguments.map or arguments.kind)
     if follow_block is not None and is_table:
-        made = {arguments.output: follow_block(read_imu_table(arguments.source), options)}
+        block = read_imu_table(arguments.source)
+        rig = rig_of_table(arguments.imu or AUTO, block, options.foot)
+        made = {arguments.output: follow_block(block, options, rig)}
+        about = [] if rig is None else [described(imu) for imu in rig.imus.values()]
     else:
+        if arguments.imu is not None:
+            raise StrideTwinError("--imu goes with foot_ins and an IMU table")
         estimates = paths(found, imported(arguments), options, progress)
         made = {part_file(arguments.output, parts.get(e.frame, "")): e.path for e in estimates}
     for file, path in made.items():
         write_tum(path, file)
-    return list(made), sum(map(len, made.values())), [f"{file}: {len(path)} poses" for file, path in made.items()]
+    about += [f"{file}: {len(path)} poses" for file, path in made.items()]
+    return list(made), sum(map(len, made.values())), about
 
 
 def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:

@@ -77,9 +77,9 @@ class FootIns:
         return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis_by_kind)]
 
     @classmethod
-    def follow_block(cls, block: Block[Imu], options: Options) -> Trajectory:
-        """The path of an IMU without calibration."""
-        return cls.batch(None, options).run(block).trajectory
+    def follow_block(cls, block: Block[Imu], options: Options, rig: Rig | None = None) -> Trajectory:
+        """The path of a single IMU; without a rig, of any consumer sensor."""
+        return cls.batch(rig, options).run(block).trajectory
 
     @classmethod
     def batch(cls, rig: Rig | None, options: Options) -> FootIns | FootInsSmoother:

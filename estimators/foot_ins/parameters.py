@@ -121,7 +121,7 @@ class FootInsParameters:
     """Height differences of a foot on the same floor from step to step, m. [real walks]"""
     floor_prior: float = 5.0
     """Number of level steps that `floor_sd_m` is worth against those of the walk."""
-    path_scale_sd: float = 0.005
+    path_scale_sd: float = 0.01
     """Unknown share of the length of a way, by scale errors, if the calibration has no `accelerometer_scale_sd`."""
     misalignment_noise_per_rthz: float = 0.6
     """Noise of the angular rate per rad of the gyro's misalignment, 1/√Hz, if the calibration gives it. [twin]"""
