@@ -38,6 +38,7 @@ _BEYOND_NOISE = (
     "accelerometer_bias_sd",
     "gyroscope_range",
     "accelerometer_range",
+    "gyroscope_scale_sd",
     "gyroscope_misalignment_sd",
     "accelerometer_scale_sd",
 )
@@ -187,6 +188,7 @@ class _OwnImu(FileModel):
     accelerometer_bias_sd: NotNegative = 0.0
     gyroscope_range: NotNegative = 0.0
     accelerometer_range: NotNegative = 0.0
+    gyroscope_scale_sd: NotNegative = 0.0
     gyroscope_misalignment_sd: NotNegative = 0.0
     accelerometer_scale_sd: NotNegative = 0.0
 

@@ -32,6 +32,7 @@ from stridetwin.estimators.foot_ins.state import (
     D_DRIFT,
     D_GYRO_BIAS,
     D_POSITION,
+    D_SCALE,
     D_VELOCITY,
     FILL,
     HEADED,
@@ -161,3 +162,4 @@ def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, til
         for i in range(D_CONTACT, STATES):
             P[o + i, o + i] = 0.0
         P[o + D_DRIFT, o + D_DRIFT] = parameters.height_drift_sd**2
+        P[o + D_SCALE, o + D_SCALE] = parameters.gyro_scale_sd**2

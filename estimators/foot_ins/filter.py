@@ -119,7 +119,7 @@ class FootIns:
         return FootInsPath.of(block.t_ns, phase, speed, state, covariance)
 
     def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """Phase (N,), standing speed (N,), nominal state (N, 21), pose covariance (N, 6, 6)."""
+        """Phase (N,), standing speed (N,), nominal state (N, 22), pose covariance (N, 6, 6)."""
         results = self._results_of(len(t_ns))
         kernel.run(
             self._memory, self._parameters, np.ascontiguousarray(t_ns, dtype=np.int64),

@@ -117,7 +117,7 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
 
 @njit(**INSIDE)
 def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
-    """Writes the nominal state (21,), and the (6, 6) covariance of position (m) and attitude (rad), world axes.
+    """Writes the nominal state (22,), and the (6, 6) covariance of position (m) and attitude (rad), world axes.
 
     The scale of the path is unknown by a share that no update of one foot observes: a state that only adds to the
     covariance of the position, along the way from the start.
@@ -149,7 +149,7 @@ def run(
         force: m/s².
         phase: (N,) int8, out.
         speed: (N,) out: standard deviation, m/s.
-        state: (N, 21) out: nominal state.
+        state: (N, 22) out: nominal state.
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):

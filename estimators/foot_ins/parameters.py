@@ -121,6 +121,9 @@ class FootInsParameters:
     """Height differences of a foot on the same floor from step to step, m. [real walks]"""
     floor_prior: float = 5.0
     """Number of level steps that `floor_sd_m` is worth against those of the walk."""
+    gyro_scale_sd: float = 0.0
+    """Scale error of the gyro across the sole's normal, if the calibration has no `gyroscope_scale_sd`: strikes at the
+    limit of an accelerometer look the same (0.01 bends `dual_foot_walk` by 0.3 m)."""
     path_scale_sd: float = 0.01
     """Unknown share of the length of a way, by scale errors, if the calibration has no `accelerometer_scale_sd`."""
     misalignment_noise_per_rthz: float = 0.6
@@ -170,7 +173,15 @@ class FootInsParameters:
             "lever_sd_m",
             "contact_sd_m",
         }
-        may_be_zero |= {"same_floor", "same_after_new", "rest_level", "height_drift_sd", "path_scale_sd", "sole_m"}
+        may_be_zero |= {
+            "same_floor",
+            "same_after_new",
+            "rest_level",
+            "height_drift_sd",
+            "path_scale_sd",
+            "gyro_scale_sd",
+            "sole_m",
+        }
         values = asdict(self)
         may_be_zero |= {name for name in values if "_noise" in name or "_walk" in name}
         check_numbers("FootInsParameters", values, may_be_zero)
@@ -193,6 +204,7 @@ def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None
     values = {name: float(value) for name, value in asdict(parameters).items()}
     if calibration is not None:
         values["path_scale_sd"] = calibration.accelerometer_scale_sd or values["path_scale_sd"]
+        values["gyro_scale_sd"] = calibration.gyroscope_scale_sd or values["gyro_scale_sd"]
         misalignment = calibration.gyroscope_misalignment_sd
         if misalignment > 0.0:
             values["gyro_noise_radps_rthz"] = values["misalignment_noise_per_rthz"] * misalignment

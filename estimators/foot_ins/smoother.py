@@ -32,7 +32,7 @@ from stridetwin.streams.samples import Array, Block, Imu
 
 _called = cached(Path(__file__).parent, llvm_level=1)
 
-# Of N samples: time, phase, standing speed (m/s), (N, 21) state, (N, 6, 6) covariance of position and attitude.
+# Of N samples: time, phase, standing speed (m/s), (N, 22) state, (N, 6, 6) covariance of position and attitude.
 Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 

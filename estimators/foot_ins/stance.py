@@ -45,6 +45,7 @@ from stridetwin.estimators.foot_ins.state import (
     D_FLOOR,
     D_GYRO_BIAS,
     D_POSITION,
+    D_SCALE,
     D_VELOCITY,
     DRIFT,
     FILL,
@@ -55,6 +56,7 @@ from stridetwin.estimators.foot_ins.state import (
     NEVER_LANDED,
     POSITION,
     RING,
+    SCALE,
     STANDING,
     STATES,
     SWINGING,
@@ -264,6 +266,7 @@ def inject(memory: Memory) -> None:
         x[CONTACT + i] += error[o + D_CONTACT + i]
     x[FLOOR] += error[o + D_FLOOR]
     x[DRIFT] += error[o + D_DRIFT]
+    x[SCALE] += error[o + D_SCALE]
     rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
     put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
     shift(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))

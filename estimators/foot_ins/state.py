@@ -13,14 +13,16 @@ from stridetwin.estimators.foot_ins.kalman import Workspace, workspace
 from stridetwin.estimators.foot_ins.quaternions import Vec3
 from stridetwin.streams.samples import Array
 
-# Nominal state (21,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
-# point of the sole from the end of the lever arm (sensor frame), height of the floor, height drift per metre of path.
-POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR, DRIFT = 0, 3, 6, 10, 13, 16, 19, 20
-NOMINAL = 21
-# Error state (20,): true = nominal + error; that of the attitude is a rotation vector in the world,
+# Nominal state (22,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
+# point of the sole from the end of the lever arm (sensor frame), height of the floor, height drift per metre of path,
+# share by which the gyro reads too much across the sole's normal.
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR, DRIFT, SCALE = 0, 3, 6, 10, 13, 16, 19, 20, 21
+NOMINAL = 22
+# Error state (21,): true = nominal + error; that of the attitude is a rotation vector in the world,
 # R_true = exp([e]x) R.
 D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR, D_DRIFT = 0, 3, 6, 9, 12, 15, 18, 19
-STATES = 20
+D_SCALE = 20
+STATES = 21
 REPORTED = 15  # number of them in an estimate
 
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
@@ -43,11 +45,11 @@ class Memory(NamedTuple):
     """State of the filter of one foot; covariance and error may belong to a larger filter.
 
     Attributes:
-        nominal: (21,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
+        nominal: (22,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
             bias m/s², wandering of the contact m, height of the floor m, height drift per path length.
         covariance: (n, n) of the filter's error state.
         error: (n,) found by updates, but not yet moved into the nominal state.
-        row: First of the 20 rows of `covariance` and `error` that are this foot's.
+        row: First of the 21 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
         clock: (12,) int64, see the constants above.
@@ -67,7 +69,7 @@ class Memory(NamedTuple):
         nis: (3, 2) over all updates of a kind (zero velocity, floor, zero rate): sum of the normalised innovation
             squared, per degree of freedom; and their number.
         hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
-        work: Of one update of the 20 states.
+        work: Of one update of the 21 states.
     """
 
     nominal: Array

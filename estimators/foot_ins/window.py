@@ -17,7 +17,7 @@ When a clipped peak is restored (`clipping`), the filter's state jumps, and with
 began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
 and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
 
-The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 20 rows, with covariance 0 of their
+The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 21 rows, with covariance 0 of their
 own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
 the zeros and adds g z / s to the error of these rows.
 """
@@ -72,14 +72,14 @@ class Window(NamedTuple):
         t_ns: (C,) int64.
         phase: (C,) int8 in which each was used.
         speed: (C,) standard deviation of the standing foot's speed, m/s.
-        nominal: (C, 21) filtered.
-        covariance: (C, 20, 20) filtered.
-        transition: (C + 1, 20, 20) Ψ of the passage from the sample before; row C: over the samples not yet summed.
-        information: (C + 1, 20, 20) J of the same.
-        evidence: (C + 1, 20) j of the same.
+        nominal: (C, 22) filtered.
+        covariance: (C, 21, 21) filtered.
+        transition: (C + 1, 21, 21) Ψ of the passage from the sample before; row C: over the samples not yet summed.
+        information: (C + 1, 21, 21) J of the same.
+        evidence: (C + 1, 21) j of the same.
         path: (4,) of the memory.
         given: Output for a sample that leaves.
-        scratch: (2, 20, 20).
+        scratch: (2, 21, 21).
     """
 
     place: NDArray[np.int64]

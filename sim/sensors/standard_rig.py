@@ -144,7 +144,8 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
         gyroscope_bias_sd=gyroscope.turn_on_bias, accelerometer_bias_sd=accelerometer.turn_on_bias,
         gyroscope_range=_finite(gyroscope.range), accelerometer_range=_finite(accelerometer.range),
-        gyroscope_misalignment_sd=gyroscope.misalignment, accelerometer_scale_sd=accelerometer.scale_factor,
+        gyroscope_scale_sd=gyroscope.scale_factor, gyroscope_misalignment_sd=gyroscope.misalignment,
+        accelerometer_scale_sd=accelerometer.scale_factor,
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ def measured_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
     rest = _quietest(rate, force, max(round(REST_S * rate_hz), 8))
     gyro, accel, bias = 0.0, 0.0, 0.0
     if rest is not None:
-        gyro, accel = (_noise_density(x[rest], rate_hz) for x in (rate, force))
+        gyro, accel = (_noise_density(x[rest], resolution(x), rate_hz) for x in (rate, force))
         mean = float(np.linalg.norm(rate[rest].mean(axis=0)))
         bias = mean if mean > SWAY_RADPS else 0.0
     return ImuCalibration(
@@ -62,10 +62,10 @@ def _quietest(rate: Array, force: Array, n: int) -> slice | None:
     return window if quiet else None
 
 
-def _noise_density(x: Array, rate_hz: float) -> float:
+def _noise_density(x: Array, count: float, rate_hz: float) -> float:
     """Density of the white noise of (N, 3) samples, unit/√Hz, from their differences; at least that of the counts."""
     white = np.diff(x, axis=0).std(axis=0).mean() / np.sqrt(2.0)
-    return float(max(white, resolution(x) / np.sqrt(12.0)) / np.sqrt(rate_hz))
+    return float(max(white, count / np.sqrt(12.0)) / np.sqrt(rate_hz))
 
 
 def resolution(x: Array) -> float:
