@@ -22,7 +22,7 @@ ACCEL_RANGES_MPS2 = tuple(g * STANDARD_GRAVITY_MPS2 for g in (2.0, 4.0, 6.0, 8.0
 """Usual full scales."""
 FULL_SCALE_ERROR, PILE, LEAST_LIMITED = 0.02, 0.985, 5
 """A channel is limited if its largest magnitude is a usual full scale up to this error of its calibration, and so many
-samples lie above the share `PILE` of it. A slow rotation, which dwells at its peaks, is none of a usual full scale."""
+samples lie above the share `PILE` of it. Slow rotations also dwell at their peaks, but at no usual full scale."""
 
 
 def measured_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
