@@ -97,7 +97,7 @@ class FootInsEstimate:
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
         covariance = memory.covariance[o : o + REPORTED, o : o + REPORTED].copy()
         way = p - memory.path[:3]
-        covariance[:3, :3] += memory.path[3] ** 2 * np.outer(way, way)
+        covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
         return cls(
             t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
