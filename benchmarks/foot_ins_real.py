@@ -1,4 +1,4 @@
-"""The one-foot inertial navigation on real recordings: one parameter set, two data sets, four disturbances.
+"""The one-foot inertial navigation on real recordings: one parameter set, three data sets, four disturbances.
 
 `python -m benchmarks.foot_ins_real [--json] [--halves]`. `real_walks` finds the recordings. With `--halves` the
 parameters are tuned on one half of the walks and scored on the other (`foot_ins_halves`).
@@ -20,13 +20,16 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import foot_ins_halves
 from benchmarks.command import answer, command
+from benchmarks.consistency import means, nees
 from benchmarks.real_walks import (
     MarkerWalk,
     ViconWalk,
     armse,
     bearing,
     data_folder,
+    load_loop,
     load_markers,
+    load_stairs,
     load_vicon,
     spread,
     stance_error,
@@ -101,6 +104,24 @@ def marker_errors(feet: Sequence[MarkerWalk], paths: Sequence[FootInsPath]) -> d
     }
 
 
+def loop_errors(imu: Block[Imu]) -> dict[str, float]:
+    """End errors of a walk that ends where it began, with their standard deviations, m."""
+    path = estimate(imu).trajectory
+    assert path.covariance is not None
+    way, variance = path.p_frame_in_world[-1] - path.p_frame_in_world[0], np.diag(path.covariance[-1])
+    return {
+        "horizontal_m": float(np.hypot(way[0], way[1])), "horizontal_sd_m": float(np.sqrt(variance[0] + variance[1])),
+        "height_m": float(way[2]), "height_sd_m": float(np.sqrt(variance[2])),
+    }  # fmt: skip
+
+
+def climb_of(imu: Block[Imu]) -> dict[str, float]:
+    """Height gained in a walk of unknown truth, and its standard deviation, m."""
+    path = estimate(imu).trajectory
+    assert path.covariance is not None
+    return {"height": climb(path.p_frame_in_world), "sd": float(np.sqrt(path.covariance[-1, 2, 2]))}
+
+
 def both_feet(feet: Sequence[MarkerWalk], start: dict[str, StartPose] | None) -> dict[str, Any]:
     """Errors of both feet of `dual_foot_walk` in one filter with unknown calibration, and of their distance.
 
@@ -157,15 +178,22 @@ def measure(folder: Path) -> dict[str, Any]:
     }
     estimate(walks[0].imu)  # compiles
     recorded_s = sum(int(w.imu.t_ns[-1] - w.imu.t_ns[0]) for w in walks) * 1e-9
+    filters = {w.name: FootIns() for w in walks}
     begin = time.perf_counter()
-    paths = {w.name: estimate(w.imu).trajectory.p_frame_in_world for w in walks}
+    estimates = {w.name: filters[w.name].run(w.imu).trajectory for w in walks}
     elapsed_s = time.perf_counter() - begin
+    paths = {name: path.p_frame_in_world for name, path in estimates.items()}
+    consistent = {w.name: nees(estimates[w.name], w.truth) for w in walks}
+    innovations = {name: {f"nis_{k}": v for k, v in f.nis_by_kind.items()} for name, f in filters.items()}
     error = {w.name: armse(paths[w.name], w.truth) for w in walks}
     height = {w.name: climb(paths[w.name]) - climb(w.truth) for w in walks}
     ours = {
         "armse_m": spread(error.values()),
         "end_height_error_m": spread(abs(h) for h in height.values()),
+        "consistency": means([*consistent.values()]) | means([*innovations.values()]),
         **marker_errors(feet, [estimate(f.imu) for f in feet]),
+        "loop": loop_errors(load_loop(folder)),
+        "stairs_m": {side: climb_of(imu) for side, imu in load_stairs(folder).items()},
         "both_feet_start_known": both_feet(feet, {f.name[0]: known_start(f) for f in feet}),
         "both_feet_side_by_side": both_feet(feet, None),
         "times_real_time": recorded_s / elapsed_s,
@@ -175,7 +203,10 @@ def measure(folder: Path) -> dict[str, Any]:
         "experiment": "foot_ins_real",
         "summary": {"proposed": ours},
         "paper": PUBLISHED,
-        "cases": [{"walk": n, "armse_m": error[n], "end_height_error_m": height[n]} for n in error],
+        "cases": [
+            {"walk": n, "armse_m": error[n], "end_height_error_m": height[n], **consistent[n], **innovations[n]}
+            for n in error
+        ],
     }
 
 

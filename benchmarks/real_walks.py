@@ -1,7 +1,8 @@
 """Real walks with known truth, and their scores.
 
 The recordings are in $STRIDETWIN_DATA, otherwise in `../shared/data` beside the checkout: `foot_imu_vicon` (walks under
-motion capture, first published with pyshoe, Wagstaff & Kelly 2018) and `dual_foot_walk` (gaitmap's example data).
+motion capture, first published with pyshoe, Wagstaff & Kelly 2018) and `dual_foot_walk` (gaitmap's example data),
+`foot_imu_other` (an x-io NGIMU, and gaitmap's stairs).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.samples import Array, Block, Imu
 
 
@@ -154,6 +156,28 @@ def load_markers(folder: Path) -> list[MarkerWalk]:
         )
         for side in ("left", "right")
     ]
+
+
+def load_loop(folder: Path) -> Block[Imu]:
+    """The loop of `ngimu_short_walk`, which ends where it began; of repeated stamps the first sample counts."""
+    with gzip.open(folder / "foot_imu_other" / "ngimu_short_walk.csv.gz", "rt") as f:
+        table = np.genfromtxt(f, delimiter=",", skip_header=1)
+    table = table[np.r_[True, np.diff(table[:, 0]) > 0.0]]
+    return imu_block(table[:, 0], np.radians(table[:, 1:4]), table[:, 4:7] * STANDARD_GRAVITY_MPS2)
+
+
+def load_stairs(folder: Path) -> dict[str, Block[Imu]]:
+    """`left` and `right` foot up one staircase, of `gaitmap_stair_up`."""
+    names, table = _table(folder / "foot_imu_other" / "gaitmap_stair_up.csv.gz")
+    t = np.arange(len(table)) / 204.8
+
+    def pick(prefix: str) -> Array:
+        return table[:, [names.index(f"{prefix}{axis}") for axis in "xyz"]]
+
+    return {
+        side: imu_block(t, np.radians(pick(f"{side}_sensor gyr_")), pick(f"{side}_sensor acc_"))
+        for side in ("left", "right")
+    }
 
 
 def _table(file: Path) -> tuple[list[str], Array]:

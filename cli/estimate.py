@@ -63,6 +63,14 @@ class EstimateOptions(ImportableOptions):
     ]
     foot: Annotated[Literal["l", "r"] | None, option("foot_ins: foot of a recording (default l).")] = None
     lag: Annotated[float | None, option("foot_ins: smooth each pose with the next S seconds, up to 10.", "S")] = None
+    imu: Annotated[
+        str | None,
+        option(
+            "foot_ins, IMU table: auto reads noise, gyro bias and range from the samples (default); none assumes any "
+            "consumer IMU; or the name of a part.",
+            "NAME",
+        ),
+    ] = None
     method: Annotated[
         str | None,
         option(
@@ -103,6 +111,8 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         raise StrideTwinError(f"--mesh goes with {goes_with(lambda d: d.kind == MAP)}")
     if arguments.poses and found.declaration.kind not in (MAP, MODES):
         raise StrideTwinError(f"--poses goes with {goes_with(lambda d: d.kind in (MAP, MODES))}")
+    if arguments.imu is not None and found.declaration.kind != PATH:
+        raise StrideTwinError("--imu goes with foot_ins and an IMU table")
     if arguments.exoskeleton and found.declaration.kind != STEPS:
         raise StrideTwinError(f"--exoskeleton goes with {goes_with(lambda d: d.kind == STEPS)}")
     options = options_of(arguments, found.declaration)
@@ -144,21 +154,29 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
 
 
 def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.cli.table_imu import AUTO, described, rig_of_table
     from stridetwin.pipeline.live_chain import part_file
     from stridetwin.pipeline.path_files import write_path
     from stridetwin.pipeline.run import paths
     from stridetwin.streams.formats.opening import recognise
 
+    about: list[str] = []
     follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
     is_given = bool(arguments.rig or arguments.map or arguments.kind)
     if follow_block is not None and not is_given and recognise(arguments.source) == "table":
-        path = follow_block(_table(arguments, options.foot), options)
+        block = _table(arguments, options.foot)
+        rig = rig_of_table(arguments.imu or AUTO, block, options.foot)
+        path = follow_block(block, options, rig)
         made = {arguments.output: PathEstimate(name=arguments.estimator, frame="", path=path)}
+        about = [] if rig is None else [described(imu) for imu in rig.imus.values()]
     else:
+        if arguments.imu is not None:
+            raise StrideTwinError("--imu goes with foot_ins and an IMU table")
         estimates = paths(found, imported(arguments), options, progress)
         made = {part_file(arguments.output, parts.get(e.frame, "")): e for e in estimates}
     written = [write_path(path, file, dead_reckoning=arguments.dead_reckoning) for file, path in made.items()]
-    return Written(files=list(made), rows=sum(rows for rows, _ in written), lines=[line for _, line in written])
+    lines = [*about, *(line for _, line in written)]
+    return Written(files=list(made), rows=sum(rows for rows, _ in written), lines=lines)
 
 
 def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:

@@ -33,7 +33,15 @@ _OURS = "stridetwin"
 _WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
 _LARGEST = 1e300
 _Squares = Annotated[int, whole(2, 2**31 - 1)]
-_BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
+_BEYOND_NOISE = (
+    "gyroscope_bias_sd",
+    "accelerometer_bias_sd",
+    "gyroscope_range",
+    "accelerometer_range",
+    "gyroscope_scale_sd",
+    "gyroscope_misalignment_sd",
+    "accelerometer_scale_sd",
+)
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -180,6 +188,9 @@ class _OwnImu(FileModel):
     accelerometer_bias_sd: NotNegative = 0.0
     gyroscope_range: NotNegative = 0.0
     accelerometer_range: NotNegative = 0.0
+    gyroscope_scale_sd: NotNegative = 0.0
+    gyroscope_misalignment_sd: NotNegative = 0.0
+    accelerometer_scale_sd: NotNegative = 0.0
 
 
 class _Board(FileModel):

@@ -48,6 +48,9 @@ class ImuCalibration:
         accelerometer_bias_sd: Turn-on bias, m/s².
         gyroscope_range: Largest measurable rate, rad/s; 0 = unknown.
         accelerometer_range: Largest measurable specific force, m/s²; 0 = unknown.
+        gyroscope_scale_sd: Relative error of the scale factors after calibration; 0 = unknown.
+        gyroscope_misalignment_sd: Of each axis towards the others after calibration, rad; 0 = unknown.
+        accelerometer_scale_sd: As of the gyroscope.
     """
 
     topic: str
@@ -62,6 +65,9 @@ class ImuCalibration:
     accelerometer_bias_sd: float = 0.0
     gyroscope_range: float = 0.0
     accelerometer_range: float = 0.0
+    gyroscope_scale_sd: float = 0.0
+    gyroscope_misalignment_sd: float = 0.0
+    accelerometer_scale_sd: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

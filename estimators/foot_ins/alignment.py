@@ -11,6 +11,7 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Quaternion,
     Vec3,
+    dot,
     plus,
     product,
     put_quaternion,
@@ -21,15 +22,17 @@ from stridetwin.estimators.foot_ins.quaternions import (
     rotation_matrix,
     vec3,
 )
-from stridetwin.estimators.foot_ins.stance import add_across_sole
+from stridetwin.estimators.foot_ins.stance import add_across_sole, unknown_bias_statistic
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     ATTITUDE,
     D_ACCEL_BIAS,
     D_ATTITUDE,
     D_CONTACT,
+    D_DRIFT,
     D_GYRO_BIAS,
     D_POSITION,
+    D_SCALE,
     D_VELOCITY,
     FILL,
     HEADED,
@@ -53,6 +56,7 @@ from stridetwin.estimators.foot_ins.state import (
 def begin(memory: Memory, t_ns: int) -> None:
     """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
     memory.clock[PHASE] = ALIGNING
+    memory.norm[0] = 0.0
     memory.clock[T_ALIGN] = t_ns
     memory.clock[T_STATIONARY] = t_ns
     memory.clock[FILL] = 0
@@ -68,7 +72,7 @@ def begin(memory: Memory, t_ns: int) -> None:
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot was stationary for `align_s`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
-    if statistic > parameters.stationary_level:
+    if statistic > parameters.stationary_level + unknown_bias_statistic(memory, parameters):
         clock[T_STATIONARY] = t_ns
         for i in range(4):
             force_sum[0, i] = 0.0
@@ -84,6 +88,9 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
     speed_sd = parameters.aligned_speed_mps if stationary else parameters.moving_speed_mps
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if stationary or late:
+        size = math.sqrt(dot(vec3(force_sum[0], 0), vec3(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
+        memory.norm[0] = size if stationary else parameters.gravity_mps2
+        _widen_accel_bias(memory, memory.norm[0] - parameters.gravity_mps2)
         clock[PHASE] = TRACKING
         clock[HEADED] = 1
         if clock[LEVERED] == 0:
@@ -95,6 +102,14 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
                 for j in range(3):
                     P[o + i, o + j] = 0.0
             add_across_sole(memory, parameters.contact_sd_m**2)
+
+
+@njit(**INSIDE)
+def _widen_accel_bias(memory: Memory, excess: float) -> None:
+    """Makes the accelerometer's bias at least as uncertain as the excess (m/s²) of the force at rest over gravity."""
+    P, o = memory.covariance, memory.row + D_ACCEL_BIAS
+    for i in range(o, o + 3):
+        P[i, i] = max(P[i, i], excess * excess)
 
 
 @njit(**INSIDE)
@@ -146,3 +161,5 @@ def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, til
     if not levered:
         for i in range(D_CONTACT, STATES):
             P[o + i, o + i] = 0.0
+        P[o + D_DRIFT, o + D_DRIFT] = parameters.height_drift_sd**2
+        P[o + D_SCALE, o + D_SCALE] = parameters.gyro_scale_sd**2

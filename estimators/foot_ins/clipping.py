@@ -53,18 +53,19 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     if first == 0:
         return
     x, moved, gravity = memory.nominal, memory.restored, parameters.gravity_mps2
+    down = vec3(memory.lever, 0)
     p, v = vec3(x, POSITION), vec3(x, VELOCITY)
     for back in range(first + 1):
         i = ring_row(memory, back)
         for k in range(GYRO_BIAS):
             moved[back, k] = x[k]
-        propagate_state(x, rate_of(memory, i), force_of(memory, i), -_dt(memory, i), gravity)
+        propagate_state(x, rate_of(memory, i), force_of(memory, i), -_dt(memory, i), gravity, down)
     for back in range(first, -1, -1):
         i = ring_row(memory, back)
         for channel in range(6):
             memory.ring[i, channel] += memory.hidden[back, channel]  # later reads of the ring include the peak
             memory.hidden[back, channel] = 0.0
-        propagate_state(x, rate_of(memory, i), force_of(memory, i), _dt(memory, i), gravity)
+        propagate_state(x, rate_of(memory, i), force_of(memory, i), _dt(memory, i), gravity, down)
         for k in range(ATTITUDE):
             moved[back, k] = x[k] - moved[back, k]
         before = quaternion(moved[back], ATTITUDE)

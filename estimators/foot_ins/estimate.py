@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from stridetwin.estimators.base import PathEstimate, deprecated
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
+    BY_FLOOR,
+    BY_RATE,
+    BY_VELOCITY,
     HEADED,
     IGNORED,
     POSITION,
@@ -92,10 +95,13 @@ class FootInsEstimate:
         """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
+        covariance = memory.covariance[o : o + REPORTED, o : o + REPORTED].copy()
+        way = p - memory.path[:3]
+        covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
         return cls(
             t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
-            covariance=memory.covariance[o : o + REPORTED, o : o + REPORTED].copy(),
+            covariance=covariance,
             standing_speed_sd=standing_speed_sd, aligned=phase == TRACKING,
         )  # fmt: skip
 
@@ -166,5 +172,10 @@ class FootInsPath:
 
 def standing_nis(memory: Memory) -> float:
     """Mean normalised innovation squared of zero-velocity updates, per degree of freedom; NaN before the first."""
-    total, count = memory.nis
-    return float(total / count) if count else math.nan
+    return nis_by_kind(memory).get("standing", math.nan)
+
+
+def nis_by_kind(memory: Memory) -> dict[str, float]:
+    """The same of each kind of update used so far: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+    sums = {"standing": memory.nis[BY_VELOCITY], "floor": memory.nis[BY_FLOOR], "rest": memory.nis[BY_RATE]}
+    return {name: float(total / count) for name, (total, count) in sums.items() if count > 0.0}

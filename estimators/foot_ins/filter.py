@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind, standing_nis
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, blank
@@ -75,13 +74,12 @@ class FootIns:
         topic = _topic(options)
         block, estimator = recording.block(topic), cls.batch(recording.rig, options)
         path = estimator.run(block)
-        nis = {} if math.isnan(estimator.nis) else {"standing": estimator.nis}
-        return [path.estimate(recording, cls.declaration.name, options.foot, "", nis)]
+        return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis_by_kind)]
 
     @classmethod
-    def follow_block(cls, block: Block[Imu], options: Options) -> Trajectory:
-        """The path of an IMU without calibration."""
-        return cls.batch(None, options).run(block).trajectory
+    def follow_block(cls, block: Block[Imu], options: Options, rig: Rig | None = None) -> Trajectory:
+        """The path of a single IMU; without a rig, of any consumer sensor."""
+        return cls.batch(rig, options).run(block).trajectory
 
     @classmethod
     def batch(cls, rig: Rig | None, options: Options) -> FootIns | FootInsSmoother:
@@ -108,6 +106,11 @@ class FootIns:
         """
         return standing_nis(self._memory)
 
+    @property
+    def nis_by_kind(self) -> dict[str, float]:
+        """The same of each kind of update used: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+        return nis_by_kind(self._memory)
+
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
         phase, speed, state, covariance = self._run(
@@ -116,7 +119,7 @@ class FootIns:
         return FootInsPath.of(block.t_ns, phase, speed, state, covariance)
 
     def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """Phase (N,), standing speed (N,), nominal state (N, 20), pose covariance (N, 6, 6)."""
+        """Phase (N,), standing speed (N,), nominal state (N, 22), pose covariance (N, 6, 6)."""
         results = self._results_of(len(t_ns))
         kernel.run(
             self._memory, self._parameters, np.ascontiguousarray(t_ns, dtype=np.int64),

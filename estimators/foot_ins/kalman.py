@@ -74,6 +74,30 @@ def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: flo
 
 
 @njit(**INSIDE)
+def correct_probably(
+    P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float, probability: float
+) -> None:  # fmt: skip
+    """`correct` by a measurement that applies with a probability only; the moments are those of the mixture.
+
+    With the innovation z' and its variance s, the mean moves by the share `probability`, and the covariance loses
+    (p / s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom & Tse 1975).
+    """
+    n = P.shape[0]
+    _weigh(P, gain, o, h)
+    s = r
+    for j in range(len(h)):
+        if h[j] != 0.0:
+            z -= h[j] * dx[o + j]
+            s += h[j] * gain[o + j]
+    lost = probability / s * (1.0 - (1.0 - probability) * z * z / s)
+    for i in range(n):
+        dx[i] += gain[i] * probability * z / s
+        for j in range(i, n):
+            P[i, j] -= lost * gain[i] * gain[j]
+            P[j, i] = P[i, j]
+
+
+@njit(**INSIDE)
 def _weigh(P: Array, gain: Array, o: int, h: Array) -> None:
     """Writes P hᵀ into `gain`."""
     for i in range(len(gain)):

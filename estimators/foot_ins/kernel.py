@@ -13,13 +13,15 @@ from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import Vec3, vec3
+from stridetwin.estimators.foot_ins.quaternions import Vec3, plus, put_vec3, vec3
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
     motion_statistic,
     move_contact_point,
     stationary_speed_sd,
+    unknown_bias_statistic,
+    vary_height_drift,
     zero_rate_update,
     zero_velocity_update,
 )
@@ -31,6 +33,7 @@ from stridetwin.estimators.foot_ins.state import (
     IGNORED,
     NOMINAL,
     PHASE,
+    POSITION,
     T_KNOWN,
     T_LAST,
     TRACKING,
@@ -65,6 +68,8 @@ def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)
         clock[T_LAST] = t_ns
+        put_vec3(vec3(memory.nominal, POSITION), memory.path, 0)
+        memory.path[3] = parameters.path_scale_sd
     elif t_ns <= clock[T_LAST]:
         return IGNORED, 0.0, 0.0
     dt = (t_ns - clock[T_LAST]) * 1e-9
@@ -98,26 +103,32 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
     predict(memory, parameters, rate, force, dt)
     restore(memory, parameters)
     move_contact_point(memory, parameters, dt)
+    vary_height_drift(memory, parameters, dt)
     speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
     if speed < parameters.max_velocity_sd_mps:
         zero_velocity_update(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
     level_floor_update(memory, parameters, t_ns, speed)
-    if memory.peak[0] < parameters.rest_level:
+    if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory, parameters):
         zero_rate_update(memory, parameters, rate, dt)
     return TRACKING, speed
 
 
 @njit(**INSIDE)
 def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
-    """Writes the nominal state (20,), and the (6, 6) covariance of position (m) and attitude (rad), world axes."""
+    """Writes the nominal state (22,), and the (6, 6) covariance of position (m) and attitude (rad), world axes.
+
+    The scale of the path is unknown by a share that no update of one foot observes: a state that only adds to the
+    covariance of the position, along the way from the start.
+    """
     P, o = memory.covariance, memory.row
+    way = plus(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
     for i in range(NOMINAL):
         state[i] = memory.nominal[i]
     for i in range(3):
         for j in range(3):
-            covariance[i, j] = P[o + D_POSITION + i, o + D_POSITION + j]
+            covariance[i, j] = P[o + D_POSITION + i, o + D_POSITION + j] + memory.path[3] ** 2 * (way[i] * way[j])
             covariance[i, 3 + j] = P[o + D_POSITION + i, o + D_ATTITUDE + j]
             covariance[3 + i, j] = P[o + D_ATTITUDE + i, o + D_POSITION + j]
             covariance[3 + i, 3 + j] = P[o + D_ATTITUDE + i, o + D_ATTITUDE + j]
@@ -138,7 +149,7 @@ def run(
         force: m/s².
         phase: (N,) int8, out.
         speed: (N,) out: standard deviation, m/s.
-        state: (N, 20) out: nominal state.
+        state: (N, 22) out: nominal state.
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):

@@ -103,12 +103,31 @@ class FootInsParameters:
     """Updates with a larger standard deviation are skipped, m/s."""
     innovation_gate: float = 3.0
     """Innovation, in standard deviations, beyond which an update is down-weighted. [real walks]"""
-    level_step_m: float = 0.0175
-    """A smaller change of floor height between two steps counts as none, m; 0 = each floor is new. [real walks]"""
-    level_tilt_rad: float = 0.06
-    """Largest tilt on a level floor, relative to the first stance, rad. [real walks]"""
-    floor_sd_m: float = 0.0053
+    height_drift_sd: float = 0.01
+    """Systematic height error per metre of path: standard deviation."""
+    height_drift_s: float = 5.0
+    """Correlation time of that error, s: it changes with the gait."""
+    level_step_m: float = 0.035
+    """A larger change of height between two steps is no error of a level floor, m."""
+    same_floor: float = 0.9
+    """Probability that a foot lands on the floor that it left, before its height is considered; 0 = each is new."""
+    same_after_new: float = 0.5
+    """The same after a step onto a new floor."""
+    new_floor_range_m: float = 0.5
+    """Another floor is anywhere in a range of this width, m."""
+    sole_m: float = 0.1
+    """Arm by which a tilted sole raises the sensor, m."""
+    floor_sd_m: float = 0.01
     """Height differences of a foot on the same floor from step to step, m. [real walks]"""
+    floor_prior: float = 5.0
+    """Number of level steps that `floor_sd_m` is worth against those of the walk."""
+    gyro_scale_sd: float = 0.0
+    """Scale error of the gyro across the sole's normal, if the calibration has no `gyroscope_scale_sd`: strikes at the
+    limit of an accelerometer look the same (0.01 bends `dual_foot_walk` by 0.3 m)."""
+    path_scale_sd: float = 0.01
+    """Unknown share of the length of a way, by scale errors, if the calibration has no `accelerometer_scale_sd`."""
+    misalignment_noise_per_rthz: float = 0.6
+    """Noise of the angular rate per rad of the gyro's misalignment, 1/√Hz, if the calibration gives it. [twin]"""
     stand_speed_mps: float = 0.02
     """Largest speed uncertainty of a foot on a floor, m/s. [real walks]"""
     stand_s: float = 0.0298
@@ -117,6 +136,8 @@ class FootInsParameters:
     """Peak of the statistic below which the foot is at rest: its mean rate is the gyro's bias. [real walks]"""
     rest_rate_noise_radps_rthz: float = 3.2e-4
     """Rotation rate of a foot at rest, rad/s/√Hz. [real walks]"""
+    norm_error_max: float = 0.05
+    """Largest error of an uncalibrated accelerometer at rest, as a share of gravity: data sheets give ±3 % at most."""
     align_s: float = 0.1
     """Stationary time of an alignment, s."""
     align_timeout_s: float = 2.0
@@ -152,7 +173,15 @@ class FootInsParameters:
             "lever_sd_m",
             "contact_sd_m",
         }
-        may_be_zero |= {"level_step_m", "rest_level"}
+        may_be_zero |= {
+            "same_floor",
+            "same_after_new",
+            "rest_level",
+            "height_drift_sd",
+            "path_scale_sd",
+            "gyro_scale_sd",
+            "sole_m",
+        }
         values = asdict(self)
         may_be_zero |= {name for name in values if "_noise" in name or "_walk" in name}
         check_numbers("FootInsParameters", values, may_be_zero)
@@ -174,6 +203,11 @@ def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None
     """The kernel's parameters, by name in one record: these, with the noise and limits of the calibration."""
     values = {name: float(value) for name, value in asdict(parameters).items()}
     if calibration is not None:
+        values["path_scale_sd"] = calibration.accelerometer_scale_sd or values["path_scale_sd"]
+        values["gyro_scale_sd"] = calibration.gyroscope_scale_sd or values["gyro_scale_sd"]
+        misalignment = calibration.gyroscope_misalignment_sd
+        if misalignment > 0.0:
+            values["gyro_noise_radps_rthz"] = values["misalignment_noise_per_rthz"] * misalignment
         for name, density in (
             ("gyro_noise_radps_rthz", calibration.gyroscope_noise_density),
             ("accel_noise_mps2_rthz", calibration.accelerometer_noise_density),

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind, standing_nis
 from stridetwin.estimators.foot_ins.kernel import note_estimate, step
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
 from stridetwin.estimators.foot_ins.quaternions import vec3
@@ -32,7 +32,7 @@ from stridetwin.streams.samples import Array, Block, Imu
 
 _called = cached(Path(__file__).parent, llvm_level=1)
 
-# Of N samples: time, phase, standing speed (m/s), (N, 20) state, (N, 6, 6) covariance of position and attitude.
+# Of N samples: time, phase, standing speed (m/s), (N, 22) state, (N, 6, 6) covariance of position and attitude.
 Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 
@@ -146,6 +146,11 @@ class FootInsSmoother:
     def nis(self) -> float:
         """As of `FootIns`: of the filter's innovations, which smoothing does not change."""
         return standing_nis(self._memory)
+
+    @property
+    def nis_by_kind(self) -> dict[str, float]:
+        """The same of each kind of update used: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+        return nis_by_kind(self._memory)
 
     @property
     def held(self) -> int:

@@ -9,7 +9,7 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import (
     clear,
-    correct,
+    correct_probably,
     gated_update,
     normalized_innovation,
     spread_measurements,
@@ -34,14 +34,20 @@ from stridetwin.estimators.foot_ins.quaternions import (
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
+    BY_FLOOR,
+    BY_RATE,
+    BY_VELOCITY,
     CONTACT,
     D_ACCEL_BIAS,
     D_ATTITUDE,
     D_CONTACT,
+    D_DRIFT,
     D_FLOOR,
     D_GYRO_BIAS,
     D_POSITION,
+    D_SCALE,
     D_VELOCITY,
+    DRIFT,
     FILL,
     FLOOR,
     GYRO_BIAS,
@@ -50,6 +56,7 @@ from stridetwin.estimators.foot_ins.state import (
     NEVER_LANDED,
     POSITION,
     RING,
+    SCALE,
     STANDING,
     STATES,
     SWINGING,
@@ -82,7 +89,8 @@ def append_sample(memory: Memory, t_ns: int, rate: Vec3, force: Vec3) -> None:
 def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
-    See docs/foot_ins.md (6).
+    See docs/foot_ins.md (6). |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an
+    error of some per cent; before the alignment, any size within `norm_error_max` of gravity.
 
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
     """
@@ -99,8 +107,11 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
         force2 += dot(force, force)
         mean = plus(mean, 1.0, force)
         n += 1
-    g = parameters.gravity_mps2
-    spread2 = force2 / n - 2.0 * g * math.sqrt(dot(mean, mean)) / n + g * g
+    size, g = math.sqrt(dot(mean, mean)) / n, memory.norm[0]
+    if g == 0.0:
+        most = parameters.norm_error_max * parameters.gravity_mps2
+        g = parameters.gravity_mps2 + min(max(size - parameters.gravity_mps2, -most), most)
+    spread2 = force2 / n - 2.0 * g * size + g * g
     return max(spread2, 0.0) / parameters.accel_scale_mps2**2 + rate2 / n / parameters.gyro_scale_radps**2
 
 
@@ -131,6 +142,18 @@ def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) 
             P[o + i, j] *= kept
             P[j, o + i] *= kept
     add_across_sole(memory, (1.0 - kept * kept) * parameters.contact_sd_m**2)
+
+
+@njit(**INSIDE)
+def vary_height_drift(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+    """Lets the height drift per metre of path change over `dt` (s): a Gauss-Markov process of time `height_drift_s`."""
+    x, P, o = memory.nominal, memory.covariance, memory.row + D_DRIFT
+    kept = math.exp(-dt / parameters.height_drift_s)
+    x[DRIFT] *= kept
+    for j in range(P.shape[0]):
+        P[o, j] *= kept
+        P[j, o] *= kept
+    P[o, o] += (1.0 - kept * kept) * parameters.height_drift_sd**2
 
 
 @njit(**INSIDE)
@@ -183,8 +206,8 @@ def zero_velocity_update(
     slip = plus(v, 1.0, cross(w, r))
     put_vec3(rotate(whitening, plus((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
     gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[0] += normalized_innovation(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
-    memory.nis[1] += 1.0
+    memory.nis[BY_VELOCITY, 0] += normalized_innovation(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
+    memory.nis[BY_VELOCITY, 1] += 1.0
     inject(memory)
 
 
@@ -208,6 +231,13 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 
 @njit(**INSIDE)
+def unknown_bias_statistic(memory: Memory, parameters: KernelParameters) -> float:
+    """What two standard deviations of the gyro bias add to the motion statistic of a foot at rest."""
+    P, o = memory.covariance, memory.row + D_GYRO_BIAS
+    return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / parameters.gyro_scale_radps**2
+
+
+@njit(**INSIDE)
 def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
@@ -218,7 +248,9 @@ def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, d
     for i in range(3):
         work.jacobian[i, D_GYRO_BIAS + i] = 1.0 / sd
         work.innovation[i] = (rate[i] - memory.nominal[GYRO_BIAS + i]) / sd
-    gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    length = gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    memory.nis[BY_RATE, 0] += length**2 / 3.0
+    memory.nis[BY_RATE, 1] += 1.0
     inject(memory)
 
 
@@ -233,11 +265,40 @@ def inject(memory: Memory) -> None:
         x[ACCEL_BIAS + i] += error[o + D_ACCEL_BIAS + i]
         x[CONTACT + i] += error[o + D_CONTACT + i]
     x[FLOOR] += error[o + D_FLOOR]
+    x[DRIFT] += error[o + D_DRIFT]
+    x[SCALE] += error[o + D_SCALE]
     rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
     put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
     shift(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
     for i in range(STATES):
         error[o + i] = 0.0
+
+
+@njit(**INSIDE)
+def _floor_variance(memory: Memory, parameters: KernelParameters) -> float:
+    """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `floor_prior` steps, and the walk's."""
+    prior = parameters.floor_prior
+    return (prior * parameters.floor_sd_m**2 + memory.floor[2]) / (prior + memory.floor[1])
+
+
+@njit(**INSIDE)
+def _note_level_step(memory: Memory, same: float, step: float, variance: float, spread: float) -> None:
+    """Learns from a step by `step` (m), on the same floor with probability `same`, how much such steps differ.
+
+    Of the squared step, the part that is expected to be the floor's, not the path's, given both variances (m²).
+    """
+    share = variance / (variance + spread)
+    memory.floor[0] = same
+    memory.floor[1] += same
+    memory.nis[BY_FLOOR, 0] += same * step * step / (variance + spread)
+    memory.nis[BY_FLOOR, 1] += same
+    memory.floor[2] += same * (share * share * step * step + share * spread)
+
+
+@njit(**INSIDE)
+def _normal(x: float, variance: float) -> float:
+    """Density of a normal distribution of mean 0."""
+    return math.exp(-0.5 * x * x / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
 @njit(**INSIDE)
@@ -247,10 +308,11 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     See docs/foot_ins.md (14).
 
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
-    ground is level or clearly not. If the foot is stationary and flat, and its height has changed by less than
-    `level_step_m` and by no more than the filter's uncertainty, the floor is taken to be the same, up to `floor_sd_m`
-    (after Abdulrahim, Hide, Moore, Hill 2012). Elsewhere, on a stair or ramp, the floor is at the foot's height and as
-    uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a moving foot.
+    ground is often level (Abdulrahim, Hide, Moore, Hill 2012). Whether it is here is a hypothesis: the same floor, up
+    to its unevenness and the arm of a tilted sole, or another one anywhere within `new_floor_range_m`. The height is
+    corrected by the probability of the first (`kalman.correct_probably`). If that is below a half, as on a stair or
+    ramp, the floor is at the foot's height and as uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a
+    moving foot.
     """
     clock = memory.clock
     if stationary_speed_sd > parameters.stand_speed_mps:
@@ -268,17 +330,23 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     height = x[POSITION + 2] + r[2]
     known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
-    flat = math.hypot(r[0], r[1]) <= parameters.level_tilt_rad * parameters.lever_arm_m
+    lift = parameters.sole_m * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
+    variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
-    step_sd = math.sqrt(work.spread[0, 0] + parameters.floor_sd_m**2)
-    possible = abs(step) < min(parameters.level_step_m, parameters.innovation_gate * step_sd)
-    if known and flat and possible:
-        correct(P, memory.error, work.gain, o, h, -step, parameters.floor_sd_m**2)
+    likelihood = _normal(step, work.spread[0, 0] + variance) * parameters.new_floor_range_m
+    same, last = 0.0, memory.floor[0]
+    prior = last * parameters.same_floor + (1.0 - last) * parameters.same_after_new
+    if known and prior > 0.0 and abs(step) < parameters.level_step_m:
+        same = likelihood / (likelihood + 1.0 / prior - 1.0)
+        _note_level_step(memory, same, step, variance, work.spread[0, 0])
+        correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)
         inject(memory)
+    if same > 0.5:
         return
+    height = x[POSITION + 2] + r[2]
     x[FLOOR] = height
     h[D_FLOOR] = 0.0
     spread_measurements(P, work, o, 1)
     for j in range(P.shape[0]):
         P[o + D_FLOOR, j] = P[j, o + D_FLOOR] = work.gain[j]
-    P[o + D_FLOOR, o + D_FLOOR] = work.spread[0, 0]
+    P[o + D_FLOOR, o + D_FLOOR] = work.spread[0, 0] + variance

@@ -13,14 +13,16 @@ from stridetwin.estimators.foot_ins.kalman import Workspace, workspace
 from stridetwin.estimators.foot_ins.quaternions import Vec3
 from stridetwin.streams.samples import Array
 
-# Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
-# point of the sole from the end of the lever arm (sensor frame), height of the floor.
-POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR = 0, 3, 6, 10, 13, 16, 19
-NOMINAL = 20
-# Error state (19,): true = nominal + error; that of the attitude is a rotation vector in the world,
+# Nominal state (22,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
+# point of the sole from the end of the lever arm (sensor frame), height of the floor, height drift per metre of path,
+# share by which the gyro reads too much across the sole's normal.
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR, DRIFT, SCALE = 0, 3, 6, 10, 13, 16, 19, 20, 21
+NOMINAL = 22
+# Error state (21,): true = nominal + error; that of the attitude is a rotation vector in the world,
 # R_true = exp([e]x) R.
-D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR = 0, 3, 6, 9, 12, 15, 18
-STATES = 19
+D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR, D_DRIFT = 0, 3, 6, 9, 12, 15, 18, 19
+D_SCALE = 20
+STATES = 21
 REPORTED = 15  # number of them in an estimate
 
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
@@ -30,6 +32,8 @@ T_LAST, T_STATIONARY, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVE
 CLOCKS = 12
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
+
+BY_VELOCITY, BY_FLOOR, BY_RATE = range(3)  # rows of `nis`
 
 START_POSITION_SD = 1e-4  # m; the start defines the world's origin
 START_HEADING_SD = 1e-3  # rad; and its heading
@@ -41,11 +45,11 @@ class Memory(NamedTuple):
     """State of the filter of one foot; covariance and error may belong to a larger filter.
 
     Attributes:
-        nominal: (20,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
-            bias m/s², wandering of the contact m, height of the floor m.
+        nominal: (22,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
+            bias m/s², wandering of the contact m, height of the floor m, height drift per path length.
         covariance: (n, n) of the filter's error state.
         error: (n,) found by updates, but not yet moved into the nominal state.
-        row: First of the 19 rows of `covariance` and `error` that are this foot's.
+        row: First of the 21 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
         clock: (12,) int64, see the constants above.
@@ -57,11 +61,15 @@ class Memory(NamedTuple):
             alignment began.
         lever: (3,) from the sensor to the stationary point, sensor frame, m.
         peak: (1,) slowly decaying peak of the motion statistic.
+        norm: (1,) size of the specific force at rest, m/s²; 0 until the alignment.
+        floor: (3,) of the steps so far: probability that the last one stayed on its floor; sum of these; sum of the
+            squared height differences of the floor, m².
+        path: (4,) position of the first sample, m; unknown share of the length of the way from there.
         extreme: (6,) largest magnitude of each channel so far.
-        nis: (2,) over all zero-velocity updates: sum of the normalised innovation squared, per degree of freedom;
-            and their number.
+        nis: (3, 2) over all updates of a kind (zero velocity, floor, zero rate): sum of the normalised innovation
+            squared, per degree of freedom; and their number.
         hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
-        work: Of one update of the 19 states.
+        work: Of one update of the 21 states.
     """
 
     nominal: Array
@@ -77,6 +85,9 @@ class Memory(NamedTuple):
     force_sum: Array
     lever: Array
     peak: Array
+    norm: Array
+    floor: Array
+    path: Array
     extreme: Array
     nis: Array
     hidden: Array
@@ -93,7 +104,8 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
-        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), extreme=np.zeros(6), nis=np.zeros(2),
+        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), norm=np.zeros(1),
+        floor=np.array([1.0, 0.0, 0.0]), path=np.zeros(4), extreme=np.zeros(6), nis=np.zeros((3, 2)),
         hidden=np.zeros((RING, 6)), work=workspace(len(covariance), STATES),
     )  # fmt: skip
 

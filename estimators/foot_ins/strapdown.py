@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
@@ -25,12 +27,16 @@ from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     D_ACCEL_BIAS,
     D_ATTITUDE,
+    D_DRIFT,
     D_GYRO_BIAS,
     D_POSITION,
+    D_SCALE,
     D_VELOCITY,
+    DRIFT,
     FILL,
     GYRO_BIAS,
     POSITION,
+    SCALE,
     VELOCITY,
     Memory,
     force_of,
@@ -40,16 +46,16 @@ from stridetwin.streams.samples import Array
 
 
 @njit(**INSIDE)
-def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float) -> None:
+def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
     See docs/foot_ins.md (4). F is the strapdown error model of Titterton & Weston 2004, ch. 12, over `dt` (s), without
     Earth rotation, at an attitude R (world <- sensor) and a specific force in the world, m/s². P is symmetric: it is
     computed as F (F P)ᵀ.
     """
-    _transition(P, o, R, f_world, dt)
+    _transition(P, o, R, f_world, dt, path, turn)
     transpose_rows(P, o + D_POSITION, 9)
-    _transition(P, o, R, f_world, dt)
+    _transition(P, o, R, f_world, dt, path, turn)
     mirror(P, o + D_POSITION, 9)
 
 
@@ -71,7 +77,7 @@ def mirror(M: Array, first: int, count: int) -> None:
 
 
 @njit(**INSIDE)
-def _transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float) -> None:
+def _transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """M <- F M in place; only the foot's own rows of position, velocity and attitude change."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
     g, b = o + D_GYRO_BIAS, o + D_ACCEL_BIAS
@@ -82,9 +88,11 @@ def _transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float) -> None:
         accel = rotate(R, (dt * M[b, j], dt * M[b + 1, j], dt * M[b + 2, j]))
         for i in range(3):
             M[p + i, j] += 0.5 * dt * M[v + i, j]
-        M[a, j] -= gyro[0]
-        M[a + 1, j] -= gyro[1]
-        M[a + 2, j] -= gyro[2]
+        M[p + 2, j] -= path * M[o + D_DRIFT, j]
+        scale = M[o + D_SCALE, j]
+        M[a, j] -= gyro[0] + scale * turn[0]
+        M[a + 1, j] -= gyro[1] + scale * turn[1]
+        M[a + 2, j] -= gyro[2] + scale * turn[2]
         M[v, j] += fz * a1 - fy * a2 - accel[0]
         M[v + 1, j] += fx * a2 - fz * a0 - accel[1]
         M[v + 2, j] += fy * a0 - fx * a1 - accel[2]
@@ -136,27 +144,35 @@ def force_at_middle(f: Vec3, x: float, y: float, z: float) -> Vec3:
 
 
 @njit(**INSIDE)
-def propagate_state(x: Array, rate: Vec3, force: Vec3, dt: float, gravity: float) -> tuple[Mat3, Vec3]:
-    """Propagates a nominal state (20,) over one interval, in place; a negative `dt` exactly reverses it.
+def propagate_state(
+    x: Array, rate: Vec3, force: Vec3, dt: float, gravity: float, down: Vec3
+) -> tuple[Mat3, Vec3, float, Vec3]:
+    """Propagates a nominal state (22,) over one interval, in place; a negative `dt` exactly reverses it.
 
     See docs/foot_ins.md (2), (3).
 
     Returns:
-        Attitude at the interval's middle, world <- sensor, and specific force in the world, m/s².
+        Attitude at the interval's middle, world <- sensor; specific force in the world, m/s²; path length, m; rotation
+        across `down` in the world, rad.
     """
-    wx, wy, wz = plus(rate, -1.0, vec3(x, GYRO_BIAS))
+    w = plus(rate, -1.0, vec3(x, GYRO_BIAS))
+    across = plus(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
+    wx, wy, wz = plus(w, -x[SCALE], across)
     half = quat_exp(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
     q_middle = product(quaternion(x, ATTITUDE), half)
     R = rotation_matrix(q_middle)
     f_sensor = force_at_middle(plus(force, -1.0, vec3(x, ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
     f_world = rotate(R, f_sensor)
     acceleration = f_world[0], f_world[1], f_world[2] - gravity
+    moved = plus((0.0, 0.0, 0.0), dt, plus(vec3(x, VELOCITY), 0.5 * dt, acceleration))
+    path = math.copysign(math.sqrt(dot(moved, moved)), dt)
     for i in range(3):
-        a = acceleration[i]
-        x[POSITION + i] += dt * (x[VELOCITY + i] + 0.5 * dt * a)
-        x[VELOCITY + i] += dt * a
+        x[POSITION + i] += moved[i]
+        x[VELOCITY + i] += dt * acceleration[i]
+    x[POSITION + 2] -= path * x[DRIFT]
     put_quaternion(product(q_middle, half), x, ATTITUDE)
-    return R, f_world
+    turn = rotate(R, across)
+    return R, f_world, path, (dt * turn[0], dt * turn[1], dt * turn[2])
 
 
 @njit(**INSIDE)
@@ -170,9 +186,10 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Vec3, force: Vec
     interval longer than `max_step_s` samples are missing.
     """
     P, o = memory.covariance, memory.row
-    R, f_world = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2)
+    down = vec3(memory.lever, 0)
+    R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
-    propagate_covariance(P, o, R, f_world, dt)
+    propagate_covariance(P, o, R, f_world, dt, path, turn)
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2
     velocity_noise += parameters.accel_motion_noise_per_rthz**2 * dot(acceleration, acceleration)

@@ -17,7 +17,7 @@ When a clipped peak is restored (`clipping`), the filter's state jumps, and with
 began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
 and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
 
-The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 19 rows, with covariance 0 of their
+The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 21 rows, with covariance 0 of their
 own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
 the zeros and adds g z / s to the error of these rows.
 """
@@ -72,13 +72,14 @@ class Window(NamedTuple):
         t_ns: (C,) int64.
         phase: (C,) int8 in which each was used.
         speed: (C,) standard deviation of the standing foot's speed, m/s.
-        nominal: (C, 20) filtered.
-        covariance: (C, 19, 19) filtered.
-        transition: (C + 1, 19, 19) Ψ of the passage from the sample before; row C: over the samples not yet summed.
-        information: (C + 1, 19, 19) J of the same.
-        evidence: (C + 1, 19) j of the same.
+        nominal: (C, 22) filtered.
+        covariance: (C, 21, 21) filtered.
+        transition: (C + 1, 21, 21) Ψ of the passage from the sample before; row C: over the samples not yet summed.
+        information: (C + 1, 21, 21) J of the same.
+        evidence: (C + 1, 21) j of the same.
+        path: (4,) of the memory.
         given: Output for a sample that leaves.
-        scratch: (2, 19, 19).
+        scratch: (2, 21, 21).
     """
 
     place: NDArray[np.int64]
@@ -90,6 +91,7 @@ class Window(NamedTuple):
     transition: Array
     information: Array
     evidence: Array
+    path: Array
     given: Memory
     scratch: Array
 
@@ -103,7 +105,7 @@ def empty_window(capacity: int) -> Window:
         speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
         covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
         information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
-        given=blank(), scratch=np.zeros((2, STATES, STATES)),
+        path=np.zeros(4), given=blank(), scratch=np.zeros((2, STATES, STATES)),
     )  # fmt: skip
 
 
@@ -201,6 +203,8 @@ def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
     window.place[HELD] += 1
     window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
     P, n = memory.covariance, STATES
+    for k in range(4):
+        window.path[k] = memory.path[k]
     for k in range(NOMINAL):
         window.nominal[i, k] = memory.nominal[k]
     for k in range(n):
@@ -317,5 +321,7 @@ def release_oldest(window: Window) -> int:
     for k in range(NOMINAL):
         given.nominal[k] = window.nominal[i, k]
     given.clock[T_LAST] = window.t_ns[i]
+    for k in range(4):
+        given.path[k] = window.path[k]
     inject(given)
     return i

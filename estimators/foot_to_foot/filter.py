@@ -25,7 +25,7 @@ from stridetwin.estimators.base import (
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, REPORTED, STATES
+from stridetwin.estimators.foot_ins.state import ATTITUDE, BY_VELOCITY, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel
 from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected, relative_position
 from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
@@ -34,7 +34,7 @@ from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of
 from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, OBSERVATIONS, Events, blank_pair
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import Rig
+from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
 from stridetwin.streams.trajectory import Pose, Trajectory
 
@@ -122,8 +122,10 @@ class FootToFoot:
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters)
         foot, variance, clock_variance, scale_variance = parameters.foot, np.zeros((4, 6)), 0.0, 0.0
+        imus = dict(shoes.imus)
         if isinstance(parameters, PublishedParameters):
             foot = parameters.noise_of_the_calibration_alone
+            imus = {f: _noise_alone(imu) for f, imu in imus.items()}
         else:
             variance[:2] = np.repeat([parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad], 3) ** 2
             variance[2:] = np.repeat([parameters.board_position_sd_m, parameters.board_rotation_sd_rad], 3) ** 2
@@ -133,7 +135,8 @@ class FootToFoot:
                     replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz),
                     parameters.gyro_scale_sd**2,
                 )
-        left, right = (for_sensor(foot, shoes.imus.get(f)) for f in FEET)
+                imus = {f: _noise_alone(imu) for f, imu in imus.items()}
+        left, right = (for_sensor(foot, imus.get(f)) for f in FEET)
         self._foot_parameters = (left, right)
         earth = np.asarray(earth_rate_in_world)
         self._pair = blank_pair(
@@ -225,7 +228,7 @@ class FootToFoot:
 
         Of the updates used: `standing_l`, `standing_r`, `sightings` (boards), `echoes`.
         """
-        sums = {f"standing_{f}": memory.nis for f, memory in zip(FEET, self._pair.feet)}
+        sums = {f"standing_{f}": memory.nis[BY_VELOCITY] for f, memory in zip(FEET, self._pair.feet)}
         sums |= {"sightings": self._pair.nis[OBSERVATIONS], "echoes": self._pair.nis[ECHOES]}
         return {name: float(total / count) for name, (total, count) in sums.items() if count}
 
@@ -351,3 +354,8 @@ def _path(rows: list[FootInsEstimate]) -> FootInsPath:
         standing_speed_sd=np.array([e.standing_speed_sd for e in rows]),
         aligned=np.array([e.aligned for e in rows]),
     )
+
+
+def _noise_alone(imu: ImuCalibration) -> ImuCalibration:
+    """The calibration without the scale and alignment errors that it leaves: this filter has its own terms for them."""
+    return replace(imu, gyroscope_scale_sd=0.0, gyroscope_misalignment_sd=0.0, accelerometer_scale_sd=0.0)

@@ -168,6 +168,7 @@ class PublishedParameters(_Common):
             self.foot, gyro_noise_radps_rthz=0.0, gyro_limit_noise_radps_rthz=0.0, accel_noise_mps2_rthz=0.0,
             accel_motion_noise_per_rthz=0.0, accel_jerk_noise_s_rthz=0.0, accel_limit_noise_mps2_rthz=0.0,
             accel_extreme_noise_mps2_rthz=0.0, gyro_bias_walk_radps2_rthz=0.0, accel_bias_walk_mps3_rthz=0.0,
+            height_drift_sd=0.0, path_scale_sd=0.0,
         )  # fmt: skip
 
 

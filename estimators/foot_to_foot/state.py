@@ -17,7 +17,7 @@ from stridetwin.streams.samples import Array
 
 FEET = ("l", "r")
 
-# Error state (70,): 19 of the left foot, 19 of the right, then 6 of each mount: camera left, camera right, board left,
+# Error state (74,): 21 of the left foot, 21 of the right, then 6 of each mount: camera left, camera right, board left,
 # board right, then the clocks of camera left and right, then 3 of each gyro's scale. A mount's error is position (m),
 # rotation vector (rad), both in the axes of its foot's IMU: R_true = exp([e]x) R. A clock's is the offset to add to
 # image times, s; a scale's, the relative error by which a gyro's axis reads too much.
@@ -63,8 +63,8 @@ class Pair(NamedTuple):
 
     Attributes:
         feet: Left and right; their covariance and error are views of the two below.
-        covariance: (70, 70).
-        error: (70,) see `foot_ins.state.Memory`.
+        covariance: (74, 74).
+        error: (74,) see `foot_ins.state.Memory`.
         mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each
             in its foot's IMU.
         late: (2,) offset to add to the times of each camera's images, s.

@@ -129,11 +129,12 @@ def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
     part, nominal, own = _fit(config, group, standard)
-    calibration = _nominal_imu(topic, nominal, mount)
+    calibration = nominal_imu(topic, nominal, mount)
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=own)
 
 
-def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
+def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
+    """The calibration of an IMU as its data sheet gives it."""
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
         topic=topic, part=part.description, rate_hz=part.rate_hz, mount=mount,
@@ -143,6 +144,8 @@ def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
         gyroscope_bias_sd=gyroscope.turn_on_bias, accelerometer_bias_sd=accelerometer.turn_on_bias,
         gyroscope_range=_finite(gyroscope.range), accelerometer_range=_finite(accelerometer.range),
+        gyroscope_scale_sd=gyroscope.scale_factor, gyroscope_misalignment_sd=gyroscope.misalignment,
+        accelerometer_scale_sd=accelerometer.scale_factor,
     )  # fmt: skip
 
 

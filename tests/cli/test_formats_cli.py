@@ -187,3 +187,32 @@ def test_wrong_options_are_reported_in_one_line(sources, capsys, tmp_path, words
     assert says in err
     assert len([line for line in err.splitlines() if "error:" in line]) == 1
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_the_imu_of_a_table_is_measured_named_or_unknown(capsys, tmp_path):
+    t = np.arange(600) / 100.0
+    rng = np.random.default_rng(0)
+    rest = np.tile([0.0, 0.0, 9.81], (600, 1)) + 0.01 * rng.standard_normal((600, 3))
+    table = tmp_path / "imu.npz"
+    np.savez(table, t=t, accel=rest, gyro=0.001 * rng.standard_normal((600, 3)) + [0.0, 0.03, 0.0])
+    said = {
+        choice: call(capsys, "estimate", "foot_ins", table, "-o", tmp_path / "path.txt", *choice)
+        for choice in ((), ("--imu", "auto"), ("--imu", "none"), ("--imu", "MPU-9250"))
+    }
+    assert all(code == 0 for code, _, _ in said.values())
+    assert said[()][1] == said[("--imu", "auto")][1]
+    assert "as measured: 100 Hz" in said[()][1]
+    assert "gyro bias 1.7 °/s" in said[()][1]
+    assert "IMU" not in said[("--imu", "none")][1]
+    assert "MPU-9250" in said[("--imu", "MPU-9250")][1]
+    code, _, error = call(capsys, "estimate", "foot_ins", table, "-o", tmp_path / "path.txt", "--imu", "AMT203")
+    assert code == 2
+    assert "invalid --imu AMT203: expected auto, none" in error
+    assert "MPU-9250" in error
+
+
+def test_imu_goes_with_a_table_alone(capsys, sources, tmp_path):
+    for words in (("foot_ins", sources["EuRoC"] if "EuRoC" in sources else next(iter(sources.values()))),):
+        code, _, error = call(capsys, "estimate", *words, "-o", tmp_path / "path.txt", "--imu", "auto")
+        assert code == 2
+        assert "--imu goes with foot_ins and an IMU table" in error

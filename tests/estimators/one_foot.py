@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.state import Memory
+from stridetwin.estimators.foot_ins.state import NOMINAL, Memory
 from stridetwin.streams.samples import Array
 
 
@@ -15,7 +15,7 @@ def take(memory: Memory, parameters: KernelParameters, t_ns: int | NDArray[np.in
     """Lets a filter take one sample or (N,) of them, (N, 3) rad/s and m/s²; returns the phase of the last."""
     stamps = np.atleast_1d(np.asarray(t_ns, np.int64))
     n = len(stamps)
-    phase, speed, state, covariance = np.empty(n, np.int8), np.empty(n), np.empty((n, 20)), np.empty((n, 6, 6))
+    phase, speed, state, covariance = np.empty(n, np.int8), np.empty(n), np.empty((n, NOMINAL)), np.empty((n, 6, 6))
     kernel.run(
         memory, parameters, stamps, np.reshape(rate, (n, 3)), np.reshape(force, (n, 3)), phase, speed, state, covariance
     )

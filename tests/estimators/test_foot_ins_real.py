@@ -48,6 +48,26 @@ def test_another_sensor_with_a_turn() -> None:
         assert abs(height) <= 0.6
 
 
+def test_heights_of_the_walks(walks: list) -> None:
+    heights = []
+    for walk in walks:
+        path = bench["estimate"](walk.imu).trajectory.p_frame_in_world
+        heights.append(abs(bench["climb"](path) - bench["climb"](walk.truth)))
+    assert np.median(heights) <= 0.03
+    assert np.percentile(heights, 95) <= 0.30
+
+
+def test_a_loop_of_a_sensor_that_nothing_was_tuned_on() -> None:
+    end = bench["loop_errors"](bench["load_loop"](FOLDER))
+    assert end["horizontal_m"] <= 0.10
+    assert abs(end["height_m"]) <= min(0.08, 1.96 * end["height_sd_m"])
+
+
+def test_both_feet_climb_the_same_stairs() -> None:
+    climbs = {side: bench["climb_of"](imu) for side, imu in bench["load_stairs"](FOLDER).items()}
+    assert abs(climbs["left"]["height"] - climbs["right"]["height"]) <= 0.05
+
+
 @pytest.mark.parametrize("known", [True, False], ids=["start_known", "side_by_side"])
 def test_both_feet_in_one_filter_are_as_good_as_each_alone(known: bool) -> None:
     feet = bench["load_markers"](FOLDER)

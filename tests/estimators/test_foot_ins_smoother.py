@@ -19,7 +19,7 @@ from tests.estimators.one_foot import take
 
 @pytest.fixture(scope="module")
 def short() -> Walk:
-    return walk(strides=2, rest_s=0.6, turn_rad=0.4, calibration=ADIS16485, rng=np.random.default_rng(3))
+    return walk(strides=3, rest_s=0.6, turn_rad=0.4, calibration=ADIS16485, rng=np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,81 @@
+"""Calibration of an IMU read from its own samples: noise at rest, gyro bias, quantisation, and range from its peaks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
+from stridetwin.streams.plausible import median_rate
+from stridetwin.streams.rig import ImuCalibration, Mount
+from stridetwin.streams.samples import Array, Block, Imu
+
+REST_S = 0.5
+"""Length of the windows among which the quietest is the rest."""
+REST_RATE_SD_RADPS, REST_FORCE_SD_MPS2 = 0.05, 0.3
+"""A rest is not less quiet than this: a person who stands."""
+SWAY_RADPS = 0.015
+"""A mean rate at rest up to this may be the sway of a person who stands; a larger one is the gyro's bias."""
+GYRO_RANGES_RADPS = tuple(math.radians(dps) for dps in (250.0, 500.0, 1000.0, 2000.0, 4000.0))
+ACCEL_RANGES_MPS2 = tuple(g * STANDARD_GRAVITY_MPS2 for g in (2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0))
+"""Usual full scales."""
+FULL_SCALE_ERROR, PILE, LEAST_LIMITED = 0.02, 0.985, 5
+"""A channel is limited if its largest magnitude is a usual full scale up to this error of its calibration, and so many
+samples lie above the share `PILE` of it. Slow rotations also dwell at their peaks, but at no usual full scale."""
+
+
+def measured_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
+    """What the samples of an unknown IMU show of it; 0 where they show nothing.
+
+    Args:
+        block: A whole recording.
+        topic: Topic of the IMU in a rig.
+        body: Body that carries the sensor.
+    """
+    rate, force = block.columns["angular_rate"], block.columns["specific_force"]
+    rate_hz = median_rate(block.t_ns)
+    rest = _quietest(rate, force, max(round(REST_S * rate_hz), 8))
+    gyro, accel, bias = 0.0, 0.0, 0.0
+    if rest is not None:
+        gyro, accel = (_noise_density(x[rest], resolution(x), rate_hz) for x in (rate, force))
+        mean = float(np.linalg.norm(rate[rest].mean(axis=0)))
+        bias = mean if mean > SWAY_RADPS else 0.0
+    return ImuCalibration(
+        topic=topic, part="", rate_hz=rate_hz, mount=Mount(body=body),
+        gyroscope_noise_density=gyro, gyroscope_random_walk=0.0,
+        accelerometer_noise_density=accel, accelerometer_random_walk=0.0,
+        gyroscope_bias_sd=bias, gyroscope_range=_limit(rate, GYRO_RANGES_RADPS),
+        accelerometer_range=_limit(force, ACCEL_RANGES_MPS2),
+    )  # fmt: skip
+
+
+def _quietest(rate: Array, force: Array, n: int) -> slice | None:
+    """The window of `n` samples of least rotation, unless even that is no rest."""
+    starts = range(0, len(rate) - n + 1, max(n // 2, 1))
+    spread = [float(rate[i : i + n].std(axis=0).max()) for i in starts]
+    if not spread:
+        return None
+    first = starts[int(np.argmin(spread))]
+    window = slice(first, first + n)
+    quiet = min(spread) < REST_RATE_SD_RADPS and force[window].std(axis=0).max() < REST_FORCE_SD_MPS2
+    return window if quiet else None
+
+
+def _noise_density(x: Array, count: float, rate_hz: float) -> float:
+    """Density of the white noise of (N, 3) samples, unit/√Hz, from their differences; at least that of the counts."""
+    white = np.diff(x, axis=0).std(axis=0).mean() / np.sqrt(2.0)
+    return float(max(white, count / np.sqrt(12.0)) / np.sqrt(rate_hz))
+
+
+def resolution(x: Array) -> float:
+    """Smallest difference between the values of a channel of (N, 3), the largest of the three channels."""
+    steps = [np.diff(np.unique(channel)) for channel in x.T]
+    return float(max((step.min() for step in steps if len(step)), default=0.0))
+
+
+def _limit(x: Array, full_scales: tuple[float, ...]) -> float:
+    """Magnitude from which on samples (N, 3) are cut off at one of these full scales; 0 if none is."""
+    largest = float(abs(x).max())
+    usual = any(abs(largest / full_scale - 1.0) <= FULL_SCALE_ERROR for full_scale in full_scales)
+    return PILE * largest if usual and np.count_nonzero(abs(x) >= PILE * largest) >= LEAST_LIMITED else 0.0
