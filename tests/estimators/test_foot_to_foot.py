@@ -400,7 +400,7 @@ def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is
 def test_the_published_zero_velocity_update_stops_a_foot() -> None:
     pair = moving_pair(3)
     memory, foot = pair.feet[0], for_sensor(FootInsParameters(), None)
-    parameters = for_kernel(PublishedParameters(threshold=1e9))
+    parameters = for_kernel(PublishedParameters(threshold=1e9, zero_velocity_sd_mps=0.01))
     memory.covariance[D_VELOCITY : D_VELOCITY + 3, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
     t_ns = int(memory.ring_t_ns.max()) + 8_000_000
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.4, -0.3, 0.2
