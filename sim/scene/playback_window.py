@@ -6,6 +6,7 @@ The window shows the scene of the walk (`scene_files.scene_spec`): its sensors' 
 from __future__ import annotations
 
 import queue
+import threading
 import time
 import warnings
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ KEYS = {
 """Keys, and what they do; the window shows them."""
 _SPACE, _ENTER, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 257, 262, 263, 264, 265, 268  # GLFW's numbers
 _FRAME_S = 1 / 60
+_CLOSE_S = 5.0
 _JUMP_S = 1.0
 _SLOWEST, _FASTEST = 1 / 16, 16.0
 FOLLOW = "follow the walker"
@@ -103,6 +105,7 @@ def play(twin: Twin) -> None:
     model = compile_model(scene_spec(twin.config))
     data = mujoco.MjData(model)
     walk, pressed = twin.walk, queue.SimpleQueue[int]()
+    before = threading.enumerate()
     head = Playhead(walk.duration_s, (FOLLOW, *(model.camera(i).name for i in range(model.ncam))))
     with _launched(model, data, pressed) as window:
         shown, last = -1, time.monotonic()
@@ -124,6 +127,9 @@ def play(twin: Twin) -> None:
             window.set_texts((None, None, *_words(head)))
             window.sync()
             time.sleep(max(_FRAME_S - (time.monotonic() - start), 0.0))
+    for thread in threading.enumerate():  # the viewer's own draws until it has seen the end; Python must not go first
+        if thread not in before:
+            thread.join(_CLOSE_S)
 
 
 def _launched(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.SimpleQueue[int]) -> viewer.Handle:
