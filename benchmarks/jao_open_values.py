@@ -7,7 +7,6 @@ time, the others are those of `PublishedParameters`.
 
 from __future__ import annotations
 
-import math
 import sys
 import tempfile
 from argparse import Namespace
@@ -25,12 +24,10 @@ from stridetwin.estimators.foot_to_foot.parameters import PublishedParameters
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import part
-from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
+from stridetwin.studies.walks import endless_gyro
 
 GRID: dict[str, tuple[float, ...]] = {
     "zero_velocity_sd_mps": (0.003, 0.01, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5),
@@ -49,11 +46,8 @@ def variants() -> Iterator[tuple[str, float, PublishedParameters]]:
 def measured(arguments: Namespace) -> dict[str, Any]:
     """Horizontal end errors, m, of both feet on every walk: `{NAME: {VALUE: [..]}}`; and the values in use."""
     found: dict[str, dict[str, list[float]]] = {name: {f"{v:g}": [] for v in values} for name, values in GRID.items()}
-    imu = part(STANDARD["foot_imu"])
-    assert isinstance(imu, ImuPart)
-    endless = SensorConfig(part=replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf)))
     config = replace(
-        load_scenario("jao_straight_53m").config, sensors=("foot_imu",), fittings={"foot_imu": endless},
+        load_scenario("jao_straight_53m").config, sensors=("foot_imu",), fittings={"foot_imu": endless_gyro()},
         physics=arguments.physics,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:

@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.command import answer, command
-from benchmarks.foot_ins_twin import joined
+from benchmarks.foot_ins_twin import feet_of_walk
 from benchmarks.real_walks import data_folder, load_loop, load_markers, load_stairs, load_vicon
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.parts.library import part
-from stridetwin.sim.parts.sensor_config import SensorConfig
-from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Block, Imu
 
@@ -139,12 +135,9 @@ def recordings() -> Iterator[tuple[str, Block[Imu]]]:
 
 def twin_walks() -> Iterator[tuple[str, Block[Imu]]]:
     """The left foot of a level walk, measured by each of `PARTS`; seed 1."""
-    level = load_scenario("level_20m").config
     for name in PARTS:
-        imu = {"foot_imu": SensorConfig(part=part(name))}
-        twin = Twin(replace(level, sensors=("foot_imu",), fittings=imu), 1)
-        blocks = [b for chunk in twin.blocks() for b in chunk if isinstance(b, Block) and b.topic == "/foot_l/imu"]
-        yield f"twin {name}", joined(blocks)
+        _, imu, _ = feet_of_walk("level_20m", 1, name)["l"]
+        yield f"twin {name}", imu
 
 
 def measure() -> dict[str, Any]:

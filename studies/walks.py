@@ -105,11 +105,15 @@ def recorded_walk(scenario: str, case: Case) -> Iterator[RecordedWalk]:
 
 def _record(scenario: str, case: Case, shoes: Path, wide: Path) -> None:
     twin = Twin(replace(load_scenario(scenario).config, sensors=SHOES, physics=case.physics), case.seed)
+    record(twin, shoes, _quiet)
+    record(twin.refitted(("foot_imu",), {"foot_imu": endless_gyro()}), wide, _quiet)
+
+
+def endless_gyro() -> SensorConfig:
+    """The standard foot IMU with a gyro that never saturates."""
     imu = part(STANDARD["foot_imu"])
     assert isinstance(imu, ImuPart)
-    endless = replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf))
-    record(twin, shoes, _quiet)
-    record(twin.refitted(("foot_imu",), {"foot_imu": SensorConfig(part=endless)}), wide, _quiet)
+    return SensorConfig(part=replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf)))
 
 
 def _quiet(stage: str, share: float) -> None:

@@ -59,12 +59,7 @@ def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: flo
     from the nominal state, and `r` its variance; `gain` (n,) is overwritten.
     """
     n = P.shape[0]
-    _weigh(P, gain, o, h)
-    s = r
-    for j in range(len(h)):
-        if h[j] != 0.0:
-            z -= h[j] * dx[o + j]
-            s += h[j] * gain[o + j]
+    z, s = _innovation(P, dx, gain, o, h, z, r)
     for i in range(n):
         k = gain[i] / s
         dx[i] += k * z
@@ -83,18 +78,25 @@ def correct_probably(
     (p / s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom & Tse 1975).
     """
     n = P.shape[0]
-    _weigh(P, gain, o, h)
-    s = r
-    for j in range(len(h)):
-        if h[j] != 0.0:
-            z -= h[j] * dx[o + j]
-            s += h[j] * gain[o + j]
+    z, s = _innovation(P, dx, gain, o, h, z, r)
     lost = probability / s * (1.0 - (1.0 - probability) * z * z / s)
     for i in range(n):
         dx[i] += gain[i] * probability * z / s
         for j in range(i, n):
             P[i, j] -= lost * gain[i] * gain[j]
             P[j, i] = P[i, j]
+
+
+@njit(**INSIDE)
+def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> tuple[float, float]:
+    """The innovation beyond the accumulated error, and its variance; writes P hᵀ into `gain`."""
+    _weigh(P, gain, o, h)
+    s = r
+    for j in range(len(h)):
+        if h[j] != 0.0:
+            z -= h[j] * dx[o + j]
+            s += h[j] * gain[o + j]
+    return z, s
 
 
 @njit(**INSIDE)
