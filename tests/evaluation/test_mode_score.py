@@ -79,7 +79,7 @@ def test_scores_survive_json():
 
 @pytest.mark.parametrize(
     ("riser_m", "mode", "others"),
-    [(0.064, "LG", ()), (0.066, "LG", ("SA",)), (0.074, "SA", ("LG",)), (0.076, "SA", ())]
+    [(0.064, "LG", ()), (0.066, "LG", ("SA",)), (0.074, "SA", ("LG",)), (0.076, "SA", ())],
 )
 def test_a_riser_of_about_the_least_height_may_count_as_level_or_stair(riser_m, mode, others):
     way = layout(Level(length_m=2), Stairs(risers=1, riser_m=riser_m, tread_m=0.3), Level(length_m=2))
