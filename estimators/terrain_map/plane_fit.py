@@ -102,6 +102,12 @@ def off_plane(s: Array) -> float:
     return max(root, 0.0)
 
 
+@cached(_HERE, error_model="numpy")
+def squared_distance(sums: Array) -> float:
+    """`off_plane` for uncompiled code."""
+    return off_plane(sums)
+
+
 @njit(**INSIDE)
 def spread_of(sums: Array, spread: Array) -> None:
     """(2, 2) m², covariance of points in plan, from their (11,) sums."""

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, height_planes, off_height_plane, rotated
+from stridetwin.estimators.terrain_map.plane_fit import (
+    SUMS,
+    add_point,
+    height_planes,
+    off_height_plane,
+    rotated,
+    squared_distance,
+)
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 from stridetwin.streams.samples import Array
 
@@ -302,9 +309,12 @@ class PlaneSet:
         alike = np.flatnonzero(
             (shared > self._p.same_iou * union) | (shared > self._p.inside_share * np.maximum(smaller, 1))
         )
+        parts: dict[int, Array] = {}
         for n in alike[np.argsort(-shared[alike], kind="stable")]:
-            if slots[new[n]] == NONE and self._agrees(sums[new[n]], int(old[n])):
-                slots[new[n]] = old[n]
+            slot, own = int(old[n]), sums[new[n]]
+            together = own + parts.get(slot, 0.0)
+            if slots[new[n]] == NONE and self._agrees(own, slot) and self._flat(together):
+                slots[new[n]], parts[slot] = slot, together
         free = np.flatnonzero(self.ids < 0)
         wanted = np.flatnonzero(slots == NONE)
         if len(wanted) > len(free):
@@ -324,6 +334,14 @@ class PlaneSet:
             new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, p.shared_columns, p.slope_prior_sd_rad
         )
         return off < (p.apart * p.plane_noise_m) ** 2
+
+    def _flat(self, parts: Array) -> bool:
+        """Whether new planes, from the sums of them all, fit one plane.
+
+        From afar low treads look like a ramp. Each of them lies near that old plane, but not near one plane with the
+        others.
+        """
+        return squared_distance(parts) < self._p.plane_noise_m**2
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
         """A match is a vote for the plane; no match while in view is a vote against it."""
