@@ -311,10 +311,10 @@ class PlaneSet:
         )
         parts: dict[int, Array] = {}
         for n in alike[np.argsort(-shared[alike], kind="stable")]:
-            slot, own = int(old[n]), sums[new[n]]
-            together = own + parts.get(slot, 0.0)
-            if slots[new[n]] == NONE and self._agrees(own, slot) and self._flat(together):
-                slots[new[n]], parts[slot] = slot, together
+            known, own = int(old[n]), sums[new[n]]
+            together = own + parts.get(known, 0.0)
+            if slots[new[n]] == NONE and self._agrees(own, known) and self._flat(together):
+                slots[new[n]], parts[known] = known, together
         free = np.flatnonzero(self.ids < 0)
         wanted = np.flatnonzero(slots == NONE)
         if len(wanted) > len(free):

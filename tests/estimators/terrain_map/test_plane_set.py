@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import column_points, plane_sums
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet, TopView
