@@ -8,6 +8,7 @@ uncertainty is therefore a measurement of the camera's tilt; anything steeper is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,20 +42,27 @@ class LevelGround:
         last = self._p_last
         return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= self._p.spacing_m)
 
-    def observe(self, window: Window, L: Array, slot: int, measured: Array) -> None:
-        """Takes the first level one of planes (P, 3) 1/m, seen by the frame in a slot, as a measurement of the tilt.
+    def observe(self, window: Window, L: Array, slot: int, measured: Array, weights: Array) -> None:
+        """Takes the level ones of planes, seen by the frame in a slot, as one measurement of the tilt.
 
-        L is the Cholesky factor of the window's normal equations.
+        Args:
+            window: Its prior gets the measurement.
+            L: Cholesky factor of the window's normal equations.
+            slot: Of the frame.
+            measured: (P, 3) 1/m, as of `read_planes`.
+            weights: (P, 3, 3) inverses of their covariances.
         """
         if not len(measured):
             return
         covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
-        for plane in measured:
-            slope = slope_of(window, slot, plane)
-            if weight := level_weight(slope, covariance, self._p):
-                add_level(window, slot, slope, weight)
-                self._p_last = window.frames.p[slot].copy()
-                return
+        slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
+        level = [slope for slope in slopes if level_weight(slope, covariance, self._p)]
+        if not level:
+            return
+        common = mean_slope(level)
+        if weight := level_weight(common, covariance, self._p):
+            add_level(window, slot, common, weight)
+            self._p_last = window.frames.p[slot].copy()
 
 
 class Slope(NamedTuple):
@@ -63,19 +71,47 @@ class Slope(NamedTuple):
     Attributes:
         r: (2,) horizontal part of its unit normal, rad.
         J: (2, 6) derivative by the errors of the camera's attitude on the IMU and of the frame's attitude.
+        variance: Of its components as measured, rad².
     """
 
     r: Array
     J: Array
+    variance: float = 0.0
 
 
-def slope_of(window: Window, slot: int, measured: Array) -> Slope:
-    """Slope of a plane (3,) 1/m, as of `read_planes`, seen by the frame in a slot. See docs/dvio.md (13)."""
+def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = None) -> Slope:
+    """Slope of a plane seen by the frame in a slot. See docs/dvio.md (13).
+
+    Args:
+        window: With the frame.
+        slot: Of the frame.
+        measured: (3,) 1/m, as of `read_planes`.
+        weight: (3, 3) inverse of its covariance; None: it is exact.
+    """
     c, R = window.calibration, window.frames.R[slot]
-    m = measured / np.array([1.0 + c.focal[0], 1.0 + c.focal[1], 1.0])
-    m = m / np.linalg.norm(m)
+    scale = np.array([1.0 / (1.0 + c.focal[0]), 1.0 / (1.0 + c.focal[1]), 1.0])
+    m = measured * scale
+    size = float(np.linalg.norm(m))
+    m = m / size
     in_imu = c.R @ m
-    return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]))
+    variance = 0.0
+    if weight is not None:
+        turn = (R @ c.R)[:2] @ (np.eye(3) - np.outer(m, m)) * scale / size
+        variance = 0.5 * float(np.trace(turn @ np.linalg.solve(weight, turn.T)))
+    return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]), variance=variance)
+
+
+def mean_slope(slopes: Sequence[Slope]) -> Slope:
+    """Weighted mean of the slopes of level planes in one image, as uncertain as they scatter.
+
+    A depth image often shows one floor as several planes, of which a single one may be a degree off.
+    """
+    weight = 1.0 / np.array([slope.variance for slope in slopes])
+    weight /= weight.sum()
+    r = weight @ np.array([slope.r for slope in slopes])
+    scatter = 0.5 * float(sum(w * np.sum((slope.r - r) ** 2) for w, slope in zip(weight, slopes)))
+    J = np.tensordot(weight, np.array([slope.J for slope in slopes]), 1)
+    return Slope(r=r, J=J, variance=scatter + float(weight @ [slope.variance for slope in slopes]))
 
 
 def level_weight(slope: Slope, covariance: Array, p: LevelParameters) -> float:
@@ -89,10 +125,11 @@ def level_weight(slope: Slope, covariance: Array, p: LevelParameters) -> float:
     tilt = slope.J @ covariance @ slope.J.T
     if np.trace(tilt) > 2.0 * p.tilt_sd_max_rad**2 or slope.r @ slope.r > p.slope_max_rad**2:
         return 0.0
-    square = float(slope.r @ np.linalg.solve(tilt + p.sd_rad**2 * np.eye(2), slope.r))
+    variance = p.sd_rad**2 + slope.variance
+    square = float(slope.r @ np.linalg.solve(tilt + variance * np.eye(2), slope.r))
     if square > p.gate:
         return 0.0
-    return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / p.sd_rad**2
+    return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / variance
 
 
 def columns(window: Window, slot: int) -> NDArray[np.int64]:

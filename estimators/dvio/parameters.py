@@ -208,6 +208,7 @@ class DvioParameters:
         unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, typical of a room.
         measured_sd: From this many standard deviations of inverse depth on, parallax counts as a measurement.
         stationary_px: Motion of points per frame up to which the camera may be stationary.
+        stationary_drift_px: The same over `stationary_s` or more: at 2 m and 390 px focal length, 10 mm/s.
         predicted_share: If fewer points than this share are where they were predicted, all are searched for.
         points_min: With fewer points only the IMU is used.
         observations_min: A frame with fewer counts as dead reckoning.
@@ -279,6 +280,7 @@ class DvioParameters:
     unknown_inverse_depth_per_m: float = 0.15
     measured_sd: float = 8.0
     stationary_px: float = 0.25
+    stationary_drift_px: float = 0.5
     predicted_share: float = 0.5
     points_min: int = 8
     observations_min: int = 10

@@ -28,6 +28,8 @@ class CornerParameters(NamedTuple):
         apart_px: Least distance of new points from others.
         margin_px: No new point lies closer to the image's border; at least 5.
         cornerness_min: Grey levels² a pixel².
+        roundness_min: Least ratio of the lesser to the greater eigenvalue: along a straight edge a point can slide, or
+            sticks to the jaggies of the image.
         reach_px: Half of the window for cornerness.
     """
 
@@ -36,6 +38,7 @@ class CornerParameters(NamedTuple):
     apart_px: float = 16.0
     margin_px: int = 10
     cornerness_min: float = 6.0
+    roundness_min: float = 0.2
     reach_px: int = 3
 
 
@@ -80,8 +83,8 @@ class DepthParameters(NamedTuple):
 
 
 @njit(error_model="numpy", **INSIDE)
-def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> float:
-    """Lesser eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), grey levels² a pixel²."""
+def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[float, float]:
+    """Lesser and greater eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), (grey levels/px)²."""
     a, b, c = 0.0, 0.0, 0.0
     for i in range(y - reach, y + reach + 1):
         for j in range(x - reach, x + reach + 1):
@@ -91,7 +94,8 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> float:
             b += dx * dy
             c += dy * dy
     n = (2 * reach + 1) ** 2
-    return (0.5 * (a + c) - math.sqrt(0.25 * (a - c) ** 2 + b * b)) / n
+    mean, half = 0.5 * (a + c) / n, math.sqrt(0.25 * (a - c) ** 2 + b * b) / n
+    return mean - half, mean + half
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -102,9 +106,9 @@ def cornerness_at(grey: NDArray[np.uint8], candidates: NDArray[np.float32], p: C
         score[i] = -1.0
         x, y = int(candidates[i, 0]), int(candidates[i, 1])
         if p.margin_px <= x < width - p.margin_px and p.margin_px <= y < height - p.margin_px:
-            s = cornerness(grey, x, y, p.reach_px)
-            if s >= p.cornerness_min:
-                score[i] = s
+            least, most = cornerness(grey, x, y, p.reach_px)
+            if least >= p.cornerness_min and least >= p.roundness_min * most:
+                score[i] = least
 
 
 @njit(error_model="numpy", **INSIDE)

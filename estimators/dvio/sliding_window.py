@@ -165,7 +165,8 @@ class Core:
         predicted = self._predicted(before, t_ns)
         moved = self._follow(frame, predicted, before, slot)
         few = self._alive.sum() < p.observations_min
-        stationary &= moved < p.stationary_px or (few and legs is not None and legs.resting)
+        still = moved < p.stationary_px and self._drift(slot, frame.t_ns) < p.stationary_drift_px
+        stationary &= still or (few and legs is not None and legs.resting)
         f.count[0] = slot + 1
         self._place(slot, frame.t_ns, predicted)
         f.held[slot] = 0
@@ -326,6 +327,21 @@ class Core:
         marks.rho[ids, slot] = rho
         return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
 
+    def _drift(self, slot: int, t_ns: int) -> float:
+        """Median motion of points into a slot since the newest frame before `stationary_s`, px; 0 without such a frame.
+
+        A body that shifts its weight before a step moves too little from frame to frame to be noticed.
+        """
+        f, marks, p = self.window.frames, self.window.landmarks, self.parameters
+        before = np.flatnonzero(f.t_ns[:slot] <= t_ns - round(p.stationary_s * 1e9))
+        if not len(before):
+            return 0.0
+        both = (marks.seen[:, slot] > 0) & (marks.seen[:, before[-1]] > 0)
+        if np.count_nonzero(both) < p.points_min:
+            return 0.0
+        motion = marks.at[both, slot] - marks.at[both, before[-1]]
+        return float(self.lens.focal_px * np.median(np.linalg.norm(motion, axis=1)))
+
     def _cull(self) -> int:
         """Removes outliers; returns the number of remaining observations of the newest frame."""
         w, factors, work = self.window, self.factors, self._work
@@ -397,7 +413,7 @@ class Core:
             frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
         if level:
-            self._level.observe(w, self._work.factor, slot, rho[:count])
+            self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count])
         if len(w.planes.used):
             self._observe_planes(count)
 

@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.level import Slope, add_level, columns, covariance_of, level_weight, slope_of
+from stridetwin.estimators.dvio.level import (
+    Slope,
+    add_level,
+    columns,
+    covariance_of,
+    level_weight,
+    mean_slope,
+    slope_of,
+)
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
 from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
@@ -74,6 +82,37 @@ def test_only_what_may_be_level_is_taken_as_level(slope_rad, tilt_sd_rad, used):
 def test_an_unlikely_slope_counts_less():
     assert level_weight(slope(0.0), tilted(0.01), P) == pytest.approx(P.sd_rad**-2)
     assert level_weight(slope(0.025), tilted(0.01), P) < 0.7 * P.sd_rad**-2
+
+
+def test_the_variance_of_a_slope_is_the_scatter_of_its_measurements():
+    rng = np.random.default_rng(5)
+    w = seen_window(rng)
+    exact, covariance = ground(w, 1, 0.01), np.diag([4e-3, 2e-3, 1e-3]) ** 2
+    slopes = [slope_of(w, 1, exact + rng.multivariate_normal(np.zeros(3), covariance)).r for _ in range(4000)]
+    expected = 0.5 * np.var(slopes, axis=0).sum()
+    assert slope_of(w, 1, exact, np.linalg.inv(covariance)).variance == pytest.approx(expected, rel=0.06)
+
+
+def measured_slope(x: float, y: float, variance: float) -> Slope:
+    return Slope(r=np.array([x, y]), J=np.zeros((2, 6)), variance=variance)
+
+
+def test_planes_of_one_floor_are_as_uncertain_as_they_scatter():
+    """Two of them agree, the third is a degree off: it moves the mean, which counts little."""
+    alike = [measured_slope(0.001, 0.0, 1e-5), measured_slope(-0.001, 0.0, 1e-5)]
+    mean = mean_slope(alike)
+    assert mean.r == pytest.approx([0.0, 0.0])
+    assert mean.variance == pytest.approx(1e-5 + 0.5e-6)
+    torn = mean_slope([*alike, measured_slope(0.0, 0.018, 1e-5)])
+    assert torn.r == pytest.approx([0.0, 0.006])
+    assert torn.variance == pytest.approx(1e-5 + (2 * (1e-6 + 0.006**2) + 0.012**2) / 6)
+    flat = tilted(0.01)
+    assert level_weight(torn, flat, P) < 0.5 * level_weight(alike[0], flat, P)
+
+
+def test_a_better_known_plane_counts_more():
+    mean = mean_slope([measured_slope(0.0, 0.0, 1e-6), measured_slope(0.01, 0.0, 9e-6)])
+    assert mean.r == pytest.approx([0.001, 0.0])
 
 
 def prior_of(w: Window, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
