@@ -84,7 +84,7 @@ class DepthParameters(NamedTuple):
 
 @njit(error_model="numpy", **INSIDE)
 def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[float, float]:
-    """Lesser and greater eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), (grey levels/px)²."""
+    """Lesser and greater eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), (levels/px)²."""
     a, b, c = 0.0, 0.0, 0.0
     for i in range(y - reach, y + reach + 1):
         for j in range(x - reach, x + reach + 1):
