@@ -26,7 +26,7 @@ SCENERIES = ("outdoor", "room", "corridor")
 TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 BYSTANDERS_MAX = 4
-THINGS = ("stripe", "shadow", "table", "wall")
+THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +167,8 @@ class Thing:
     """An object on or beside the way that is not walkable ground, but looks like it or occludes it.
 
     Attributes:
-        kind: `stripe`, a hazard marking painted across the way, or `shadow`, both flat; upright `table` or `wall`.
+        kind: Flat across the way are `stripe`, a hazard marking, `shadow`, and `mat`, black and without depth; upright
+            are `table`, `chair`, `crate`, as high as a step, and `wall`.
         at_m: Where it begins along the way, from the world's origin.
         left_m: Distance of its middle to the left of the way.
     """

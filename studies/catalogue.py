@@ -141,7 +141,7 @@ STUDIES = {
         "zhao2023.mode_faults",
     ),
     "terrain_zoo": Study(
-        "modes over 33 kinds of ground, gait, camera and light, a quarter of which were never tuned on",
+        "modes over 34 kinds of ground, gait, camera and light, a quarter of which were never tuned on",
         "terrain_zoo.zoo_walk",
         tables="terrain_zoo.zoo_results",
         kind=MODES,

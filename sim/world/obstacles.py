@@ -37,6 +37,10 @@ class ObstacleParameters:
     table_height: float = 0.72
     board: float = 0.04  # thickness of a table's board
     leg: float = 0.06  # width of a table's leg
+    seat: float = 0.45  # height and width of a chair's seat
+    back: float = 0.90  # height of its back
+    crate_width: float = 0.60
+    crate_height: float = 0.20  # that of a step
     wall_width: float = 3.0
     wall_height: float = 2.5
     lift: float = 0.001  # height of paint, so that the ground does not shine through
@@ -44,7 +48,7 @@ class ObstacleParameters:
 
 
 _M = ObstacleParameters()
-LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
+LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "mat": 0.90, "table": 0.70, "chair": 0.45, "crate": 0.40, "wall": 0.15}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,16 +275,19 @@ class Painted:
     material: str
 
 
+_FLAT = {"shadow": "shadow", "mat": "black_paint"}
+
+
 def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Painted]:
-    """Flat objects on the way, as wide as it: a marking is half white, half black."""
+    """Flat objects on the way, as wide as it: a marking is half white, half black, and a mat is black."""
     found = []
     for thing in things:
         middle, end = thing.at_m + LENGTHS_M[thing.kind] / 2, thing.at_m + LENGTHS_M[thing.kind]
         if thing.kind == "stripe":
             found.append(_area(thing, thing.at_m, middle, layout, width_m, "white_paint"))
             found.append(_area(thing, middle, end, layout, width_m, "black_paint"))
-        elif thing.kind == "shadow":
-            found.append(_area(thing, thing.at_m, end, layout, width_m, "shadow"))
+        elif thing.kind in _FLAT:
+            found.append(_area(thing, thing.at_m, end, layout, width_m, _FLAT[thing.kind]))
     return found
 
 
@@ -292,28 +299,47 @@ def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float
 
 
 def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
-    """Upright objects: tables on two sides, and walls."""
-    found: list[Landmark] = []
-    for thing in things:
-        if thing.kind == "wall":
-            found.append(_across(thing, layout, "plaster", _M.wall_width, 0.0, _M.wall_height))
-        elif thing.kind == "table":
-            below, side = _M.table_height - _M.board, _M.table_width / 2 - 0.1
-            found.append(_across(thing, layout, "wood", _M.table_width, below, _M.table_height))
-            found += [_across(thing, layout, "wood", _M.leg, 0.0, below, aside) for aside in (-side, side)]
-    return tuple(found)
+    """Upright objects."""
+    return tuple(
+        part for thing in things if thing.kind in _UPRIGHT for part in _UPRIGHT[thing.kind](_at(thing, layout))
+    )
 
 
-def _across(
-    thing: Thing, layout: Layout, material: str, width: float, bottom: float, top: float, aside: float = 0.0
-) -> Landmark:
-    """A box across the way on its ground, from one height above it to another."""
-    length = LENGTHS_M[thing.kind]
-    s, z = thing.at_m + length / 2, _strip(layout, thing.at_m).z0
-    x, y = layout.way.point(s, thing.left_m + aside).tolist()
-    yaw = float(layout.way.heading(s))
-    solid = Solid.box(x=x, y=y, yaw=yaw, length=length, width=width, bottom=z + bottom, top=z + top)
-    return Landmark(box=solid, material=material)
+def _at(thing: Thing, layout: Layout) -> _Frame:
+    """The middle of an object, on its ground."""
+    s = thing.at_m + LENGTHS_M[thing.kind] / 2
+    x, y = layout.way.point(s, thing.left_m).tolist()
+    return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip(layout, thing.at_m).z0)
+
+
+def _wall(at: _Frame) -> Iterator[Landmark]:
+    yield at.box("plaster", LENGTHS_M["wall"], _M.wall_width, at.z, at.z + _M.wall_height)
+
+
+def _long_table(at: _Frame) -> Iterator[Landmark]:
+    """A board on two sides."""
+    below, side = at.z + _M.table_height - _M.board, _M.table_width / 2 - 0.1
+    yield at.box("wood", LENGTHS_M["table"], _M.table_width, below, below + _M.board)
+    for left in (-side, side):
+        yield at.box("wood", LENGTHS_M["table"], _M.leg, at.z, below, left=left)
+
+
+def _chair(at: _Frame) -> Iterator[Landmark]:
+    """A seat on four legs, and a back across the way."""
+    half, below = (_M.seat - _M.leg) / 2, at.z + _M.seat - _M.board
+    yield at.box("wood", _M.seat, _M.seat, below, below + _M.board)
+    yield at.box("wood", _M.board, _M.seat, below + _M.board, at.z + _M.back, along=(_M.seat - _M.board) / 2)
+    for along, left in ((-half, -half), (-half, half), (half, -half), (half, half)):
+        yield at.box("wood", _M.leg, _M.leg, at.z, below, along=along, left=left)
+
+
+def _crate(at: _Frame) -> Iterator[Landmark]:
+    yield at.box("wood", LENGTHS_M["crate"], _M.crate_width, at.z, at.z + _M.crate_height)
+
+
+_UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
+    "wall": _wall, "table": _long_table, "chair": _chair, "crate": _crate
+}  # fmt: skip
 
 
 def _strip(layout: Layout, s: float) -> Strip:

@@ -386,6 +386,22 @@ def cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _over(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
 
 
+@_kind("chairs, crates as high as a step, and a black mat", tuned=False)
+def furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """A level way between furniture, over a mat that has no depth."""
+    width_m = float(rng.uniform(2.0, 2.4))
+    places = np.arange(1.5, 8.0, 1.3) + rng.uniform(0.0, 0.5, 5)
+    sides = rng.permutation([-1.0, -1.0, 1.0, 1.0, float(rng.choice([-1, 1]))])
+    kinds = rng.permutation(["chair", "chair", "crate", "crate", "crate"])
+    beside = zip(kinds.tolist(), places.tolist(), sides.tolist())
+    things = [Thing(kind=kind, at_m=at_m, left_m=side * float(rng.uniform(0.85, 1.1))) for kind, at_m, side in beside]
+    things.append(Thing(kind="mat", at_m=float(rng.uniform(2.5, 6.0))))
+    segments = (Level(length_m=10.0),)
+    return replace(
+        config, route=replace(config.route, segments=segments, things=tuple(things), width_m=width_m, scenery="room")
+    )
+
+
 def names(*, tuning: bool) -> tuple[str, ...]:
     """The kinds of the tuning set, or all."""
     return tuple(name for name, entry in KINDS.items() if entry.tuned or not tuning)

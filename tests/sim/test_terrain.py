@@ -274,13 +274,23 @@ def test_things_lie_flat_or_stand_clear_of_the_walker():
     assert all(model.mesh_vertnum[i] == 4 for i in painted)
 
 
+def test_a_chair_and_a_crate_stand_beside_the_way():
+    things = (Thing(kind="chair", at_m=1.0, left_m=1.0), Thing(kind="crate", at_m=2.0, left_m=-1.2))
+    full = Terrain.from_route(Route(segments=(Level(length_m=3.0),), things=things))
+    above = [[1.1, 1.0, 1.5], [1.44, 1.0, 1.5], [2.2, -1.2, 1.5], [2.2, -1.2 + 0.31, 1.5], [1.1, 1.0, 0.3]]
+    down = full.ray_cast(above, [[0.0, 0.0, -1.0]] * 5)
+    assert down == pytest.approx([1.5 - 0.45, 1.5 - 0.9, 1.5 - 0.2, 1.5, 0.3])  # there is ground under the seat
+
+
 @pytest.mark.parametrize(
     ("kind", "at_m", "valid"),
     [
         ("table", 2.0, "0.4 m clear of where the walker goes"),
         ("wall", 4.2, "0.4 m clear"),
         ("stripe", 3.5, "on one level of the way"),
-        ("puddle", 2.0, "stripe, shadow, table, wall"),
+        ("chair", 2.0, "0.4 m clear"),
+        ("crate", 2.0, "0.4 m clear"),
+        ("puddle", 2.0, "stripe, shadow, mat, table, chair, crate, wall"),
     ],
 )
 def test_things_that_cannot_be_there_are_refused(kind, at_m, valid):
