@@ -39,7 +39,8 @@ ROOT = Path(__file__).parents[1]
 SCOPES = ("estimators", "evaluation", "sim/truth.py", "sim/gait/footsteps.py", "sim/sensors/exo_sensors.py")
 """Folders and files into which bugs are inserted."""
 NEAREST: dict[str, tuple[str, ...]] = {
-    "estimators/foot_ins": ("tests/estimators/test_kernel_algebra.py", "tests/estimators/test_strapdown.py",
+    "estimators/foot_ins": ("tests/estimators/test_kernel_algebra.py", "tests/estimators/test_foot_kernels.py",
+        "tests/estimators/test_strapdown.py",
         "tests/estimators/test_foot_ins.py", "tests/estimators/test_foot_clipping.py",
         "tests/estimators/test_foot_floor.py", "tests/estimators/test_foot_ins_faults.py",
         "tests/estimators/test_foot_ins_smoother.py"),
