@@ -160,7 +160,7 @@ def test_the_covariance_of_a_step_is_that_of_its_slopes():
     F = np.eye(len(P))
     own = slice(ROW, ROW + STATES)
     F[own, own] = slopes(lambda e: difference(propagated(moved(x, e), dt), propagated(x, dt)), STATES)
-    np.testing.assert_allclose(memory.covariance, F @ P @ F.T, atol=3e-8)
+    np.testing.assert_allclose(memory.covariance, F @ P @ F.T, atol=2e-7)
     np.testing.assert_array_equal(memory.covariance, memory.covariance.T)
 
 
