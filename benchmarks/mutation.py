@@ -54,7 +54,8 @@ NEAREST: dict[str, tuple[str, ...]] = {
     "estimators/terrain_map": (*(f"tests/estimators/terrain_map/test_{name}.py" for name in ("order_statistics",
         "plane_fit", "bends", "borders", "terrains", "flight", "terrain_map", "not_fooled", "open3d_volume",
         "real_stairs", "stairs_stay_stairs")),),
-    "estimators/locomotion_mode": ("tests/estimators/locomotion_mode",),
+    "estimators/locomotion_mode": (*(f"tests/estimators/locomotion_mode/test_{name}.py" for name in (
+        "parts_in_numbers", "next_steps", "vertical", "joining", "measured_steps", "locomotion_mode")),),
     "estimators/dvio": (*(f"tests/estimators/dvio/test_{name}.py" for name in ("preintegration", "factors", "patches",
         "solver", "level", "alignment", "stereo", "inertial", "planes", "feet", "dvio")),),
     "estimators": ("tests/estimators/test_kernel_algebra.py", "tests/estimators/test_methods.py",
