@@ -57,8 +57,8 @@ NEAREST: dict[str, tuple[str, ...]] = {
         "open3d_volume", "real_stairs", "stairs_stay_stairs")),),
     "estimators/locomotion_mode": (*(f"tests/estimators/locomotion_mode/test_{name}.py" for name in (
         "parts_in_numbers", "next_steps", "vertical", "joining", "measured_steps", "locomotion_mode")),),
-    "estimators/dvio": (*(f"tests/estimators/dvio/test_{name}.py" for name in ("preintegration", "factors", "patches",
-        "solver", "level", "alignment", "stereo", "inertial", "planes", "feet", "dvio")),),
+    "estimators/dvio": (*(f"tests/estimators/dvio/test_{name}.py" for name in ("preintegration", "parts_in_numbers",
+        "factors", "patches", "solver", "level", "alignment", "stereo", "inertial", "planes", "feet", "dvio")),),
     "estimators": ("tests/estimators/test_kernel_algebra.py", "tests/estimators/test_methods.py",
         "tests/estimators/test_compiled.py", "tests/estimators/test_foot_ins.py",
         "tests/estimators/test_contact_terrain_filter.py", "tests/pipeline/test_example_package.py"),
