@@ -174,12 +174,12 @@ P = PlaneParameters()
 FOCAL = 190.0
 
 
-def two_planes(sd=0.002, seed=0):
+def two_planes(sd=0.002, seed=0, wall_per_m=0.30):
     """Depth image of a floor and a wall, its samples' rays, and the planes: inverse depth (x, y, 1) times them."""
     height, width = 240, 320
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     x, y = (u - 159.5) / FOCAL, (v - 119.5) / FOCAL
-    wall, floor = np.array([0.05, 0.0, 0.30]), np.array([0.0, 0.6, 0.32])
+    wall, floor = np.array([0.05, 0.0, wall_per_m]), np.array([0.0, 0.6, 0.32])
     inverse = np.maximum(
         np.einsum("i,ihw", wall, [x, y, np.ones_like(x)]), np.einsum("i,ihw", floor, [x, y, np.ones_like(x)])
     )
@@ -196,14 +196,20 @@ def test_samples_fill_whole_cells():
     np.testing.assert_array_equal(pixels[7, 9], [38, 30])
 
 
-def test_the_planes_of_an_image_are_those_of_its_samples():
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("wall_per_m", "first"), [(0.30, 1), (0.45, 0)])
+def test_the_planes_of_an_image_are_those_of_its_samples(wall_per_m, first, seed):
+    """The larger one first: the floor, where the wall is far."""
     sd = 0.002
-    depth, rays, pixels, wall, floor = two_planes(sd)
+    depth, rays, pixels, wall, floor = two_planes(sd, seed, wall_per_m)
     planes, weights = np.zeros((4, 3)), np.zeros((4, 3, 3))
     count = from_python(plane_cells.read_planes)(depth, rays, P, 0.3, sd, planes, weights)
     assert count == 2
-    order = [0, 1] if np.linalg.norm(planes[0] - wall) < np.linalg.norm(planes[0] - floor) else [1, 0]
-    for k, true in zip(order, (wall, floor)):
+    largest = np.zeros((1, 3))
+    assert from_python(plane_cells.read_planes)(depth, rays, P, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
+    np.testing.assert_array_equal(largest[0], planes[0])
+    assert not planes[2:].any()
+    for k, true in enumerate((wall, floor) if first == 0 else (floor, wall)):
         covariance = np.linalg.inv(weights[k])
         off = planes[k] - true
         assert off @ weights[k] @ off < 16.0
