@@ -45,6 +45,9 @@ def test_a_high_drop_hides_steps_of_the_usual_size():
     k = np.arange(2)
     expected = np.column_stack([first + 0.3 * k, 0.04 + 0.15 * 0.3 * k, np.full(2, -0.27), np.full(2, 0.4 * 0.27)])
     np.testing.assert_allclose(bounds(edge(1.0, -0.54, sd=0.1)), expected)
+    # two risers of the usual size, and the tread between them
+    expected[:, 2:] = -0.18, 0.4 * 0.18
+    np.testing.assert_allclose(bounds(edge(1.0, -0.36, sd=0.2)), expected)
     # no tread at all is occluded
     np.testing.assert_allclose(bounds(edge(1.0, -0.54, sd=0.05)), [[first, 0.04, -0.54, 0.0]])
 
