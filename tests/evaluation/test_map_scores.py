@@ -461,18 +461,18 @@ def test_a_snapshot_shows_one_point_per_cell_and_the_planes_nearby():
     eye = in_map(true_points([2.0], 0.0, 1.6))[0]
     rng = np.random.default_rng(0)
     points = np.vstack([eye + [0.55, 0.55, 0.0] + rng.uniform(-0.049, 0.049, (40, 3)), eye + [[-2.95, 0.05, -1.6]],
-                        eye + [[0.05, 3.02, -1.6]]])  # fmt: skip
+                        eye + [[0.05, 3.02, -1.6], [1.25, 0.35, -1.6]]])  # fmt: skip
     planes = {0: plane(0, eye + [1.0, 0.0, -1.6]), 1: plane(1, eye + [1.0, 1.0, -1.6], area=0.049),
               2: plane(2, eye + [0.0, 3.1, -1.6])}  # fmt: skip
     flight = mapped_flight(UP, 0.15, 0.3, UP + np.array([0.0, 0.3, 0.6]))
     estimate = SimpleNamespace(
         t_ns=7, planes=planes, p_camera_in_world=eye, stairs=(flight,), terrain_of=level_estimate().terrain_of
     )
-    grid = SimpleNamespace(points=lambda: (points, np.r_[np.zeros(40, int), -1, 0]))
+    grid = SimpleNamespace(points=lambda: (points, np.r_[np.zeros(40, int), -1, 0, 0]))
     shown = terrain_ahead._snapshot(grid, estimate, ALIGNMENT, 0.0)
     assert shown.t_ns == 7
-    np.testing.assert_allclose(shown.points, ALIGNMENT.to_true(points[[40, 0]]), atol=1e-5)
-    assert shown.kinds.tolist() == [KINDS.index("none"), KINDS.index("LG")]
+    np.testing.assert_allclose(shown.points, ALIGNMENT.to_true(points[[40, 0, 42]]), atol=1e-5)
+    assert shown.kinds.tolist() == [KINDS.index("none"), KINDS.index("LG"), KINDS.index("LG")]
     ((outline, kind),) = shown.planes
     assert kind == KINDS.index("LG")
     np.testing.assert_allclose(outline[:4].mean(axis=0), ALIGNMENT.to_true(planes[0].centre), atol=1e-9)
