@@ -18,6 +18,9 @@ _COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,),
 }  # fmt: skip
 _NAMES = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "argmin": "argmax", "argmax": "argmin"}
+_EVEN = ("abs", "np.abs", "math.fabs", "np.linalg.norm", "np.square")
+"""Functions of the size of their first argument; a norm along any axis is one."""
+_SYMMETRIC = ("np.minimum", "np.maximum", "np.hypot", "math.hypot", "dot", "math.isclose")
 _IGNORED = (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom)
 
 
@@ -69,12 +72,42 @@ def mutants(source: str) -> list[Mutant]:
 
 
 def is_change(source: str, mutant: Mutant) -> bool:
-    """Whether the changed source compiles, to another syntax tree than the source."""
+    """Whether the changed source compiles, to another syntax tree than the source.
+
+    The order of two operands does not count where the result is the same to the last bit: of a difference whose size
+    alone matters, and of the arguments of a symmetric function.
+    """
     try:
         changed = ast.parse(mutant.applied(source))
     except SyntaxError:
         return False
-    return ast.dump(changed) != ast.dump(ast.parse(source))
+    return ast.dump(_Unordered().visit(changed)) != ast.dump(_Unordered().visit(ast.parse(source)))
+
+
+class _Unordered(ast.NodeTransformer):
+    """Brings operands whose order has no effect into a fixed one."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        name = ast.unparse(node.func)
+        if name in _EVEN and node.args:
+            node.args[0] = _sorted_difference(node.args[0])
+        elif name in _SYMMETRIC and len(node.args) == 2 and not node.keywords:
+            node.args.sort(key=ast.dump)
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        self.generic_visit(node)
+        if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant) and node.right.value == 2:
+            node.left = _sorted_difference(node.left)
+        return node
+
+
+def _sorted_difference(node: ast.expr) -> ast.expr:
+    """A difference with its operands in a fixed order; anything else as it is."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub):
+        node.left, node.right = sorted((node.left, node.right), key=ast.dump)
+    return node
 
 
 def _computed(node: ast.AST) -> Iterator[ast.expr | ast.AugAssign]:

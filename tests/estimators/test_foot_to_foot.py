@@ -233,6 +233,20 @@ def test_estimates_are_sane_after_every_kind_of_sample(short) -> None:
             assert_sane(estimate)
 
 
+def test_the_joint_covariance_is_that_of_both_feet_with_what_they_share(short) -> None:
+    """In the blocks of each foot everything but the position, which knows the scale of the way as well."""
+    simulation, imus, aids = short
+    estimator = estimator_for(simulation)
+    samples = sorted([*imus["l"], *imus["r"], *aids], key=lambda s: (s.t_ns, not isinstance(s, Imu)))
+    estimate = [e for s in samples[:1500] if (e := estimator.update(s)) is not None][-1]
+    assert estimate.covariance.shape == (30, 30)
+    for k, foot in enumerate(FEET):
+        own = estimate.covariance[15 * k : 15 * k + 15, 15 * k : 15 * k + 15]
+        np.testing.assert_array_equal(own[3:, 3:], estimate.feet[foot].covariance[3:, 3:])
+    assert np.linalg.eigvalsh(estimate.covariance).min() > -1e-12
+    assert abs(estimate.covariance[:15, 15:]).max() > 0.0
+
+
 def test_observing_the_other_shoe_holds_the_headings_together(short) -> None:
     simulation, imus, aids = short
     biased = {

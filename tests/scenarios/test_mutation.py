@@ -65,6 +65,24 @@ def test_a_bug_is_one_change_of_what_is_computed():
     assert len(set(found)) == len(found) > 15
 
 
+@pytest.mark.parametrize(
+    ("line", "order_counts"),
+    [("abs(a - b)", False), ("(a - b) ** 2", False), ("np.linalg.norm(a - b, axis=1)", False),
+     ("np.hypot(a, b)", False), ("dot(a, b)", False), ("a - b", True), ("(a - b) ** 3", True),
+     ("np.cross(a, b)", True), ("np.dot(a, b)", True),
+     ("abs(f(a - b))", True)],
+)  # fmt: skip
+def test_an_order_without_effect_is_no_change(line, order_counts):
+    orders = [m for m in mutants(f"x = {line}\n") if m.kind == "order" and "norm" not in m.before[:15]]
+    assert [is_change(f"x = {line}\n", m) for m in orders] == [order_counts] * len(orders) != []
+
+
+def test_every_equivalent_change_is_one_of_the_sources():
+    for file, before, after in mutation.EQUIVALENT:
+        found = [(m.before, m.after) for m in mutants((mutation.ROOT / file).read_text(encoding="utf-8"))]
+        assert found.count((before, after)) == 1, (file, before)
+
+
 def test_text_beyond_ascii_moves_no_change():
     source = 'x = "°µ", 1 + 2\n'
     assert 'x = "°µ", (1 - 2)\n' in [m.applied(source) for m in mutants(source)]
