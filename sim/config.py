@@ -99,6 +99,7 @@ class Stairs:
         nosing_m: How far a tread overhangs the riser below it.
         open_risers: Treads are planks without risers between them.
         tread_slope_rad: By which a tread falls towards its edge, so that rain runs off.
+        edge_radius_m: Of the rounded edge of every tread and of the upper level.
     """
 
     risers: Annotated[int, whole(1, 60)]
@@ -108,6 +109,7 @@ class Stairs:
     nosing_m: Annotated[float, number(0, 40, key="nosing_mm", scale=MM)] = 0.0
     open_risers: bool = False
     tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = 0.0
+    edge_radius_m: Annotated[float, number(0, 40, key="edge_radius_mm", scale=MM)] = 0.0
 
     @property
     def heights_m(self) -> tuple[float, ...]:

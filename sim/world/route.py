@@ -75,6 +75,7 @@ class Slab:
         cross_slope: Lateral tilt, rad, left side up positive.
         recess: How far the riser below it stands back from its lower edge, m: from the start of its axis, or, negative,
             from the end; its whole length makes it a plank.
+        start_radius, end_radius: Of its rounded edges at the start and at the end of its axis, m.
     """
 
     x: float
@@ -88,6 +89,8 @@ class Slab:
     terrain: str
     cross_slope: float = 0.0
     recess: float = 0.0
+    start_radius: float = 0.0
+    end_radius: float = 0.0
 
     def point(self, along: ArrayLike, left: ArrayLike) -> Array:
         """(..., 3) points of its top in the world, at (...) m along its axis and to the left of it."""
@@ -157,6 +160,7 @@ class _Pen:
     z: float
     s: float
     owner: int = -1
+    edge_radius: float = 0.0  # of the start of the next slab
     segments: list[CurveSegment] = field(default_factory=list)
     strips: list[Strip] = field(default_factory=list)
     slabs: list[Slab] = field(default_factory=list)
@@ -234,8 +238,14 @@ class _Pen:
                  z1=self.z + rise, terrain=terrain, cross_slope=cross, recess=recess)
         )  # fmt: skip
 
+    def rounded(self, radius: float) -> None:
+        """Rounds the end of the last slab."""
+        if self.slabs:
+            self.slabs[-1] = replace(self.slabs[-1], end_radius=radius)
+
     def _slab(self, slab: Slab) -> None:
         """Adds a slab; merges it with the last one if both are on one level."""
+        slab, self.edge_radius = replace(slab, start_radius=self.edge_radius), 0.0
         if self.slabs and slab.terrain == "level":
             last = self.slabs[-1]
             meets = math.dist(last.point(last.length, 0.0), slab.point(0.0, 0.0)) < 1e-9
@@ -259,6 +269,10 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
             for i, height in enumerate(heights):
                 if i:
                     pen.straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
+                if down:
+                    pen.rounded(segment.edge_radius_m)
+                else:
+                    pen.edge_radius = segment.edge_radius_m
                 pen.z += way * height
 
 

@@ -94,6 +94,9 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                     straight = bool(lane) and all(isinstance(s, Level | Stairs | Ramp) for s in lane)
                     _demand(f"{at}.lanes[{k}]", lane, straight, "level, stairs and ramps")
                     _check_chain(lane, f"{at}.lanes[{k}]")
+                    for m, part in enumerate(lane):  # the landing beside it belongs to all lanes
+                        sharp = not isinstance(part, Stairs) or part.edge_radius_m == 0
+                        _demand(f"{at}.lanes[{k}][{m}].edge_radius_m", getattr(part, "edge_radius_m", 0), sharp, "0 m")
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:
@@ -104,6 +107,9 @@ def _check_stairs(stairs: Stairs, at: str) -> None:
     for height in heights:
         _demand(f"{at}.riser_m", height, low - _TINY <= height <= high + _TINY, f"{low} to {high} m")
     _demand(f"{at}.tread_m", stairs.tread_m, stairs.tread_m >= TREAD_MIN_M, f"at least {TREAD_MIN_M} m")
+    radius, whole = stairs.edge_radius_m, not (stairs.nosing_m or stairs.open_risers)
+    _demand(f"{at}.edge_radius_m", radius, 0 <= radius <= min(heights) + _TINY, "0 m up to the lowest riser")
+    _demand(f"{at}.edge_radius_m", radius, whole or radius == 0, "0 m with nosings or open risers")
 
 
 def _check_beside_turn(at: str, segment: Segment) -> None:

@@ -102,7 +102,7 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
     for i, solid in enumerate(solids):
         # where tops coincide, one face would shine through the other; a loop comes back to its height within rounding
         painted = [corners(other)[4:] for other in solids[:i] if _same_heights(other, solid)]
-        low, high = (_NOSING_M * _falls(solid, end, surface) for end in (-1.0, 1.0))
+        low, high = (min(_NOSING_M, solid.length) * _falls(solid, end, surface) for end in (-1.0, 1.0))
         quads += _sides(solid, _SIDE)
         for start, end, material in (
             (0.0, low, _NOSING),

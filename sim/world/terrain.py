@@ -25,6 +25,7 @@ from stridetwin.streams.samples import Array
 
 _GROUND_BELOW_M = 0.05
 _PLANK_M = 0.04  # thickness of a tread that overhangs its riser
+_CHORDS = 3  # of a rounded edge
 _TINY_M = 1e-9
 _FOOT_OF_SLABS_M = 0.05  # below the ground plane, so that no gap shows
 
@@ -129,11 +130,29 @@ def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
     """The body of a slab down to `bottom`; behind a recessed riser it is shorter and carries a plank, or is missing."""
     if slab.recess:
         yield _solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
-    left = slab.length - abs(slab.recess)
-    if left > _TINY_M:
-        since = max(slab.recess, 0.0)
-        (x, y, z0), (_, _, z1) = slab.point([since, since + left], [0.0, 0.0]).tolist()
-        yield _solid(replace(slab, x=x, y=y, length=left, z0=z0, z1=z1), bottom)
+    since, until = max(slab.recess, 0.0), slab.length - max(-slab.recess, 0.0)
+    for from_edge, to_edge, upper, lower in _roundings(slab.start_radius):
+        yield _solid(_part(slab, from_edge, to_edge, lower, upper), bottom)
+    for from_edge, to_edge, upper, lower in _roundings(slab.end_radius):
+        yield _solid(_part(slab, slab.length - to_edge, slab.length - from_edge, upper, lower), bottom)
+    since, until = since + slab.start_radius, until - slab.end_radius
+    if until - since > _TINY_M:
+        yield _solid(_part(slab, since, until), bottom)
+
+
+def _roundings(radius: float) -> Iterator[tuple[float, float, float, float]]:
+    """Chords of a rounded edge: distances of both ends from it; depths of the far and the near end below the top."""
+    if radius > 0.0:
+        angles = np.linspace(0.0, math.pi / 2, _CHORDS + 1)
+        away, below = radius * (1.0 - np.cos(angles)), radius * (1.0 - np.sin(angles))
+        for k in range(_CHORDS):
+            yield float(away[k]), float(away[k + 1]), float(below[k + 1]), float(below[k])
+
+
+def _part(slab: Slab, since: float, until: float, start_below: float = 0.0, end_below: float = 0.0) -> Slab:
+    """A slab from one place on its axis to another, lower there than its top."""
+    (x, y, z0), (_, _, z1) = slab.point([since, until], [0.0, 0.0]).tolist()
+    return replace(slab, x=x, y=y, length=until - since, z0=z0 - start_below, z1=z1 - end_below)
 
 
 def _solid(slab: Slab, bottom: float) -> Solid:

@@ -1,5 +1,6 @@
 import itertools
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -128,6 +129,50 @@ def test_the_riser_under_a_tread_stands_back_or_is_missing(down, changes, behind
     assert distance == pytest.approx(0.1 + behind_m, abs=1e-9)
     at_plank = origin + [0.0, 0.0, 0.05]
     assert terrain.ray_cast([at_plank], [[way, 0.0, 0.0]])[0] == pytest.approx(0.1, abs=1e-9)
+
+
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("risers", [1, 3])
+def test_edges_are_rounded(down, risers):
+    """Every edge is three chords of a circle; the way's profile keeps its edges."""
+    radius = 0.03
+    stairs = Stairs(risers=risers, riser_m=0.15, tread_m=0.3, down=down, edge_radius_m=radius)
+    sharp = replace(stairs, edge_radius_m=0.0)
+    rounded, plain = (
+        Terrain.from_route(Route(segments=(Level(length_m=2.0), one, Level(length_m=2.0)))) for one in (stairs, sharp)
+    )  # fmt: skip
+    assert rounded.profile == plain.profile
+    x = np.arange(-1.5, 4.5, 1e-3) + 5e-4
+    xy = np.column_stack([x, np.zeros(len(x))])
+    below = plain.height(xy) - rounded.height(xy)
+    edges = 2.0 + 0.3 * np.arange(risers)
+    away = (edges[:, None] - x if down else x - edges[:, None]).T
+    away = np.where(away < 0.0, np.inf, away).min(axis=1)
+    from_centre = np.hypot(radius - away, radius - below)[away < radius]
+    assert radius * math.cos(math.radians(15.0)) - 1e-9 <= from_centre.min()
+    assert from_centre.max() <= radius + 1e-9
+    assert below[away > radius] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_rounded_edge_is_painted_within_its_solid():
+    stairs = Stairs(risers=2, riser_m=0.15, tread_m=0.3, edge_radius_m=0.02)
+    terrain = Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=2.0))))
+    solids, surface = terrain.solids, SolidSet(terrain.solids, terrain.ground_m)
+    for quad in paint_slabs(solids, surface):
+        high = surface.top_facet(quad.corners[:, :2].mean(axis=0))[0]
+        assert quad.corners[:, 2].max() <= high + 0.16
+
+
+@pytest.mark.parametrize(
+    ("changes", "valid"),
+    [
+        ({"riser_m": 0.02, "edge_radius_m": 0.03}, "0 m up to the lowest riser"),
+        ({"nosing_m": 0.02, "edge_radius_m": 0.02}, "0 m with nosings or open risers"),
+    ],
+)
+def test_edges_that_cannot_be_rounded_are_refused(changes, valid):
+    with pytest.raises(ConfigError, match=valid):
+        Terrain.from_route(Route(segments=(Stairs(risers=2, **changes), Level(length_m=1.0))))
 
 
 @pytest.mark.parametrize("down", [False, True])
