@@ -103,8 +103,8 @@ class FootInsParameters:
     """Updates with a larger standard deviation are skipped, m/s."""
     innovation_gate: float = 3.0
     """Innovation, in standard deviations, beyond which an update is down-weighted. [real walks]"""
-    height_drift_sd: float = 0.01
-    """Systematic height error per metre of path: standard deviation."""
+    height_drift_sd: float = 0.015
+    """Systematic height error per metre of path: standard deviation. [real walks]"""
     height_drift_s: float = 5.0
     """Correlation time of that error, s: it changes with the gait."""
     level_step_m: float = 0.035
@@ -124,8 +124,9 @@ class FootInsParameters:
     gyro_scale_sd: float = 0.0
     """Scale error of the gyro across the sole's normal, if the calibration has no `gyroscope_scale_sd`: strikes at the
     limit of an accelerometer look the same (0.01 bends `dual_foot_walk` by 0.3 m)."""
-    path_scale_sd: float = 0.01
-    """Unknown share of the length of a way, by scale errors, if the calibration has no `accelerometer_scale_sd`."""
+    path_scale_sd: float = 0.02
+    """Unknown share of the length of a way, by scale errors, if the calibration has no `accelerometer_scale_sd`.
+    [real walks]"""
     misalignment_noise_per_rthz: float = 0.6
     """Noise of the angular rate per rad of the gyro's misalignment, 1/√Hz, if the calibration gives it. [twin]"""
     stand_speed_mps: float = 0.02

@@ -66,7 +66,7 @@ def test_a_lag_of_the_whole_walk_is_rauch_tung_striebel(short: Walk) -> None:
     sd = np.sqrt(np.diagonal(plain.trajectory.covariance, axis1=1, axis2=2))
     turned = Rotation.from_quat(smooth.trajectory.q_world_frame, scalar_first=True)
     turned *= Rotation.from_quat(plain.trajectory.q_world_frame, scalar_first=True).inv()
-    assert np.max(np.abs(error[:, :3] / sd[:, :3])) > 0.1  # smoothing has something to say
+    assert np.max(np.abs(error[:, :3])) > 2e-3  # smoothing has something to say
     np.testing.assert_allclose(((moved - error[:, :3]) / sd[:, :3])[aligned], 0.0, atol=1e-4)
     np.testing.assert_allclose(((turned.as_rotvec() - error[:, 6:9]) / sd[:, 3:])[aligned], 0.0, atol=1e-4)
     got = np.diagonal(smooth.trajectory.covariance, axis1=1, axis2=2)[:, 3:]
