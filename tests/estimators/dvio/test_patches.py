@@ -21,7 +21,7 @@ def texture(height=90, width=120, shift=(0.0, 0.0), warp=None):
     return np.round(127 + 38 * waves).astype(np.uint8)
 
 
-def test_cornerness_is_the_least_eigenvalue_of_the_mean_gradient_tensor():
+def test_cornerness_is_the_eigenvalues_of_the_mean_gradient_tensor():
     grey = np.random.default_rng(0).integers(0, 256, (40, 50)).astype(np.uint8)
     g = grey.astype(float)
     dx, dy = np.zeros_like(g), np.zeros_like(g)
@@ -29,20 +29,25 @@ def test_cornerness_is_the_least_eigenvalue_of_the_mean_gradient_tensor():
     for x, y, reach in ((20, 15, 3), (6, 30, 2), (44, 8, 1)):
         window = np.s_[y - reach : y + reach + 1, x - reach : x + reach + 1]
         d = np.stack([dx[window].ravel(), dy[window].ravel()])
-        expected = np.linalg.eigvalsh(d @ d.T / d.shape[1])[0]
+        expected = np.linalg.eigvalsh(d @ d.T / d.shape[1])
         assert from_python(patches.cornerness)(grey, x, y, reach) == pytest.approx(expected, rel=1e-9)
 
 
 def test_candidates_score_inside_the_margin_alone():
-    grey, p = texture(), CornerParameters(margin_px=10, cornerness_min=6.0)
+    grey, p = texture(), CornerParameters(margin_px=10, cornerness_min=6.0, roundness_min=0.0)
     places = np.array([[10, 10], [9, 40], [109, 79], [110, 40], [60, 80], [60, 9], [60.9, 40.9]], np.float32)
     score = np.full(len(places), 7.0)
     from_python(patches.cornerness_at)(grey, places, p, score)
     assert (score >= 0).tolist() == [True, False, True, False, False, False, True]
-    assert score[6] == pytest.approx(from_python(patches.cornerness)(grey, 60, 40, p.reach_px))
+    assert score[6] == pytest.approx(from_python(patches.cornerness)(grey, 60, 40, p.reach_px)[0])
     high = p._replace(cornerness_min=float(score.max()) + 1e-6)
     from_python(patches.cornerness_at)(grey, places, high, score)
     assert (score == -1.0).all()
+    least, most = from_python(patches.cornerness)(grey, 60, 40, p.reach_px)
+    for ratio, used in ((0.99, True), (1.01, False)):
+        rounder = p._replace(roundness_min=ratio * least / most)
+        from_python(patches.cornerness_at)(grey, places, rounder, score)
+        assert (score[6] >= 0.0) == used
 
 
 def picked(candidates, taken, wanted, p, shape=(80, 100)):
