@@ -328,19 +328,12 @@ class Core:
         return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
 
     def _drift(self, slot: int, t_ns: int) -> float:
-        """Median motion of points into a slot since the newest frame before `stationary_s`, px; 0 without such a frame.
-
-        A body that shifts its weight before a step moves too little from frame to frame to be noticed.
-        """
+        """Median motion of points since the newest frame `stationary_s` older, px: a slow shift; 0 if it is unknown."""
         f, marks, p = self.window.frames, self.window.landmarks, self.parameters
-        before = np.flatnonzero(f.t_ns[:slot] <= t_ns - round(p.stationary_s * 1e9))
-        if not len(before):
-            return 0.0
-        both = (marks.seen[:, slot] > 0) & (marks.seen[:, before[-1]] > 0)
-        if np.count_nonzero(both) < p.points_min:
-            return 0.0
-        motion = marks.at[both, slot] - marks.at[both, before[-1]]
-        return float(self.lens.focal_px * np.median(np.linalg.norm(motion, axis=1)))
+        since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(p.stationary_s * 1e9), "right")) - 1
+        both = (marks.seen[:, [since, slot]] > 0).all(axis=1)
+        motion = self.lens.focal_px * np.linalg.norm(marks.at[both, slot] - marks.at[both, since], axis=1)
+        return float(np.median(motion)) if since >= 0 and len(motion) >= p.points_min else 0.0
 
     def _cull(self) -> int:
         """Removes outliers; returns the number of remaining observations of the newest frame."""

@@ -275,19 +275,18 @@ class Painted:
     material: str
 
 
-_FLAT = {"shadow": "shadow", "mat": "black_paint"}
+_BANDS = {"stripe": ("white_paint", "black_paint"), "shadow": ("shadow",), "mat": ("black_paint",)}
+"""Materials of a flat object along the way, each on an equal part of its length."""
 
 
 def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Painted]:
-    """Flat objects on the way, as wide as it: a marking is half white, half black, and a mat is black."""
+    """Flat objects on the way, as wide as it."""
     found = []
     for thing in things:
-        middle, end = thing.at_m + LENGTHS_M[thing.kind] / 2, thing.at_m + LENGTHS_M[thing.kind]
-        if thing.kind == "stripe":
-            found.append(_area(thing, thing.at_m, middle, layout, width_m, "white_paint"))
-            found.append(_area(thing, middle, end, layout, width_m, "black_paint"))
-        elif thing.kind in _FLAT:
-            found.append(_area(thing, thing.at_m, end, layout, width_m, _FLAT[thing.kind]))
+        bands = _BANDS.get(thing.kind, ())
+        for k, material in enumerate(bands):
+            start, end = (thing.at_m + i * LENGTHS_M[thing.kind] / len(bands) for i in (k, k + 1))
+            found.append(_area(thing, start, end, layout, width_m, material))
     return found
 
 

@@ -95,8 +95,9 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                     _demand(f"{at}.lanes[{k}]", lane, straight, "level, stairs and ramps")
                     _check_chain(lane, f"{at}.lanes[{k}]")
                     for m, part in enumerate(lane):  # the landing beside it belongs to all lanes
-                        sharp = not isinstance(part, Stairs) or part.edge_radius_m == 0
-                        _demand(f"{at}.lanes[{k}][{m}].edge_radius_m", getattr(part, "edge_radius_m", 0), sharp, "0 m")
+                        if isinstance(part, Stairs):
+                            radius = part.edge_radius_m
+                            _demand(f"{at}.lanes[{k}][{m}].edge_radius_m", radius, radius == 0, "0 m")
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:

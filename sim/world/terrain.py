@@ -130,12 +130,12 @@ def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
     """The body of a slab down to `bottom`; behind a recessed riser it is shorter and carries a plank, or is missing."""
     if slab.recess:
         yield _solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
-    since, until = max(slab.recess, 0.0), slab.length - max(-slab.recess, 0.0)
     for from_edge, to_edge, upper, lower in _roundings(slab.start_radius):
         yield _solid(_part(slab, from_edge, to_edge, lower, upper), bottom)
     for from_edge, to_edge, upper, lower in _roundings(slab.end_radius):
         yield _solid(_part(slab, slab.length - to_edge, slab.length - from_edge, upper, lower), bottom)
-    since, until = since + slab.start_radius, until - slab.end_radius
+    since = max(slab.recess, 0.0) + slab.start_radius
+    until = slab.length - max(-slab.recess, 0.0) - slab.end_radius
     if until - since > _TINY_M:
         yield _solid(_part(slab, since, until), bottom)
 

@@ -386,7 +386,7 @@ def cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _over(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
 
 
-@_kind("chairs, crates as high as a step, and a black mat", tuned=False)
+@_kind("chairs, crates, a black mat", tuned=False)
 def furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
     """A level way between furniture, over a mat that has no depth."""
     width_m = float(rng.uniform(2.0, 2.4))

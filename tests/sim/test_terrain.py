@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
+from stridetwin.sim.config import Lanes, Level, Ramp, Route, Stairs, Thing
 from stridetwin.sim.world.scenery import paint_slabs
 from stridetwin.sim.world.solids import Solid, SolidSet
 from stridetwin.sim.world.terrain import Terrain
@@ -154,13 +154,20 @@ def test_edges_are_rounded(down, risers):
     assert below[away > radius] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_rounded_edge_is_painted_within_its_solid():
-    stairs = Stairs(risers=2, riser_m=0.15, tread_m=0.3, edge_radius_m=0.02)
+@pytest.mark.parametrize("down", [False, True])
+def test_a_rounded_edge_is_painted_within_its_solid(down):
+    stairs = Stairs(risers=2, riser_m=0.15, tread_m=0.3, edge_radius_m=0.02, down=down)
     terrain = Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=2.0))))
-    solids, surface = terrain.solids, SolidSet(terrain.solids, terrain.ground_m)
-    for quad in paint_slabs(solids, surface):
-        high = surface.top_facet(quad.corners[:, :2].mean(axis=0))[0]
-        assert quad.corners[:, 2].max() <= high + 0.16
+    surface = SolidSet(terrain.solids, terrain.ground_m)
+    for solid in terrain.solids:
+        along = np.concatenate([quad.corners[:, 0] for quad in paint_slabs([solid], surface)]) - solid.x
+        assert np.abs(along).max() == pytest.approx(solid.length / 2)
+
+
+def test_stairs_in_lanes_have_sharp_edges():
+    lanes = Lanes(lanes=((Stairs(risers=2, edge_radius_m=0.02),), (Level(length_m=1.0),)), walk=1)
+    with pytest.raises(ConfigError, match="0 m"):
+        Terrain.from_route(Route(segments=(Level(length_m=1.0), lanes, Level(length_m=1.0)), width_m=1.2))
 
 
 @pytest.mark.parametrize(
