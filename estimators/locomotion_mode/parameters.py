@@ -74,6 +74,7 @@ class LocomotionModeParameters:
         level_sd_rad: The same where nothing is known of the ground.
         ramp_sd_rad: The same of ramps, about level.
         level_share: Share of level ground among planes too long for a tread.
+        false_break: Weight of a slope break between two segments that are both level.
         lean_sd_rad: Standard deviation of the map's lean along the path.
         lean_reach_sd: Largest lean, in standard deviations.
         change_m: Mean distance between changes of unobserved ground.
@@ -193,6 +194,7 @@ class LocomotionModeParameters:
     level_sd_rad: float = 0.0175
     ramp_sd_rad: float = 0.12
     level_share: float = 0.85
+    false_break: float = 0.1
     lean_sd_rad: float = 0.009
     lean_reach_sd: float = 4.0
     change_m: float = 2.0

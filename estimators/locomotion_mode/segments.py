@@ -106,7 +106,8 @@ def segments_along(
             mapped[k], sd[k] = measured
             known.append(k)
     slope = mapped.copy()
-    slope[known], sd[known] = without_lean(mapped[known], sd[known], p)
+    breaks = np.array([j == i + 1 and bounds[j].drop == 0.0 for i, j in pairwise(known)], bool)
+    slope[known], sd[known] = without_lean(mapped[known], sd[known], breaks, p)
     return [
         Segment(
             start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,

@@ -1,7 +1,8 @@
 """How far the map leans along the path, and which of its segments are level.
 
 Odometry finds the vertical only within some tenths of a degree, and the map leans with it. Most ground is level as
-built. So what several segments have in common is more likely the lean than a slope of all of them.
+built. So what several segments have in common is more likely the lean than a slope of all of them. But two segments
+that meet in a slope break are hardly both level.
 """
 
 from __future__ import annotations
@@ -14,37 +15,63 @@ from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParam
 from stridetwin.streams.samples import Array
 
 _LEANS = 81
+_LEVEL, _RAMP = 0, 1
 
 
-def without_lean(slope: Array, sd: Array, p: LocomotionModeParameters) -> tuple[Array, Array]:
+def without_lean(slope: Array, sd: Array, breaks: Array, p: LocomotionModeParameters) -> tuple[Array, Array]:
     """True slopes of segments from mapped ones.
 
     See docs/locomotion_mode.md (10), (11).
 
     Args:
-        slope: (N,) rad, as mapped, uphill positive.
+        slope: (N,) rad, as mapped, uphill positive, in order along the path.
         sd: (N,) rad, without the lean that all have in common.
+        breaks: (N - 1,) whether a segment and the next one meet in a slope break.
         p: Prior of lean and ground.
 
     Returns:
         (N,) rad; (N,) standard deviation, rad.
     """
     lean = np.linspace(-p.lean_reach_sd, p.lean_reach_sd, _LEANS) * p.lean_sd_rad
-    off = slope[:, None] - lean
-    variance = sd[:, None] ** 2
-    level = p.level_share * _normal(off, variance + p.flat_sd_rad**2)
-    ramp = (1.0 - p.level_share) * _normal(off, variance + p.ramp_sd_rad**2)
-    weight = _normal(lean, p.lean_sd_rad**2) * np.prod(level + ramp, axis=0)
+    off, variance = slope[:, None] - lean, sd[:, None] ** 2
+    built = np.array([p.flat_sd_rad, p.ramp_sd_rad]) ** 2
+    share = np.array([p.level_share, 1.0 - p.level_share])
+    likelihood = share[:, None] * _normal(off[:, None, :], (variance + built)[:, :, None])
+    kinds, evidence = _level_or_ramp(likelihood, breaks, p.false_break)
+    weight = _normal(lean, p.lean_sd_rad**2) * evidence
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
-    is_level = level / (level + ramp)
-    share_level, share_ramp = (v / (v + variance) for v in (p.flat_sd_rad**2, p.ramp_sd_rad**2))
-    mean = off * (is_level * share_level + (1.0 - is_level) * share_ramp)
-    square = variance * (is_level * share_level + (1.0 - is_level) * share_ramp) + off**2 * (
-        is_level * share_level**2 + (1.0 - is_level) * share_ramp**2
-    )
+    shrink = built / (built + variance)
+    mean = off * np.einsum("nk,nkl->nl", shrink, kinds)
+    square = variance * np.einsum("nk,nkl->nl", shrink, kinds) + off**2 * np.einsum("nk,nkl->nl", shrink**2, kinds)
     found = mean @ weight
     return found, np.sqrt(np.maximum(square @ weight - found**2, 0.0))
+
+
+def _level_or_ramp(likelihood: Array, breaks: Array, false_break: float) -> tuple[Array, Array]:
+    """Probability that each segment is level or a ramp, for each lean: forward and backward along the path.
+
+    Args:
+        likelihood: (N, 2, L) of each segment, times the prior.
+        breaks: (N - 1,) whether two segments meet in a slope break.
+        false_break: Weight of two level segments that do.
+
+    Returns:
+        (N, 2, L) the probability; (L,) evidence of each lean.
+    """
+    beside = np.ones((2, 2))
+    at_break = beside.copy()
+    at_break[_LEVEL, _LEVEL] = false_break
+    after = [at_break if cut else beside for cut in breaks]
+    ahead = likelihood.copy()
+    for k, meet in enumerate(after):
+        ahead[k + 1] *= meet @ ahead[k]
+    behind = np.ones_like(likelihood)
+    for k in reversed(range(len(after))):
+        behind[k] = after[k] @ (behind[k + 1] * likelihood[k + 1])
+    both = ahead * behind
+    evidence = both[:1].sum(axis=(0, 1)) if len(both) else np.ones(likelihood.shape[2])
+    return both / both.sum(axis=1, keepdims=True), evidence
 
 
 def _normal(x: Array, variance: Array | float) -> Array:
