@@ -13,6 +13,7 @@ from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, blank
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
@@ -35,7 +36,7 @@ class FootIns:
         options: `foot`.
 
     Raises:
-        StrideTwinError: The rig has no IMU on that foot.
+        StrideTwinError: The rig has no IMU on that foot, or the options have a lag, which `batch` takes.
     """
 
     declaration: ClassVar[Declaration] = Declaration(
@@ -48,7 +49,10 @@ class FootIns:
         self, rig: Rig | ImuCalibration | None = None, parameters: FootInsParameters | None = None,
         start: StartPose | None = None, *, options: Options | None = None,
     ) -> None:  # fmt: skip
-        calibration = rig.imu(_topic(options or Options())) if isinstance(rig, Rig) else rig
+        options = options or Options()
+        if options.lag_s is not None:
+            raise ConfigError("FootIns", "lag_s", options.lag_s, "None; FootIns.batch and FootInsSmoother take a lag")
+        calibration = rig.imu(_topic(options)) if isinstance(rig, Rig) else rig
         if isinstance(rig, ImuCalibration):
             deprecated("FootIns(calibration)", 'FootIns(rig, options=Options(foot="l"))')
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")

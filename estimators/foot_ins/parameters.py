@@ -19,7 +19,7 @@ class FootInsParameters:
 
     Values marked [real walks] were chosen by a search of the mean 2-D error on the 14 walks of `foot_imu_vicon`, their
     variants, `dual_foot_walk` and twin walks of seeds 0-4 (docs/foot_ins.md, "Measured"; `python -m
-    benchmarks.foot_ins_real --halves` repeats the search of eight of them by halves). The others are hand-chosen bounds
+    benchmarks.foot_ins_real --days` repeats the search of eight of them by days). The others are hand-chosen bounds
     of consumer sensors and of walking.
     """
 

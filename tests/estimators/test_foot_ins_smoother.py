@@ -191,3 +191,8 @@ def test_a_lag_keeps_the_calibration_of_the_rig(longer: Walk) -> None:
 def test_a_bad_lag_is_refused(lag_s: float) -> None:
     with pytest.raises(ConfigError, match="lag_s"):
         FootInsSmoother(lag_s)
+
+
+def test_a_filter_without_a_lag_refuses_one() -> None:
+    with pytest.raises(ConfigError, match="lag_s"):
+        FootIns(options=Options(lag_s=0.5))
