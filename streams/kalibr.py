@@ -67,6 +67,8 @@ def rig_to_yaml(rig: Rig) -> str:
             "depth_topic": camera.depth_topic,
             "imu_topic": camera.imu_topic,
         }
+        if camera.readout_s:
+            ours[f"cam{i}"]["readout_s"] = float(camera.readout_s)
     for i, imu in enumerate(rig.imus.values()):
         document[f"imu{i}"] = {
             "rostopic": imu.topic,
@@ -179,6 +181,7 @@ class _OwnCamera(FileModel):
     mount: _CameraMount
     depth_topic: str = ""
     imu_topic: str = ""
+    readout_s: NotNegative = 0.0
 
 
 class _OwnImu(FileModel):

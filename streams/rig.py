@@ -87,6 +87,7 @@ class CameraCalibration:
         depth_topic: Topic of the depth images registered to it, or "".
         imu_topic: Topic of the IMU that Kalibr's `T_cam_imu` refers to, or "".
         timeshift_cam_imu_s: t_imu = t_cam + shift.
+        readout_s: Of a rolling shutter, from the first row to the last; the middle one has the image's time. 0: global.
     """
 
     topic: str
@@ -101,6 +102,7 @@ class CameraCalibration:
     depth_topic: str = ""
     imu_topic: str = ""
     timeshift_cam_imu_s: float = 0.0
+    readout_s: float = 0.0
 
     @property
     def K(self) -> Array:

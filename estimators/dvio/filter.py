@@ -17,8 +17,8 @@ from stridetwin.estimators.dvio.feet import Feet
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import NavState
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
-from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
-from stridetwin.estimators.dvio.tracker import Stereo, with_depth, with_stereo
+from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.optimiser import preintegrate
-from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
+from stridetwin.estimators.dvio.sliding_window import Core
 from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
     Observations,
@@ -23,6 +23,7 @@ from stridetwin.estimators.dvio.structure_from_motion import (
     structure_of_bearings,
     structure_with_depth,
 )
+from stridetwin.estimators.dvio.tracker import CameraFrame
 from stridetwin.estimators.matrices import matvec
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import exp, hat

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +21,7 @@ from stridetwin.estimators.dvio.optimiser import (
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.planes import free_slot
+from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_SCALE,
@@ -35,26 +34,11 @@ from stridetwin.estimators.dvio.state import (
     blank_window,
 )
 from stridetwin.estimators.dvio.structure_from_motion import perspective
-from stridetwin.estimators.dvio.tracker import Lens, Tracker
+from stridetwin.estimators.dvio.tracker import CameraFrame, Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
 
 _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CameraFrame:
-    """One image of the camera.
-
-    Attributes:
-        t_ns: On the camera's clock.
-        grey: (H, W).
-        depth: (H, W) m, 0 where none; or None.
-    """
-
-    t_ns: int
-    grey: NDArray[np.uint8]
-    depth: NDArray[np.float32] | None
 
 
 class Core:
@@ -78,6 +62,7 @@ class Core:
         self.bias_sd = np.repeat(turn_on, 3)
         self.inertial = Inertial(imu, parameters)
         self.lens = Lens(camera)
+        self._shutter = RollingShutter(camera, self.lens)
         self.factors = parameters.factors(self.lens.focal_px, self.noise)
         slots = parameters.landmark_slots
         self.tracker = Tracker(self.lens.shape, parameters)
@@ -314,12 +299,13 @@ class Core:
         if p.anchored and elsewhere:
             there, good = self.tracker.settle(ids, there, warps, good)
         ids, there, was = ids[good], there[good], was[good]
-        rho = self.depth(frame, there)
+        rate = self.inertial.rate_at(int(predicted.t_ns[0])) - predicted.bias[:3]
+        then = self._shutter.at_image_time(there, expected[ids, 2], w.calibration, predicted.R, predicted.v, rate)
+        rho = self.depth(frame, then)
         # Reject points at another depth, or occluded by something in front.
         apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - rho) > p.apart_sd * p.inverse_depth_sd_per_m
         here = ~(apart & (rho > 0) & (marks.measured[ids] > 0))
-        ids, there, was, rho = ids[here], there[here], was[here], rho[here]
-        at = self.lens.normalised(there)
+        ids, there, was, rho, at = ids[here], there[here], was[here], rho[here], self.lens.normalised(then[here])
         self._alive[ids] = 1
         self._pixels[ids] = there
         marks.seen[ids, slot] = 1
@@ -383,11 +369,15 @@ class Core:
         taken = self._pixels[self._alive > 0]
         points = self.tracker.find(taken, min(p.landmarks - len(taken), len(free)))
         ids = free[: len(points)]
-        rho = self.depth(frame, points)
+        rho, f = self.depth(frame, points), self.window.frames
+        guess = np.where(rho > 0, rho, p.unknown_inverse_depth_per_m)
+        then = self._shutter.at_image_time(points, guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot])
+        if then is not points:
+            rho = self.depth(frame, then)
         marks.host[ids] = slot
         marks.seen[ids] = 0
         marks.seen[ids, slot] = 1
-        marks.at[ids, slot] = self.lens.normalised(points)
+        marks.at[ids, slot] = self.lens.normalised(then)
         marks.rho[ids, slot] = rho
         marks.measured[ids] = rho > 0
         scale = self.window.calibration.scale[0]

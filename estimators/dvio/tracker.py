@@ -63,6 +63,21 @@ class Lens:
         return (np.stack([xd, yd], axis=1) * self._focal + self._centre).astype(np.float32)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraFrame:
+    """One image of the camera.
+
+    Attributes:
+        t_ns: On the camera's clock.
+        grey: (H, W).
+        depth: (H, W) m, 0 where none; or None.
+    """
+
+    t_ns: int
+    grey: NDArray[np.uint8]
+    depth: NDArray[np.float32] | None
+
+
 class Tracker:
     """Tracks points; keeps the last image.
 

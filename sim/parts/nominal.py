@@ -21,6 +21,7 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 Parameters = dict[str, Any]
 _TYPICAL_LOAD_N = 100.0  # of a cell under a foot
 _BITS_WITHOUT_COUNTING = 32
+_DRAWN = ("rotation", "position", "intrinsics", "offset", "readout")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,7 @@ class CalibrationSd:
         intrinsics: Of focal lengths and principal point, as a fraction of each.
         offset_s: Of the time shift to the IMU.
         depth_scale: Of measured depth, as a fraction of it.
+        readout: Of the readout time of a rolling shutter, as a fraction of it.
     """
 
     rotation_rad: Annotated[float, number(0, 5, key="rotation_deg", scale=DEG)] = 0.0
@@ -40,6 +42,7 @@ class CalibrationSd:
     intrinsics: Annotated[float, number(0, 5, key="intrinsics_pct", scale=0.01)] = 0.0
     offset_s: Annotated[float, number(0, 50, key="offset_ms", scale=1e-3)] = 0.0
     depth_scale: Annotated[float, number(0, 5, key="depth_scale_pct", scale=0.01)] = 0.0
+    readout: Annotated[float, number(0, 20, key="readout_pct", scale=0.01)] = 0.0
 
 
 def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
@@ -62,7 +65,7 @@ def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
 def _off(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
     from scipy.spatial.transform import Rotation  # imported late, so that a scenario is read without it
 
-    draw = {name: _noise(camera.topic, name, seed) for name in ("rotation", "position", "intrinsics", "offset")}
+    draw = {name: _noise(camera.topic, name, seed) for name in _DRAWN}
     error = np.eye(4)
     error[:3, :3] = Rotation.from_rotvec(draw["rotation"].normal(sd.rotation_rad, 3)).as_matrix()
     error[:3, 3] = draw["position"].normal(sd.position_m, 3)
@@ -72,6 +75,7 @@ def _off(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalib
         mount=replace(camera.mount, T_body_sensor=camera.mount.T_body_sensor @ error),
         intrinsics=(fu, fv, pu, pv),
         timeshift_cam_imu_s=camera.timeshift_cam_imu_s + float(draw["offset"].normal(sd.offset_s, 1)[0]),
+        readout_s=camera.readout_s * (1.0 + float(draw["readout"].normal(sd.readout, 1)[0])),
     )
 
 

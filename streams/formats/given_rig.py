@@ -209,4 +209,5 @@ def _placed_camera(
         part=camera.part or known.part,
         rate_hz=camera.rate_hz or known.rate_hz,
         depth_topic=camera.depth_topic or known.depth_topic,
+        readout_s=camera.readout_s or known.readout_s,
     )

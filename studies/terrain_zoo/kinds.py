@@ -37,7 +37,7 @@ Rng = np.random.Generator
 Kind = Callable[[TwinConfig, Rng], TwinConfig]
 
 CALIBRATED = CalibrationSd(
-    rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3
+    rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3, readout=0.03
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
 _BMI = (19.0, 30.0)

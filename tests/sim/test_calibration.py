@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.nominal import CalibrationSd, depth_scale
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.rendering.cameras import Cameras, Due
@@ -48,6 +49,18 @@ def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_s
     again = worn.nominal(7).cameras["/head/color"]
     np.testing.assert_array_equal(again.mount.T_body_sensor, drawn[7].mount.T_body_sensor)
     assert worn.nominal(7).imus is worn.rig.imus
+
+
+def test_only_a_rolling_shutter_has_a_readout_time_and_its_error_is_a_share_of_it() -> None:
+    def readout_s(name: str, sd: float, seed: int = 0) -> float:
+        camera = SensorConfig(part=part(name), calibration_sd=CalibrationSd(readout=sd))
+        worn = sensor_rig(replace(CONFIG, fittings={"head_camera": camera}))
+        return worn.nominal(seed).cameras["/head/color"].readout_s
+
+    assert readout_s("D455", 0.03) == 0.0
+    assert readout_s("D435", 0.0) == pytest.approx(0.016)
+    errors = np.array([readout_s("D435", 0.03, seed) / 0.016 - 1.0 for seed in range(100)])
+    assert errors.std() == pytest.approx(0.03, rel=0.25)
 
 
 def test_calibration_errors_change_no_sample_but_the_scale_of_depth() -> None:

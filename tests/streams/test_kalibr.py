@@ -54,6 +54,7 @@ def rigs(draw):
         depth_topic=draw(st.sampled_from(["", "/d"])),
         imu_topic=draw(st.sampled_from(["", topics[0]])),
         timeshift_cam_imu_s=draw(finite),
+        readout_s=draw(st.sampled_from([0.0, 0.016])),
     )
     others = {
         t: OtherSensor(

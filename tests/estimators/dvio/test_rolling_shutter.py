@@ -1,0 +1,78 @@
+"""Points of a rolling shutter at the time of the image: against finite differences, and rows seen one by one."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio.rolling_shutter import RollingShutter, image_velocity
+from stridetwin.estimators.dvio.state import blank_window
+from stridetwin.estimators.dvio.tracker import Lens
+from stridetwin.streams.rig import CameraCalibration, Mount
+
+HEIGHT, READOUT_S = 360, 0.016
+three = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+
+
+def camera(readout_s: float) -> CameraCalibration:
+    return CameraCalibration(
+        topic="/head/color", part="", rate_hz=30.0, mount=Mount(body="head"), width=640, height=HEIGHT,
+        intrinsics=(465.0, 465.0, 319.5, 179.5), distortion=(0.05, -0.02, 1e-3, 1e-3), readout_s=readout_s,
+    )  # fmt: skip
+
+
+def calibration(T_imu_camera: np.ndarray):
+    return blank_window(3, 8, T_imu_camera, 0.0, 0).calibration
+
+
+@given(st.tuples(st.floats(-0.7, 0.7), st.floats(-0.4, 0.4)), st.floats(0.1, 2.0), three, three)
+def test_the_motion_in_the_image_is_its_derivative(at, rho, velocity, rate):
+    at, dt = np.array([at]), 1e-6
+    point = np.append(at[0], 1.0) / rho
+    later = Rotation.from_rotvec(rate * dt).inv().apply(point - velocity * dt)
+    found = image_velocity(at, np.array([rho]), velocity, rate)
+    np.testing.assert_allclose(found, [(later[:2] / later[2] - at[0]) / dt], atol=1e-4)
+
+
+@given(st.integers(0, 2**32 - 1), three, three)
+def test_points_seen_row_by_row_are_moved_to_where_they_are_at_the_image_s_time(seed, v, rate):
+    rng, lens = np.random.default_rng(seed), Lens(camera(READOUT_S))
+    R_world_imu = Rotation.random(random_state=rng)
+    T_imu_camera = np.eye(4)
+    T_imu_camera[:3, :3], T_imu_camera[:3, 3] = Rotation.random(random_state=rng).as_matrix(), rng.uniform(-0.1, 0.1, 3)
+    R_world_camera = R_world_imu * Rotation.from_matrix(T_imu_camera[:3, :3])
+    p_camera = R_world_imu.apply(T_imu_camera[:3, 3])
+    rho = rng.uniform(0.3, 1.0, 12)
+    true = rng.uniform([60, 40], [580, 320], (12, 2)).astype(np.float32)
+    points = R_world_camera.apply(np.column_stack([lens.normalised(true), np.ones(12)]) / rho[:, None]) + p_camera
+
+    def seen(t_s: np.ndarray) -> np.ndarray:
+        """Where the points are at a time each."""
+        R_t = R_world_imu * Rotation.from_rotvec(t_s[:, None] * rate)
+        p_t = R_t.apply(T_imu_camera[:3, 3]) + t_s[:, None] * v
+        inside = (R_t * Rotation.from_matrix(T_imu_camera[:3, :3])).inv().apply(points - p_t)
+        return lens.pixels(inside[:, :2] / inside[:, 2:])
+
+    rows = true
+    for _ in range(5):  # the row decides when a point is seen, and the time in which row
+        rows = seen((rows[:, 1] / (HEIGHT - 1) - 0.5) * READOUT_S)
+    shutter = RollingShutter(camera(READOUT_S), lens)
+    back = shutter.at_image_time(rows, rho, calibration(T_imu_camera), R_world_imu.as_matrix(), v, rate)
+    assert np.abs(back - true).max() <= 0.02 * np.abs(rows - true).max() + 0.1
+
+
+def test_a_global_shutter_leaves_points_as_they_are():
+    points = np.array([[10.0, 20.0]], np.float32)
+    shutter = RollingShutter(camera(0.0), Lens(camera(0.0)))
+    one = np.ones(3)
+    assert shutter.at_image_time(points, np.ones(1), calibration(np.eye(4)), np.eye(3), one, one) is points
+
+
+@pytest.mark.parametrize(("row", "sign"), [(0, 1.0), (HEIGHT - 1, -1.0)])
+def test_the_first_row_is_early_and_the_last_one_late(row, sign):
+    points = np.array([[319.5, row]], np.float32)
+    shutter = RollingShutter(camera(READOUT_S), Lens(camera(READOUT_S)))
+    pan = np.array([0.0, -1.0, 0.0])  # about the camera's downward axis to the left: the image moves right
+    back = shutter.at_image_time(points, np.ones(1), calibration(np.eye(4)), np.eye(3), np.zeros(3), pan)
+    assert sign * (back[0, 0] - points[0, 0]) == pytest.approx(0.5 * READOUT_S * 465.0, rel=0.2)
