@@ -42,8 +42,8 @@ def without_lean(slope: Array, sd: Array, breaks: Array, p: LocomotionModeParame
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
     shrink = built / (built + variance)
-    mean = off * np.einsum("nk,nkl->nl", shrink, kinds)
-    square = variance * np.einsum("nk,nkl->nl", shrink, kinds) + off**2 * np.einsum("nk,nkl->nl", shrink**2, kinds)
+    kept, kept_squared = (np.einsum("nk,nkl->nl", factor, kinds) for factor in (shrink, shrink**2))
+    mean, square = off * kept, variance * kept + off**2 * kept_squared
     found = mean @ weight
     return found, np.sqrt(np.maximum(square @ weight - found**2, 0.0))
 
@@ -70,7 +70,7 @@ def _level_or_ramp(likelihood: Array, breaks: Array, false_break: float) -> tupl
     for k in reversed(range(len(after))):
         behind[k] = after[k] @ (behind[k + 1] * likelihood[k + 1])
     both = ahead * behind
-    evidence = both[:1].sum(axis=(0, 1)) if len(both) else np.ones(likelihood.shape[2])
+    evidence = both[0].sum(axis=0) if len(both) else np.ones(likelihood.shape[2])
     return both / both.sum(axis=1, keepdims=True), evidence
 
 

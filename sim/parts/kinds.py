@@ -139,6 +139,11 @@ class Imager:
     read_noise: float = figure("read_noise_e", 0, 1000, ideal=0.0)
     colour: str = word("pixels", "colour", "grey")
 
+    @property
+    def rolling_s(self) -> float:
+        """Readout time of a rolling shutter, s; 0 for a global one."""
+        return self.readout_s if self.shutter == "rolling" else 0.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class DepthSensor:

@@ -246,8 +246,8 @@ class _Camera:
         return clean if self._sensor is None else self._sensor.exposed(t_ns, clean, row, column)
 
     def _swept(self, clean: Pixels, sweep: Sweep) -> Pixels:
-        if self._imager.shutter == "rolling" and self._imager.readout_s:
-            clean = sweep.rolled(clean, self._imager.readout_s)
+        if self._imager.rolling_s:
+            clean = sweep.rolled(clean, self._imager.rolling_s)
         return sweep.blurred(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
     def _board_before(self, data: mujoco.MjData, due: Due, T_world_camera: Array) -> _Seen | None:

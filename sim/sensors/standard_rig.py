@@ -191,7 +191,7 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
         distortion_model=imager.distortion_model, distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "", imu_topic=f"/{place}/imu",
         timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
-        readout_s=part.imager.readout_s if part.imager.shutter == "rolling" else 0.0,
+        readout_s=part.imager.rolling_s,
     )  # fmt: skip
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
