@@ -17,6 +17,7 @@ from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTe
 from stridetwin.evaluation.step_scores import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
+from tests.pinned import SAME_WALK, columns
 
 CLASSES = DEFAULTS.classes
 
@@ -309,3 +310,12 @@ def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     assert np.abs(posterior.P - posterior.P.T).max() <= 1e-12 * np.abs(posterior.P).max()
     assert np.linalg.eigvalsh(posterior.P).min() > 0.0
     assert np.isfinite(posterior.values).all()
+
+
+def test_pinned_numbers(ours, num_regression):
+    num_regression.check(columns(ours), default_tolerance=SAME_WALK)
+
+
+def test_pinned_numbers_of_the_published_method(walk, num_regression):
+    exo, samples, _ = walk
+    num_regression.check(columns(ContactTerrain(exo, "published").run(samples)), default_tolerance=SAME_WALK)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from stridetwin.evaluation.change_scores import ScoredChange
 from stridetwin.evaluation.gate.compare import Rules, compare_scores
 from stridetwin.evaluation.gate.score_table import table_of
 from stridetwin.evaluation.map_scores import MapScores, map_figures, true_heights
-from stridetwin.evaluation.mode_scores import score_modes
+from stridetwin.evaluation.mode_scores import mode_figures, score_modes
 from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
 from stridetwin.pipeline.run import merged
 from stridetwin.pipeline.terrain_files import KINDS
@@ -31,6 +32,7 @@ from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.samples import Depth, Footprint, Odometry
 from stridetwin.streams.trajectory import Trajectory
+from tests.pinned import SAME, columns
 from tests.plots import figure
 
 LAYOUT = lay_out(Route(segments=(Level(length_m=3), Stairs(risers=3, riser_m=0.15, tread_m=0.3), Level(length_m=3))))
@@ -284,3 +286,20 @@ def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(ahead):
     rules = Rules(tolerance=0.05)
     assert {r.metric for r in compare_scores(whole, good, rules).regressions} == {"accuracy_pct", "lead_median_s"}
     assert compare_scores(good, own, rules).regressions == []
+
+
+def test_pinned_numbers(ahead, num_regression):
+    """Every score of the steps, and of steps predicted with other probabilities and places."""
+    rng = np.random.default_rng(5)
+    footprints, estimates = walked(), []
+    for estimate in told(footprints):
+        steps = []
+        for step in estimate.steps:
+            p = rng.dirichlet([6.0 if m == step.mode else 0.7 for m in MODES])
+            place = step.p_foot_in_world + rng.normal(0.0, 0.04, 3)
+            mode = MODES[int(p.argmax())]
+            steps.append(replace(step, mode=mode, probabilities=dict(zip(MODES, p)), p_foot_in_world=place))
+        estimates.append(replace(estimate, steps=tuple(steps)))
+    modes = score_modes(footprints, estimates, ahead.alignment, LAYOUT, 0.27)
+    rows = [*modes.steps, *modes.approaches, mode_figures([modes, ahead.modes]), mode_scores(modes)]
+    num_regression.check(columns(rows), default_tolerance=SAME)

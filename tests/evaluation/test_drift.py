@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from stridetwin.evaluation.path_scores import LOST_M, Odometry, drift_figures
+from stridetwin.evaluation.path_scores import LOST_M, Odometry, compare, drift_figures, score
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
+from tests.pinned import SAME, columns
 
 SIDE_M, RISE_M, HZ = 12.0, 1.0, 20.0
 FEW = settings(deadline=None, max_examples=20)
@@ -169,3 +171,14 @@ def test_a_covariance_that_is_honest_has_its_errors_inside() -> None:
     figures = drift_figures(told(path), TRUTH)
     assert figures["nees_mean"] == pytest.approx(3.0, abs=0.2)
     assert figures["nees_within_95_pct"] == pytest.approx(95.0, abs=1.5)
+
+
+def test_pinned_numbers(num_regression: Any) -> None:
+    n = len(TRUTH.t_ns)
+    covariance = np.linspace(1e-6, 4e-3, n)[:, None, None] * np.diag([1.0, 1.5, 0.5, 0.1, 0.1, 0.3])
+    paths = [replace(wandering(seed, size), covariance=covariance) for seed, size in ((1, 0.05), (2, 0.2), (3, 1.5))]
+    healthy = np.arange(n) % 400 < 380
+    rows = [drift_figures(told(path, healthy), TRUTH) for path in paths]
+    rows += [drift_figures(told(path), TRUTH) for path in paths]
+    rows += [score(compare(path, TRUTH, how)) for path in paths for how in ("start", "yaw", "se3")]
+    num_regression.check(columns(rows), default_tolerance=SAME)

@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.evaluation.step_scores import ScoredStep, displacement_errors, false_steps, score_steps, yaw_aligned
+from stridetwin.evaluation.step_scores import (
+    ScoredStep,
+    displacement_errors,
+    false_steps,
+    score_steps,
+    step_figures,
+    step_scores,
+    yaw_aligned,
+)
 from stridetwin.pipeline.step_files import STEP_COLUMNS, write_steps
 from stridetwin.streams.samples import Footprint
 from stridetwin.studies.shim2019 import shim_table5
+from tests.pinned import SAME, columns
 
 
 def footprint(i, mode="LG", height=0.0, pitch=0.0):
@@ -137,3 +146,25 @@ def test_the_experiment_prints_its_figures_beside_the_papers():
     assert "classification_accuracy_pct" not in alone["summary"]["published"]["all"]
     assert alone["summary"]["proposed"]["all"]["classification_accuracy_pct"] == 100.0
     assert "correct classes by subject, %: S1 -" in shim_table5.table(alone | {"cases": cases[:1]})
+
+
+def test_pinned_numbers(num_regression):
+    rng, modes = np.random.default_rng(2), ("LG", "SA", "SD", "RA", "RD")
+    prints = [footprint(i, modes[i // 6 % 5], 0.1 * (i % 7), 0.05 * (i % 5)) for i in range(40)]
+    estimates = [
+        estimate(
+            i, prints[i].p_foot_in_world + rng.normal(0.0, 0.01, 3), slope=rng.normal(0.0, 0.05),
+            elevation=rng.normal(0.0, 0.05), mode=modes[i // 6 % 5] if i % 4 else modes[i % 5],
+        )
+        for i in range(2, 40) if i % 9
+    ]  # fmt: skip
+    steps = score_steps(prints, estimates)
+    places = [place for mode in modes for place in displacement_errors(steps, mode)]
+    rows = [
+        *steps,
+        *yaw_aligned(steps),
+        *({"place": p} for p in places),
+        step_scores(steps),
+        step_figures(steps, places),
+    ]
+    num_regression.check(columns(rows), default_tolerance=SAME)

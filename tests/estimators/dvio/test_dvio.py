@@ -13,6 +13,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu
 from tests.estimators.dvio.wall import Wall, rig, still, swaying
+from tests.pinned import SAME_IMAGES, columns
 
 
 def followed(wall, samples=None, **parameters):
@@ -41,6 +42,23 @@ def sway():
 def plain(sway):
     """Estimates where nothing is wrong."""
     return followed(*sway)[1]
+
+
+def pinned(made):
+    """Numbers of an estimate per second."""
+    rows = [
+        {
+            "p": e.pose.p_frame_in_world, "q": e.pose.q_world_frame, "log_sd": 0.5 * np.log(np.diag(e.covariance)),
+            "v": e.v_imu_in_world, "gyro_bias": e.gyro_bias, "accel_bias": e.accel_bias,
+            "mount": e.camera_pose.T_world_frame,
+        }
+        for e in made[::200]
+    ]  # fmt: skip
+    return columns(rows)
+
+
+def test_pinned_numbers(plain, num_regression):
+    num_regression.check(pinned(plain), default_tolerance=SAME_IMAGES)
 
 
 def estimates_of(made, samples):
@@ -116,11 +134,12 @@ def test_finds_a_mount_that_is_off():
 
 
 @pytest.mark.parametrize("method", ["dvio", "vins_rgbd"])
-def test_published_methods_follow_too(sway, method):
+def test_published_methods_follow_too(sway, method, num_regression):
     wall, samples = sway
     odometry = Dvio(rig(), parameters=METHODS[method])
     made = [e for s in samples if (e := odometry.update(s)) is not None]
     assert errors(wall, made).max() < 0.10
+    num_regression.check(pinned(made), default_tolerance=SAME_IMAGES)
 
 
 def moving(seconds, seed=7, begin_s=3.0):

@@ -14,6 +14,7 @@ from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Insole, Odometry
 from tests.estimators.locomotion_mode.walker import RISER, STEP_M, STEPS, TREAD, footprints, samples
 from tests.estimators.terrain_map.scenes import RIG, pose
+from tests.pinned import SAME, columns
 
 CAMERA = RIG.cameras["/head/color"]
 
@@ -214,3 +215,13 @@ def test_what_is_wrong_is_said():
         predictor("best")
     with pytest.raises(ConfigError, match="step_m"):
         LocomotionModeParameters(step_m=-1.0)
+
+
+def test_pinned_numbers(predicted, num_regression):
+    num_regression.check(columns(predicted[:: len(predicted) // 20]), default_tolerance=SAME)
+
+
+def test_pinned_numbers_of_the_published_method(walk, num_regression):
+    mode = predictor("published")
+    made = [e for e in (mode.update(s) for s in walk) if e is not None]
+    num_regression.check(columns(made[:: len(made) // 20]), default_tolerance=SAME)

@@ -1,0 +1,52 @@
+"""Numbers of a replay as a table, for comparison with the stored ones of the last version.
+
+A pinned test fails where any number of an estimator or a score changes, also where it is still accurate enough. After
+an intended change, `pytest FILE --force-regen` writes the new table, and the difference belongs to the commit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+SAME = {"rtol": 1e-6, "atol": 1e-9}
+"""Tolerance between processors, whose libraries of linear algebra differ in the last digits."""
+SAME_WALK = {"rtol": 1e-4, "atol": 1e-6}
+"""The same where the twin walks: the fit of its postures iterates until a threshold."""
+SAME_IMAGES = {"rtol": 1e-3, "atol": 5e-4}
+"""The same where images are drawn: a few pixels round differently."""
+
+
+def columns(rows: Iterable[Any], leave_out: Iterable[str] = ()) -> dict[str, np.ndarray]:
+    """Column name to (N,) values of N estimates or other values; NaN where a row has no such number.
+
+    A word counts 1 in a column of its own. Fields named in `leave_out` are not taken.
+    """
+    skipped = frozenset(leave_out)
+    numbers = [dict(_numbers(row, "", skipped)) for row in rows]
+    names = dict.fromkeys(name for row in numbers for name in row)
+    return {name: np.array([row.get(name, np.nan) for row in numbers]) for name in names}
+
+
+def _numbers(value: Any, name: str, skipped: frozenset[str]) -> Iterator[tuple[str, float]]:
+    """Every number within a value, with its path."""
+    if value is None or name.rsplit(".", 1)[-1] in skipped:
+        return
+    if isinstance(value, str):
+        yield f"{name}={value}", 1.0
+    elif isinstance(value, bool | int | float | np.number | np.bool_):
+        yield name or "value", float(value)
+    else:
+        for key, inner in _parts(value):
+            yield from _numbers(inner, f"{name}.{key}".lstrip("."), skipped)
+
+
+def _parts(value: Any) -> Iterable[tuple[Any, Any]]:
+    if is_dataclass(value):
+        return ((f.name, getattr(value, f.name)) for f in fields(value))
+    if isinstance(value, Mapping):
+        return value.items()
+    return enumerate(value)
