@@ -55,12 +55,13 @@ class LevelGround:
         if not len(measured):
             return
         covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
+        first = self._p_last is None
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
-        level = [slope for slope in slopes if level_weight(slope, covariance, self._p)]
+        level = [slope for slope in slopes if level_weight(slope, covariance, self._p, first=first)]
         if not level:
             return
-        common = mean_slope(level)
-        if weight := level_weight(common, covariance, self._p):
+        common = mean_slope(level, [misfit(slope, covariance, self._p) for slope in level])
+        if weight := level_weight(common, covariance, self._p, first=first):
             add_level(window, slot, common, weight)
             self._p_last = window.frames.p[slot].copy()
 
@@ -101,12 +102,25 @@ def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = 
     return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]), variance=variance)
 
 
-def mean_slope(slopes: Sequence[Slope]) -> Slope:
+def misfit(slope: Slope, covariance: Array, p: LevelParameters) -> float:
+    """Squared Mahalanobis distance of a slope from level.
+
+    Args:
+        slope: Of the ground.
+        covariance: (6, 6) of the errors that it depends on, rad².
+        p: Parameters.
+    """
+    spread = slope.J @ covariance @ slope.J.T + (p.sd_rad**2 + slope.variance) * np.eye(2)
+    return float(slope.r @ np.linalg.solve(spread, slope.r))
+
+
+def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
     """Weighted mean of the slopes of level planes in one image, as uncertain as they scatter.
 
-    A depth image often shows one floor as several planes, of which a single one may be a degree off.
+    A depth image often shows one floor as several planes, of which a single one may be a degree off or a gentle ramp.
+    So each counts by its likelihood as level ground, too.
     """
-    weight = 1.0 / np.array([slope.variance for slope in slopes])
+    weight = np.exp(-0.5 * np.array(misfits)) / np.array([slope.variance for slope in slopes])
     weight /= weight.sum()
     r = weight @ np.array([slope.r for slope in slopes])
     scatter = 0.5 * float(sum(w * np.sum((slope.r - r) ** 2) for w, slope in zip(weight, slopes)))
@@ -114,22 +128,23 @@ def mean_slope(slopes: Sequence[Slope]) -> Slope:
     return Slope(r=r, J=J, variance=scatter + float(weight @ [slope.variance for slope in slopes]))
 
 
-def level_weight(slope: Slope, covariance: Array, p: LevelParameters) -> float:
+def level_weight(slope: Slope, covariance: Array, p: LevelParameters, *, first: bool = False) -> float:
     """Weight of a slope as level ground, 1/rad²; 0 where it may be a ramp.
 
     Args:
         slope: Of the ground.
         covariance: (6, 6) of the errors that it depends on, rad².
         p: Parameters.
+        first: Whether the ground is that of the start.
     """
+    steepest = p.first_slope_max_rad if first else p.slope_max_rad
     tilt = slope.J @ covariance @ slope.J.T
-    if np.trace(tilt) > 2.0 * p.tilt_sd_max_rad**2 or slope.r @ slope.r > p.slope_max_rad**2:
+    if np.trace(tilt) > 2.0 * p.tilt_sd_max_rad**2 or slope.r @ slope.r > steepest**2:
         return 0.0
-    variance = p.sd_rad**2 + slope.variance
-    square = float(slope.r @ np.linalg.solve(tilt + variance * np.eye(2), slope.r))
-    if square > p.gate:
+    square = misfit(slope, covariance, p)
+    if square > (p.first_gate if first else p.gate):
         return 0.0
-    return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / variance
+    return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / (p.sd_rad**2 + slope.variance)
 
 
 def columns(window: Window, slot: int) -> NDArray[np.int64]:

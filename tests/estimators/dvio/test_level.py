@@ -17,6 +17,7 @@ from stridetwin.estimators.dvio.level import (
     covariance_of,
     level_weight,
     mean_slope,
+    misfit,
     slope_of,
 )
 from stridetwin.estimators.dvio.mount_prior import MountPrior
@@ -100,10 +101,10 @@ def measured_slope(x: float, y: float, variance: float) -> Slope:
 def test_planes_of_one_floor_are_as_uncertain_as_they_scatter():
     """Two of them agree, the third is a degree off: it moves the mean, which counts little."""
     alike = [measured_slope(0.001, 0.0, 1e-5), measured_slope(-0.001, 0.0, 1e-5)]
-    mean = mean_slope(alike)
+    mean = mean_slope(alike, [0.0, 0.0])
     assert mean.r == pytest.approx([0.0, 0.0])
     assert mean.variance == pytest.approx(1e-5 + 0.5e-6)
-    torn = mean_slope([*alike, measured_slope(0.0, 0.018, 1e-5)])
+    torn = mean_slope([*alike, measured_slope(0.0, 0.018, 1e-5)], [0.0, 0.0, 0.0])
     assert torn.r == pytest.approx([0.0, 0.006])
     assert torn.variance == pytest.approx(1e-5 + (2 * (1e-6 + 0.006**2) + 0.012**2) / 6)
     flat = tilted(0.01)
@@ -111,8 +112,29 @@ def test_planes_of_one_floor_are_as_uncertain_as_they_scatter():
 
 
 def test_a_better_known_plane_counts_more():
-    mean = mean_slope([measured_slope(0.0, 0.0, 1e-6), measured_slope(0.01, 0.0, 9e-6)])
+    mean = mean_slope([measured_slope(0.0, 0.0, 1e-6), measured_slope(0.01, 0.0, 9e-6)], [1.0, 1.0])
     assert mean.r == pytest.approx([0.001, 0.0])
+
+
+def test_a_floor_counts_more_than_the_gentle_ramp_behind_it():
+    """Of two planes that may be level but not both, the likelier one: with 0.65° of tilt, 0° against 1.8°."""
+    floor, ramp = slope(0.0)._replace(variance=1e-5), slope(0.0314)._replace(variance=1e-5)
+    unknown = tilted(0.0113)
+    misfits = [misfit(plane, unknown, P) for plane in (floor, ramp)]
+    assert misfits == pytest.approx([0.0, 0.0314**2 / (0.0113**2 + P.sd_rad**2 + 1e-5)])
+    mean = mean_slope([floor, ramp], misfits)
+    ratio = np.exp(-0.5 * misfits[1])
+    assert mean.r[0] == pytest.approx(0.0314 * ratio / (1.0 + ratio))
+    assert mean.r[0] < 0.002
+
+
+@pytest.mark.parametrize(
+    ("slope_rad", "at_start", "later"), [(0.03, True, True), (0.039, True, False), (0.044, False, False)]
+)
+def test_the_ground_of_the_start_may_be_steeper(slope_rad, at_start, later):
+    unknown = tilted(0.0113)
+    assert (level_weight(slope(slope_rad), unknown, P, first=True) > 0) == at_start
+    assert (level_weight(slope(slope_rad), unknown, P) > 0) == later
 
 
 def prior_of(w: Window, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
