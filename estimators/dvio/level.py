@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import hold
 from stridetwin.estimators.dvio.state import D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
 from stridetwin.streams.samples import Array
@@ -42,7 +43,9 @@ class LevelGround:
         last = self._p_last
         return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= self._p.spacing_m)
 
-    def observe(self, window: Window, L: Array, slot: int, measured: Array, weights: Array) -> None:
+    def observe(
+        self, window: Window, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
+    ) -> None:  # fmt: skip
         """Takes the level ones of planes, seen by the frame in a slot, as one measurement of the tilt.
 
         Args:
@@ -51,19 +54,26 @@ class LevelGround:
             slot: Of the frame.
             measured: (P, 3) 1/m, as of `read_planes`.
             weights: (P, 3, 3) inverses of their covariances.
+            mount: Widened where the ground of the start shows that the mount is off.
         """
         if not len(measured):
             return
         covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
-        first = self._p_last is None
+        first = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < self._p.spacing_m
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
         level = [slope for slope in slopes if level_weight(slope, covariance, self._p, first=first)]
         if not level:
+            if first and mount.adapts and (of_mount := start_slope(slopes, covariance, self._p)):
+                mount.widen(window)
+                self._use(window, slot, of_mount, self._p.start_sd_rad**-2)
             return
         common = mean_slope(level, [misfit(slope, covariance, self._p) for slope in level])
         if weight := level_weight(common, covariance, self._p, first=first):
-            add_level(window, slot, common, weight)
-            self._p_last = window.frames.p[slot].copy()
+            self._use(window, slot, common, weight)
+
+    def _use(self, window: Window, slot: int, slope: Slope, weight: float) -> None:
+        add_level(window, slot, slope, weight)
+        self._p_last = window.frames.p[slot].copy()
 
 
 class Slope(NamedTuple):
@@ -145,6 +155,25 @@ def level_weight(slope: Slope, covariance: Array, p: LevelParameters, *, first: 
     if square > (p.first_gate if first else p.gate):
         return 0.0
     return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / (p.sd_rad**2 + slope.variance)
+
+
+def start_slope(slopes: Sequence[Slope], covariance: Array, p: LevelParameters) -> Slope | None:
+    """Slope of the ground of the start where it is too steep for an error of the tilt: the mount is off.
+
+    People rarely start on a ramp. If they do, walking measures the mount anew within a metre, and no tilt is wrong: so
+    the slope depends on the mount alone here. None if there is no such ground, or its planes differ.
+
+    Args:
+        slopes: Of all planes.
+        covariance: (6, 6) of the errors that they depend on, rad².
+        p: Parameters.
+    """
+    near = [slope for slope in slopes if slope.r @ slope.r < p.start_slope_max_rad**2]
+    if not near or np.trace(near[0].J @ covariance @ near[0].J.T) > 2.0 * p.tilt_sd_max_rad**2:
+        return None
+    common = mean_slope(near, [0.0] * len(near))
+    common.J[:, 3:] = 0.0
+    return common if common.variance < p.start_scatter_max_rad**2 else None
 
 
 def columns(window: Window, slot: int) -> NDArray[np.int64]:

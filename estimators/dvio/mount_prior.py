@@ -16,7 +16,7 @@ from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Windo
 from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
-_POSITION = 0
+_POSITION, _ROTATION = 0, 1
 
 
 class MountPrior:
@@ -53,7 +53,6 @@ class MountPrior:
 
     def follow(self, window: Window, covariance: Array) -> None:
         """Follows the estimated mount, of a covariance (6, 6) in the order of the calibration's errors."""
-        prior = window.prior
         for i, own in enumerate(GROUPS):
             before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
             waits = i == _POSITION and spread > 3.0 * self._measured_share * before
@@ -61,8 +60,17 @@ class MountPrior:
                 continue
             off = window.calibration.moved[own] - self._mean[own]
             estimated = (self._freedom * self._least[i] + off @ off + spread) / (self._freedom + 3.0)
-            after = min(max(estimated, self._least[i]), self._most[i])
-            change, at = 1.0 / after - 1.0 / before, np.arange(own.start, own.stop)
-            prior.H[at, at] += change
-            prior.b[own] += change * self._mean[own]
-            self._variance[i] = after
+            self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
+
+    def widen(self, window: Window) -> None:
+        """Lets the rotation be that of a mount which is not as calibrated."""
+        if self._variance[_ROTATION] > 0.0:
+            self._exchange(window, _ROTATION, self._most[_ROTATION])
+
+    def _exchange(self, window: Window, i: int, after: float) -> None:
+        """Replaces a variance in the window's prior."""
+        prior, own = window.prior, GROUPS[i]
+        change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(own.start, own.stop)
+        prior.H[at, at] += change
+        prior.b[own] += change * self._mean[own]
+        self._variance[i] = after

@@ -172,9 +172,9 @@ class Core:
         self.seen = self._cull()
         if key:
             self._find(frame, slot)
-            self._observe_ground(frame, slot)
             if self._mount.adapts:
                 self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
+            self._observe_ground(frame, slot)
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)
@@ -396,7 +396,7 @@ class Core:
             frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
         if level:
-            self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count])
+            self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
         if len(w.planes.used):
             self._observe_planes(count)
 

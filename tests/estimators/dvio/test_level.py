@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio.level import (
+    LevelGround,
     Slope,
     add_level,
     columns,
@@ -19,6 +20,7 @@ from stridetwin.estimators.dvio.level import (
     mean_slope,
     misfit,
     slope_of,
+    start_slope,
 )
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
@@ -184,6 +186,47 @@ def test_a_second_observation_continues_from_the_first():
         left.append(float(np.linalg.norm(slope_of(w, 0, measured).r)))
     s2 = P.sd_rad**2 / (0.01**2 + 5e-3**2)
     assert left == pytest.approx([0.01 * s2 / (s2 + k) for k in (1, 2, 3, 4)], rel=0.08)
+
+
+def start(w: Window, slope_rad: float) -> MountPrior:
+    """The first observation of ground by a window that begins, of a calibrated mount and a tilt known to 0.6°."""
+    prior_of(w)
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]), 1.0, 0.25)
+    work = blank_work(w)
+    minimise(w, FACTORS, work, 1, 1e-3)
+    weights = np.tile(1e6 * np.eye(3), (2, 1, 1))
+    planes = np.array([ground(w, 0, slope_rad), 1.05 * ground(w, 0, slope_rad)])
+    LevelGround(P, used=True).observe(w, work.factor, 0, planes, weights, mount)
+    minimise(w, FACTORS, work, 3, 1e-9)
+    return mount
+
+
+@pytest.mark.parametrize(("slope_rad", "is_mount"), [(0.015, False), (0.06, True), (0.1, True), (0.14, False)])
+def test_a_mount_that_is_off_is_seen_at_the_start(slope_rad, is_mount):
+    """Ground that is too steep for the tilt turns the mount, by most of its slope, and nothing else."""
+    w = seen_window(np.random.default_rng(3), frames=1)
+    R, R_camera = w.frames.R[0].copy(), w.calibration.R.copy()
+    mount = start(w, slope_rad)
+    turned = Rotation.from_matrix(w.calibration.R @ R_camera.T).magnitude()
+    tilted_by = Rotation.from_matrix(w.frames.R[0] @ R.T).magnitude()
+    assert (mount.sd[1] > 0.02) == is_mount
+    if is_mount:
+        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + P.start_sd_rad**2), rel=0.08)
+        assert tilted_by < 2e-3
+    else:
+        assert turned < 0.005
+
+
+def test_the_slope_of_a_mount_needs_planes_that_agree():
+    floor, other = slope(0.07)._replace(variance=1e-5), slope(0.11)._replace(variance=1e-5)
+    known, unknown = tilted(0.01), tilted(0.03)
+    alone = start_slope([floor, slope(0.2)], known, P)
+    assert alone is not None
+    assert alone.r == pytest.approx(floor.r)
+    assert not alone.J[:, 3:].any()
+    assert start_slope([floor, other], known, P) is None
+    assert start_slope([floor], unknown, P) is None
+    assert start_slope([slope(0.2)], known, P) is None
 
 
 def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, Window]:
