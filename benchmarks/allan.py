@@ -46,11 +46,11 @@ def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:
     """Angular rates and specific forces (N, 6) of a level sensor at rest, with unlimited range and bandwidth."""
     free = {"range": math.inf, "bandwidth_hz": math.inf}
     imu = replace(imu, gyroscope=replace(imu.gyroscope, **free), accelerometer=replace(imu.accelerometer, **free))
-    told = ImuCalibration(
+    nominal = ImuCalibration(
         topic="/imu", part=imu.name, rate_hz=imu.rate_hz, mount=Mount(body="b"), gyroscope_noise_density=0.0,
         gyroscope_random_walk=0.0, accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
     )  # fmt: skip
-    model = ImuModel(told, imu, Noise.of_topic(seed, imu.name))
+    model = ImuModel(nominal, imu, Noise.of_topic(seed, imu.name))
     samples = []
     count = round(CHUNK_S * imu.rate_hz)
     for start in range(0, round(seconds * imu.rate_hz), count):

@@ -30,7 +30,7 @@ from stridetwin.streams.samples import Sample
 
 PER_FORMAT = 200
 HANG_S = 20
-OUTCOMES = ("refused", "told", "harmless", "unnoticed", "traceback", "hang")
+OUTCOMES = ("refused", "reported", "harmless", "unnoticed", "traceback", "hang")
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
             return "traceback", f"{type(error).__name__}: {error}"
         new = [w for w in words if w not in said_before]
         if not outcome:
-            outcome = "harmless" if same(read, whole) else "told" if new else "unnoticed"
+            outcome = "harmless" if same(read, whole) else "reported" if new else "unnoticed"
             said = "; ".join(new)
     return outcome, said
 

@@ -20,7 +20,7 @@ from stridetwin.streams.samples import Block, Image, Imu
 
 SECOND = 1_000_000_000
 START = 1_403_636_579 * SECOND
-IMU_HZ, PICTURE_HZ, SECONDS = 100, 5, 2
+IMU_HZ, IMAGE_HZ, SECONDS = 100, 5, 2
 WIDTH, HEIGHT = 32, 24
 K = (26.0, 26.5, 15.5, 11.5)
 
@@ -34,21 +34,21 @@ class Walk:
         accel: (N, 3) m/s².
         p: (N, 3) m.
         q: (N, 4) w, x, y, z.
-        t_pictures: (M,) ns.
+        t_images: (M,) ns.
         colour: (M, H, W, 3) RGB.
         depth_mm: (M, H, W), including a 0 and a 65535, which both mean no depth.
     """
 
     def __init__(self, seed: int = 5) -> None:
         rng = np.random.default_rng(seed)
-        n, m = IMU_HZ * SECONDS, PICTURE_HZ * SECONDS
+        n, m = IMU_HZ * SECONDS, IMAGE_HZ * SECONDS
         self.t = START + np.arange(n) * (SECOND // IMU_HZ)
         self.gyro = rng.normal(0, 0.3, (n, 3))
         self.accel = rng.normal((0, 0, 9.81), 0.05, (n, 3))
         self.p = np.cumsum(rng.normal(0, 0.01, (n, 3)), axis=0)
         half = 0.2 * np.sin(np.arange(n) / 50)
         self.q = np.column_stack((np.cos(half), np.zeros((n, 2)), np.sin(half)))
-        self.t_pictures = START + np.arange(m) * (SECOND // PICTURE_HZ)
+        self.t_images = START + np.arange(m) * (SECOND // IMAGE_HZ)
         self.colour = rng.integers(0, 256, (m, HEIGHT, WIDTH, 3), np.uint8)
         self.depth_mm = rng.integers(500, 3000, (m, HEIGHT, WIDTH)).astype(np.uint16)
         self.depth_mm[:, 0, :2] = 0, 65535
@@ -68,12 +68,12 @@ def write_euroc(folder: Path, walk: Walk) -> Path:
     )
     (root / "imu0" / "sensor.yaml").write_text(f"%YAML:1.0\nsensor_type: imu\n{identity}rate_hz: {IMU_HZ}\n{noise}")
     rows = ["#timestamp [ns],filename"]
-    for t, picture in zip(walk.t_pictures.tolist(), walk.colour):
-        cv2.imwrite(str(root / "cam0" / "data" / f"{t}.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+    for t, pixels in zip(walk.t_images.tolist(), walk.colour):
+        cv2.imwrite(str(root / "cam0" / "data" / f"{t}.png"), cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY))
         rows.append(f"{t},{t}.png")
     (root / "cam0" / "data.csv").write_text("\r\n".join(rows) + "\r\n")
     (root / "cam0" / "sensor.yaml").write_text(
-        f"sensor_type: camera\n{identity}rate_hz: {PICTURE_HZ}\nresolution: [{WIDTH}, {HEIGHT}]\n"
+        f"sensor_type: camera\n{identity}rate_hz: {IMAGE_HZ}\nresolution: [{WIDTH}, {HEIGHT}]\n"
         f"camera_model: pinhole\nintrinsics: {list(K)}\ndistortion_model: radial-tangential\n"
         "distortion_coefficients: [-0.28, 0.07, 0.0002, 1.8e-05]\n"
     )
@@ -87,10 +87,10 @@ def write_tum(folder: Path, walk: Walk) -> Path:
     for name in ("rgb", "depth"):
         (root / name).mkdir(parents=True)
     lists: dict[str, list[str]] = {"rgb": ["# color images", "# timestamp filename"], "depth": ["# depth maps"]}
-    for t, picture, mm in zip(walk.t_pictures.tolist(), walk.colour, walk.depth_mm):
+    for t, pixels, mm in zip(walk.t_images.tolist(), walk.colour, walk.depth_mm):
         stamp = f"{t / 1e9:.6f}"
         depth = np.where((mm == 0) | (mm == 65535), mm, mm * 5).astype(np.uint16)
-        cv2.imwrite(str(root / "rgb" / f"{stamp}.png"), picture[..., ::-1])
+        cv2.imwrite(str(root / "rgb" / f"{stamp}.png"), pixels[..., ::-1])
         cv2.imwrite(str(root / "depth" / f"{stamp}.png"), depth)
         for name, rows in lists.items():
             rows.append(f"{stamp} {name}/{stamp}.png")
@@ -105,8 +105,8 @@ def write_tum(folder: Path, walk: Walk) -> Path:
 def write_seven_scenes(folder: Path, walk: Walk) -> Path:
     root = folder / "7scenes"
     root.mkdir()
-    for i, (picture, mm) in enumerate(zip(walk.colour, walk.depth_mm)):
-        cv2.imwrite(str(root / f"frame-{i:06d}.color.png"), picture[..., ::-1])
+    for i, (pixels, mm) in enumerate(zip(walk.colour, walk.depth_mm)):
+        cv2.imwrite(str(root / f"frame-{i:06d}.color.png"), pixels[..., ::-1])
         cv2.imwrite(str(root / f"frame-{i:06d}.depth.png"), mm)
         T = np.eye(4)
         T[:3, 3] = walk.p[i]
@@ -135,8 +135,8 @@ def write_ours(folder: Path, walk: Walk) -> Path:
     columns = {"angular_rate": walk.gyro, "specific_force": walk.accel}
     with RecordingWriter(folder / "walk.mcap", Rig(imus={imu.topic: imu}), {"seed": "1"}) as writer:
         writer.write(Block(topic=imu.topic, kind=Imu, t_ns=walk.t, columns=columns))
-        for t, picture in zip(walk.t_pictures.tolist(), walk.colour):
-            writer.write(Image(topic="/head/color", t_ns=t, pixels=picture))
+        for t, pixels in zip(walk.t_images.tolist(), walk.colour):
+            writer.write(Image(topic="/head/color", t_ns=t, pixels=pixels))
     return folder / "walk.mcap"
 
 
@@ -226,7 +226,7 @@ def _feed(writer: Any, store: Any, walk: Walk, serialise: Callable[[Any, str], A
     for i, t in enumerate(walk.t.tolist()):
         messages.append((t, "/camera/imu", _imu(store, t, walk.gyro[i], walk.accel[i])))
         messages.append((t, "/vicon/head", _pose(store, t, walk.p[i], walk.q[i])))
-    for t, colour, mm in zip(walk.t_pictures.tolist(), walk.colour, walk.depth_mm):
+    for t, colour, mm in zip(walk.t_images.tolist(), walk.colour, walk.depth_mm):
         messages.append((t, "/camera/color/image_raw", _image(store, t, "rgb8", colour)))
         messages.append((t, "/camera/aligned_depth_to_color/image_raw", _image(store, t, "16UC1", mm)))
         for topic in ("/camera/color/camera_info", "/camera/aligned_depth_to_color/camera_info"):
@@ -296,7 +296,7 @@ def write_realsense_bag(folder: Path, walk: Walk, depth_units_m: float = 0.001) 
     for t, gyro, accel in zip(walk.t.tolist(), walk.gyro, walk.accel):
         for name, rates, forces in (("Gyro_0", gyro, np.zeros(3)), ("Accel_0", np.zeros(3), accel)):
             messages.append((t, f"{topics[name]}/imu/data", "sensor_msgs/msg/Imu", _imu(store, t, rates, forces)))
-    for t, colour, mm in zip(walk.t_pictures.tolist(), walk.colour, walk.depth_mm):
+    for t, colour, mm in zip(walk.t_images.tolist(), walk.colour, walk.depth_mm):
         grey = colour[:, :, 1]
         for name, encoding, pixels in (
             ("Depth_0", "mono16", mm),

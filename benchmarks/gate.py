@@ -338,8 +338,8 @@ def measure(arguments: Namespace) -> dict[str, Any]:
             "walks": arguments.group,
             "alarms": sum(map(bool, alarms)),
         }
-        told = [[f"{line.estimator} {line.metric}" for line in found] for found in alarms]
-        cases.append({"unchanged": told})
+        shown = [[f"{line.estimator} {line.metric}" for line in found] for found in alarms]
+        cases.append({"unchanged": shown})
     return {"experiment": "gate", "summary": summary, "paper": {}, "cases": cases}
 
 
@@ -362,10 +362,10 @@ def show(result: dict[str, Any]) -> None:
         if "injected" in case:
             low, high = case["interval_pct"]
             words = "found    " if case["found"] else "NOT FOUND"
-            told = f"{case['overall_pct']:+6.1f} % ({low:+.1f} to {high:+.1f})"
-            print(f"{case['injected']:<42}{words} {told:<28}", "; ".join(case["by"]))
+            shown = f"{case['overall_pct']:+6.1f} % ({low:+.1f} to {high:+.1f})"
+            print(f"{case['injected']:<42}{words} {shown:<28}", "; ".join(case["by"]))
         else:
-            print(*(f"fresh walks, false alarms: {'; '.join(told)}" for told in case["unchanged"] if told), sep="\n")
+            print(*(f"fresh walks, false alarms: {'; '.join(shown)}" for shown in case["unchanged"] if shown), sep="\n")
     for name, figures in result["summary"].items():
         print(name, *(f"{key} {value:g}" for key, value in figures.items()), sep=", ")
 

@@ -74,10 +74,10 @@ class FakeTwin:
     def film(self, fps, width, height):
         """A square that walks."""
         for t in np.arange(0, self.duration_s, 1 / fps):
-            picture = np.full((height, width, 3), 235, np.uint8)
+            image = np.full((height, width, 3), 235, np.uint8)
             x = int(t / self.duration_s * (width - 40))
-            picture[height // 2 : height // 2 + 40, x : x + 40] = (11, 107, 203)
-            yield t, picture
+            image[height // 2 : height // 2 + 40, x : x + 40] = (11, 107, 203)
+            yield t, image
 
     def _foot(self, foot, phase):
         rng = np.random.default_rng([self.seed, ord(foot)])

@@ -30,10 +30,10 @@ def main(folder: Path, out: Path, vocabulary: str, settings: str, mode: str) -> 
                     continue
                 extra, after = {"imu": rows}, t
             began = time.perf_counter()
-            told = slam.track_rgbd(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), frame.depth, t, **extra)
+            tracked = slam.track_rgbd(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), frame.depth, t, **extra)
             ms = 1e3 * (time.perf_counter() - began)
-            sure = bool(told.ok) and (not inertial or slam.imu_initialized())
-            last = told.pose_wc if told.ok else last
+            sure = bool(tracked.ok) and (not inertial or slam.imu_initialized())
+            last = tracked.pose_wc if tracked.ok else last
             file.write(row(frame.stamp, sure, ms, last))
     slam.shutdown()
 

@@ -25,11 +25,11 @@ class _Node:
     weight: float = 0.0
 
 
-def write_vocabulary(pictures: Iterable[NDArray[np.uint8]], file: Path, rng: np.random.Generator) -> int:
+def write_vocabulary(images: Iterable[NDArray[np.uint8]], file: Path, rng: np.random.Generator) -> int:
     """Learns a tree and writes it.
 
     Args:
-        pictures: (H, W) grey.
+        images: (H, W) grey.
         file: Output file.
         rng: Draws the first centres.
 
@@ -37,21 +37,19 @@ def write_vocabulary(pictures: Iterable[NDArray[np.uint8]], file: Path, rng: np.
         Number of words.
     """
     orb = cv2.ORB_create(nfeatures=500)
-    found = [orb.detectAndCompute(picture, None)[1] for picture in pictures]
+    found = [orb.detectAndCompute(image, None)[1] for image in images]
     each = [np.unpackbits(d, axis=1).astype(np.float32) for d in found if d is not None]
-    bits, picture = np.concatenate(each), np.repeat(np.arange(len(each)), [len(d) for d in each])
+    bits, image = np.concatenate(each), np.repeat(np.arange(len(each)), [len(d) for d in each])
     root = _Node(centre=np.zeros(256, np.float32))
-    _grow(root, bits, picture, len(each), 1, rng)
+    _grow(root, bits, image, len(each), 1, rng)
     lines = [f"{BRANCHES} {LEVELS} 0 0", *_lines(root)]
     file.write_text("\n".join(lines), encoding="ascii")  # its reader takes an empty last line for a node
     return sum(line.split(" ", 2)[1] == "1" for line in lines[1:])
 
 
-def _grow(
-    node: _Node, bits: Bits, picture: NDArray[np.intp], pictures: int, level: int, rng: np.random.Generator
-) -> None:
+def _grow(node: _Node, bits: Bits, image: NDArray[np.intp], images: int, level: int, rng: np.random.Generator) -> None:
     if level > LEVELS or len(bits) <= BRANCHES:
-        node.weight = float(np.log(pictures / max(len(np.unique(picture)), 1)))
+        node.weight = float(np.log(images / max(len(np.unique(image)), 1)))
         return
     centres = bits[rng.choice(len(bits), BRANCHES, replace=False)]
     for _ in range(ROUNDS):
@@ -63,7 +61,7 @@ def _grow(
         child = _Node(centre=centres[k].copy())
         node.children.append(child)
         own = nearest == k
-        _grow(child, bits[own], picture[own], pictures, level + 1, rng)
+        _grow(child, bits[own], image[own], images, level + 1, rng)
 
 
 def _nearest(bits: Bits, centres: Bits) -> NDArray[np.intp]:

@@ -204,8 +204,8 @@ def test_score_reports_what_has_become_worse(walk, capsys, tmp_path):
     baseline = tmp_path / "base.json"
     words = ("score", walk / "recording.mcap", "--estimate", f"foot_ins_l={walk / 'foot_ins_l.txt'}")
     scores = json.loads(call(capsys, *words, "--json")[1])
-    for told in (scores, *scores["recordings"]):
-        told["estimators"]["foot_ins_l"]["ape_rmse_m"] = 1e-4
+    for reported in (scores, *scores["recordings"]):
+        reported["estimators"]["foot_ins_l"]["ape_rmse_m"] = 1e-4
     baseline.write_text(json.dumps(scores))
     code, out, _ = call(capsys, *words, "--baseline", baseline)
     assert code == 1

@@ -92,11 +92,11 @@ def test_a_table_is_estimated_with_its_options(capsys, tmp_path):
     assert call(capsys, "estimate", "foot_ins", table, "-o", path)[0] == 0
     bare = path.read_bytes()
     assert call(capsys, "estimate", "foot_ins", table, "--rig", rig, "-o", path)[0] == 0
-    told = path.read_bytes()
+    calibrated = path.read_bytes()
     recording = tmp_path / "foot.mcap"
     assert call(capsys, "import", table, "--rig", rig, "-o", recording)[0] == 0
     assert call(capsys, "estimate", "foot_ins", recording, "-o", path)[0] == 0
-    assert path.read_bytes() == told != bare
+    assert path.read_bytes() == calibrated != bare
 
 
 def test_truth_of_a_camera_scores_the_imu_beside_it(capsys, tmp_path):
@@ -123,8 +123,8 @@ def test_truth_of_a_camera_scores_the_imu_beside_it(capsys, tmp_path):
     recorded, folder, path = tmp_path / "walk.mcap", tmp_path / "tum", tmp_path / "imu.txt"
     with RecordingWriter(recorded, rig) as writer:
         writer.write(Block(topic=imu.topic, kind=Imu, t_ns=t_ns, columns=columns))
-        told = {**truth, "angular_rate": rate}
-        writer.write(Block(topic="/truth/head/imu/odometry", kind=Odometry, t_ns=t_ns, columns=told))
+        measured = {**truth, "angular_rate": rate}
+        writer.write(Block(topic="/truth/head/imu/odometry", kind=Odometry, t_ns=t_ns, columns=measured))
         for now in t_ns[::20].tolist():
             writer.write(Image(topic=camera.topic, t_ns=now, pixels=np.full((24, 32, 3), 99, np.uint8)))
             writer.write(Depth(topic=camera.depth_topic, t_ns=now, depth=np.full((24, 32), 2.0, np.float32)))

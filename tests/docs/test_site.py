@@ -46,14 +46,14 @@ def test_results_come_into_the_navigation_by_themselves(tmp_path, monkeypatch):
     (tmp_path / "results").mkdir()
     for page in ("b.md", "results/b.md", "results/a.md", "results/a.csv"):
         (tmp_path / page).touch()
-    told = {"Results": ["results/a.md", "results/b.md"]}
-    assert site.navigation(nav) == [{"Start": "index.md"}, {"More": [{"B": "b.md"}]}, told]
+    results = {"Results": ["results/a.md", "results/b.md"]}
+    assert site.navigation(nav) == [{"Start": "index.md"}, {"More": [{"B": "b.md"}]}, results]
 
 
-def test_every_picture_is_in_the_gallery():
+def test_every_image_is_in_the_gallery():
     shown = set(site.links((site.DOCS / "gallery.md").read_text(encoding="utf-8")))
-    pictures = {f.relative_to(site.DOCS).as_posix() for f in (site.DOCS / "images").rglob("*") if f.is_file()}
-    assert pictures <= shown
+    images = {f.relative_to(site.DOCS).as_posix() for f in (site.DOCS / "images").rglob("*") if f.is_file()}
+    assert images <= shown
 
 
 @pytest.mark.parametrize(
@@ -80,11 +80,11 @@ class Resources(HTMLParser):
         self.found = []
 
     def handle_starttag(self, tag, attributes):
-        told = dict(attributes)
+        given = dict(attributes)
         if tag in ("script", "img", "iframe", "source", "video"):
-            self.found.append(told.get("src") or "")
-        if tag == "link" and told.get("rel") not in ("canonical", "prev", "next"):
-            self.found.append(told.get("href") or "")
+            self.found.append(given.get("src") or "")
+        if tag == "link" and given.get("rel") not in ("canonical", "prev", "next"):
+            self.found.append(given.get("href") or "")
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_nothing_is_loaded_from_elsewhere(built):
         assert not re.search(r"@import|url\(['\"]?(https?:)?//", sheet.read_text(encoding="utf-8"))
 
 
-def test_the_reference_tells_of_the_public_classes(built):
+def test_the_reference_lists_the_public_classes(built):
     for page, names in {
         "streams": ["Imu", "Rig", "Recording.samples", "StrideTwinError"],
         "estimators": ["FootIns.update", "FootToFoot", "ContactTerrain", "Dvio", "TerrainMap", "LocomotionMode"],

@@ -44,8 +44,8 @@ def test_the_tutorial_s_estimator_is_short_and_not_bad(done):
 def test_the_tutorial_shows_what_score_says(done):
     shown, compared = [block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.language == "text"]
     assert compared in done.stdout
-    told = done.stdout[done.stdout.index("\nestimator  ") :].splitlines()[1:3]
-    assert shown.splitlines()[0].split() == told[0].split()
-    for ours, theirs in zip(shown.splitlines()[1].split()[1:], told[1].split()[1:], strict=True):
+    printed = done.stdout[done.stdout.index("\nestimator  ") :].splitlines()[1:3]
+    assert shown.splitlines()[0].split() == printed[0].split()
+    for ours, theirs in zip(shown.splitlines()[1].split()[1:], printed[1].split()[1:], strict=True):
         if ours != "-":
             assert float(ours) == pytest.approx(float(theirs), rel=0.1, abs=0.01)  # another machine rounds otherwise

@@ -144,10 +144,10 @@ FAULTS = {
 def test_faults_leave_the_class_right_or_unknown(walk, fault):
     exo, samples, footprints = walk
     steps = score_steps(footprints, ContactTerrain(exo).run(FAULTS[fault](samples)))
-    told = [s for s in steps if s.estimated_mode not in ("", "unknown")]
-    assert len(told) >= 0.5 * len(steps)
-    assert all(s.estimated_mode == "LG" for s in told)
-    assert rms([s.elevation_error for s in told]) < 0.015
+    classified = [s for s in steps if s.estimated_mode not in ("", "unknown")]
+    assert len(classified) >= 0.5 * len(steps)
+    assert all(s.estimated_mode == "LG" for s in classified)
+    assert rms([s.elevation_error for s in classified]) < 0.015
 
 
 def sticking(samples, cell):

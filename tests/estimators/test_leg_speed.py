@@ -55,7 +55,7 @@ def test_a_world_with_another_heading_turns_the_velocity(walk, measured):
     assert b == pytest.approx(R.apply(a), abs=1e-6)
 
 
-def test_feet_in_the_air_tell_nothing(walk):
+def test_feet_in_the_air_measure_nothing(walk):
     exo, samples, _ = walk
     assert not speeds(exo, [replace(s, force=np.zeros(4)) if isinstance(s, Insole) else s for s in samples])
 

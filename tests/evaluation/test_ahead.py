@@ -40,7 +40,7 @@ EDGES = (3.0, 3.3, 3.6)
 TURN, SHIFT = 0.4, np.array([5.0, -2.0, 0.3])
 STEP_S, FIRST_S = 0.6, 2.0
 WRONG_STEPS = (2, 6)
-"""Steps of which another mode is told at the last, and of the first of them at the first alone."""
+"""Steps of which another mode is predicted at the last, and of the first of them at the first alone."""
 
 
 def placed(s: float, left: float) -> np.ndarray:
@@ -66,7 +66,7 @@ def turned(angle: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def told(footprints: list[Footprint]) -> list[ModeEstimate]:
+def predictions(footprints: list[Footprint]) -> list[ModeEstimate]:
     """Ten estimates a second, each of four steps that land 2 cm too far, in a world that is turned and shifted."""
     landed = footprints[2:]
     found = []
@@ -104,7 +104,7 @@ def told(footprints: list[Footprint]) -> list[ModeEstimate]:
 @pytest.fixture(scope="module")
 def ahead() -> Ahead:
     footprints = walked()
-    estimates = told(footprints)
+    estimates = predictions(footprints)
     t_ns = np.array([0, 10**10])
     pose = {"p_frame_in_world": np.zeros((2, 3)), "q_world_frame": np.tile([1.0, 0, 0, 0], (2, 1))}
     truth = {"p_frame_in_world": np.tile(SHIFT, (2, 1)),
@@ -292,7 +292,7 @@ def test_pinned_numbers(ahead, num_regression):
     """Every score of the steps, and of steps predicted with other probabilities and places."""
     rng = np.random.default_rng(5)
     footprints, estimates = walked(), []
-    for estimate in told(footprints):
+    for estimate in predictions(footprints):
         steps = []
         for step in estimate.steps:
             p = rng.dirichlet([6.0 if m == step.mode else 0.7 for m in MODES])

@@ -172,7 +172,7 @@ def test_beyond_a_turn_places_count_along_the_way() -> None:
                   q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
         for k, s in enumerate([0.0, 0.0, *np.arange(0.5, change.s - 0.3, 0.7), change.s - 0.1, change.s + 0.6])
     ]  # fmt: skip
-    told = SimpleNamespace(
+    estimate = SimpleNamespace(
         t_ns=prints[-1].t_ns - 1_600_000_000, steps=(),
         change=SimpleNamespace(
             mode="RA", p_in_world=turned.way.point(change.s - 0.03), distance_sd=0.01, riser=math.nan,
@@ -181,7 +181,7 @@ def test_beyond_a_turn_places_count_along_the_way() -> None:
     )  # fmt: skip
     pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
-    scores = score_modes(prints, [told], MovingAlignment(still, still), turned, 0.27)
+    scores = score_modes(prints, [estimate], MovingAlignment(still, still), turned, 0.27)
     approach = next(a for a in scores.approaches if a.mode == "RA")
     assert approach.found
     assert approach.distance_m == pytest.approx(-0.03)
@@ -219,17 +219,17 @@ def test_estimates_about_a_touch_down_predict_the_feet_that_they_wait_for() -> N
     """Feet land at 1, 2, 3 s; one lands heard late, one was guessed early."""
     landed = [SimpleNamespace(t_ns=t * 10**9, foot=foot) for t, foot in ((1, "l"), (2, "r"), (3, "l"))]
 
-    def told(t_s: float, feet: str) -> SimpleNamespace:
+    def estimate_at(t_s: float, feet: str) -> SimpleNamespace:
         return SimpleNamespace(t_ns=int(t_s * 1e9), steps=[SimpleNamespace(foot=foot) for foot in feet])
 
     cases = {
         (0.5, "lr"): [0, 1],
-        (1.04, "lrl"): [None, 1, 2],  # the left foot is down, the insole has not told yet
+        (1.04, "lrl"): [None, 1, 2],  # the left foot is down, the insole has not reported it yet
         (1.96, "lr"): [2, None],  # the right foot counts as down already
         (1.6, "lr"): [1, 2],  # who waits for the wrong foot for long is not helped
         (2.5, ""): [],
     }
     for (t_s, feet), steps in cases.items():
-        found = predictions_by_step(landed, [told(t_s, feet)])
+        found = predictions_by_step(landed, [estimate_at(t_s, feet)])
         numbers = {k: i for i, of in enumerate(found) for _, k in of}
         assert [numbers.get(k) for k in range(len(feet))] == steps

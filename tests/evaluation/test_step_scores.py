@@ -1,4 +1,4 @@
-"""Scores of the steps that the legs told, and their figures."""
+"""Scores of the steps that the legs estimate, and their figures."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ from stridetwin.sim.world.route import lay_out
 from tests.plots import figure, figures
 
 
-def step(i, *, mode="LG", estimated_mode="LG", told=True, elevation=0.004, slope=0.0):
-    if not told:
+def step(i, *, mode="LG", estimated_mode="LG", seen=True, elevation=0.004, slope=0.0):
+    if not seen:
         return ScoredStep(mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0))
     return ScoredStep(
         mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0), estimated_mode=estimated_mode,
@@ -26,7 +26,7 @@ def step(i, *, mode="LG", estimated_mode="LG", told=True, elevation=0.004, slope
 
 
 def test_scores_count_missed_and_unknown_steps():
-    steps = [step(0), step(1, estimated_mode="unknown"), step(2, told=False), step(3, estimated_mode="SA", slope=0.005)]
+    steps = [step(0), step(1, estimated_mode="unknown"), step(2, seen=False), step(3, estimated_mode="SA", slope=0.005)]
     scores = step_scores(steps)
     assert scores["elevation_rmse_mm"] == pytest.approx(4.0)
     assert scores["slope_rmse_deg"] == pytest.approx(np.degrees(0.005 / np.sqrt(3)))
@@ -56,7 +56,7 @@ def test_paths_and_steps_have_tables_of_their_own():
 
 def test_figures_show_every_step_that_was_seen():
     route = Route(segments=(Level(length_m=2.0), Ramp(angle_rad=0.1, rise_m=0.2), Level(length_m=2.0)))
-    steps = [step(i, told=i != 2) for i in range(6)]
+    steps = [step(i, seen=i != 2) for i in range(6)]
     aside = figures(steps_from_aside(lay_out(route), steps, "Ramp"))["Ramp"]
     assert len(aside.shapes("estimated plane")) == len(aside.shapes("its normal")) == 5
     assert {"level", "ramp"} <= set(aside.labels)

@@ -31,12 +31,12 @@ def footprint(i, mode="LG", height=0.0, pitch=0.0):
 
 
 def estimate(i, place=None, **more):
-    told = {
+    values = {
         "t_ns": i * 500_000_000 + 300_000_000, "step": i, "foot": "lr"[i % 2], "slope": 0.01, "elevation": 0.002,
         "slope_sd": 0.01, "elevation_sd": 0.004, "normal": np.array([0.0, 0, 1]), "covariance": np.eye(3),
         "p_sole_in_world": np.array([0.5 * i, 0.0, 0.0]) if place is None else place, "mode": "LG", "probability": 0.9,
     }  # fmt: skip
-    return StepEstimate(**(told | more))
+    return StepEstimate(**(values | more))
 
 
 def test_each_step_gets_its_own_estimate():
@@ -68,13 +68,13 @@ def test_the_first_step_counts_whichever_foot_takes_it():
 
 def test_steps_that_are_none_are_counted():
     footprints = [footprint(i) for i in range(8)]
-    told = [estimate(i) for i in range(2, 8)]
-    assert false_steps(footprints, told) == 0
-    assert false_steps(footprints, told[:-2]) == 0
-    twice = estimate(4, t_ns=told[2].t_ns + 100_000_000)
+    estimates = [estimate(i) for i in range(2, 8)]
+    assert false_steps(footprints, estimates) == 0
+    assert false_steps(footprints, estimates[:-2]) == 0
+    twice = estimate(4, t_ns=estimates[2].t_ns + 100_000_000)
     standing = estimate(1)
-    assert false_steps(footprints, [standing, *told, twice]) == 2
-    assert false_steps([p for p in footprints if p.t_ns != 5 * 500_000_000], told) == 0  # the truth lacks one
+    assert false_steps(footprints, [standing, *estimates, twice]) == 2
+    assert false_steps([p for p in footprints if p.t_ns != 5 * 500_000_000], estimates) == 0  # the truth lacks one
 
 
 def test_the_displacement_of_a_run_is_shared_out_over_its_steps():

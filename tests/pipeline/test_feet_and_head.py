@@ -1,4 +1,4 @@
-"""Feet and head beside each other tell what they tell one after the other."""
+"""Feet and head estimated in parallel give what they give one after the other."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Trajectory
 
 
-def test_two_processes_tell_the_same_as_one(seen, monkeypatch):
+def test_two_processes_estimate_the_same_as_one(seen, monkeypatch):
     asked = []
     monkeypatch.setattr(ahead_module, "two_see", lambda recording, only: asked.append(recording.path) or True)
     made, ahead = ahead_module.all_estimates(Recording(seen), lambda stage, share: None)

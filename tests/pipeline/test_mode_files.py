@@ -33,11 +33,12 @@ def walk(tmp_path_factory):
 
 
 def test_steps_are_counted_anew_where_the_odometry_began_anew():
-    def told(t_s, step):
+    def estimate_at(t_s, step):
         steps = tuple(SimpleNamespace(step=step + k + 1, mode="LG") for k in range(4))
         return SimpleNamespace(t_ns=int(t_s * 1e9), step=step, steps=steps)
 
-    made = predicted_steps([told(1.0, 7), told(1.6, 8), told(9.0, 0), told(9.5, 0), told(10.0, 1), told(10.6, 2)])
+    numbered = ((1.0, 7), (1.6, 8), (9.0, 0), (9.5, 0), (10.0, 1), (10.6, 2))
+    made = predicted_steps([estimate_at(t_s, step) for t_s, step in numbered])
     assert [m.step.step for m in made] == [8, 1, 2]
     assert [m.steady_s for m in made] == pytest.approx([0.0, 0.5, 1.0])
 
@@ -77,7 +78,7 @@ def test_a_recording_without_insoles_is_refused(walk, tmp_path, capsys):
         for sample in islice(recording.samples(topics), 300):
             writer.write(sample)
     assert main(["estimate", "locomotion_mode", str(without), "-o", str(tmp_path / "modes.csv")]) == 2
-    told = capsys.readouterr().err
-    assert "walk.mcap" in told
-    assert "no topic /foot_l/insole or /foot_r/insole: locomotion_mode needs it" in told
+    message = capsys.readouterr().err
+    assert "walk.mcap" in message
+    assert "no topic /foot_l/insole or /foot_r/insole: locomotion_mode needs it" in message
     assert not (tmp_path / "modes.csv").exists()

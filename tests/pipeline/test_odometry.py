@@ -1,4 +1,4 @@
-"""`estimate dvio` from the command line, on a walk with rendered pictures."""
+"""`estimate dvio` from the command line, on a walk with rendered images."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def over_truth(path, walked):
     return compare(read_tum(path), truth, "yaw")
 
 
-def test_a_walk_with_rendered_pictures_is_followed_to_its_end(walked, tmp_path, capsys):
+def test_a_walk_with_rendered_images_is_followed_to_its_end(walked, tmp_path, capsys):
     recording, path = walked / "recording.mcap", tmp_path / "path.txt"
     assert main(["estimate", "dvio", str(recording), "-o", str(path)]) == 0
     assert path.read_bytes() == (walked / "dvio.txt").read_bytes()
@@ -57,8 +57,8 @@ def test_a_walk_with_rendered_pictures_is_followed_to_its_end(walked, tmp_path, 
     capsys.readouterr()
     assert main(["score", str(recording), "--align", "yaw", "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)["estimators"]
-    told = scores["dvio"]["ape_rmse_m"]
-    assert told == pytest.approx(np.sqrt((fitted.error_m**2).sum(axis=1).mean()), rel=1e-3)
+    reported = scores["dvio"]["ape_rmse_m"]
+    assert reported == pytest.approx(np.sqrt((fitted.error_m**2).sum(axis=1).mean()), rel=1e-3)
     report = (walked / "report.html").read_text()
     assert 'class="camera"' in report
     assert "visual-inertial odometry" in report

@@ -1,4 +1,4 @@
-"""A folder of depth pictures with poses becomes planes and terrains in files; and the measures of the map's score."""
+"""A folder of depth images with poses becomes planes and terrains in files; and the measures of the map's score."""
 
 import json
 import math
@@ -23,7 +23,7 @@ RISER, TREAD = 0.15, 0.30
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Three pictures, 7-Scenes layout, of three risers 1.2 m ahead of a camera 1.6 m over the floor, 35° down."""
+    """Three images, 7-Scenes layout, of three risers 1.2 m ahead of a camera 1.6 m over the floor, 35° down."""
     where = tmp_path_factory.mktemp("frames")
     u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     rays = np.stack([(u - (WIDTH - 1) / 2) / FOCAL, (v - (HEIGHT - 1) / 2) / FOCAL, np.ones_like(u, float)], -1)
@@ -54,14 +54,14 @@ def folder(tmp_path_factory):
 def test_estimate_writes_planes_terrains_and_points(folder, tmp_path, capsys):
     file = tmp_path / "map.json"
     assert main(["estimate", "terrain_map", str(folder), "--poses", "truth", "-o", str(file), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["files"] == [str(file), str(tmp_path / "map.ply")]
+    output = json.loads(capsys.readouterr().out)
+    assert output["files"] == [str(file), str(tmp_path / "map.ply")]
     found = json.loads(file.read_text())
     stairs = max((t for t in found["terrains"] if t["type"] == "stairs"), key=lambda t: t["steps"])
     assert stairs["riser_m"] == pytest.approx(RISER, abs=0.005)
     assert stairs["tread_m"] == pytest.approx(TREAD, abs=0.01)
     assert stairs["heading_deg"] == pytest.approx(0.0, abs=1.0)
-    assert told["rows"] == len(found["planes"])
+    assert output["rows"] == len(found["planes"])
     header, _, points = (tmp_path / "map.ply").read_bytes().partition(b"end_header\n")
     count = int(header.split(b"element vertex ")[1].split()[0])
     assert len(points) == 19 * count > 0
@@ -123,7 +123,7 @@ def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
     assert "--mesh goes with terrain_map" in capsys.readouterr().err
 
 
-def test_a_grid_of_the_ground_tells_heights_and_classes_by_direction(folder):
+def test_a_grid_of_the_ground_has_heights_and_classes_by_direction(folder):
     terrain_map = mapped(TerrainMap, open_any(folder))
     grid = GroundGrid.of(terrain_map)
     xy = np.random.default_rng(0).uniform([-0.5, -0.4], [0.8, 0.4], (200, 2))
@@ -139,7 +139,7 @@ def test_a_grid_of_the_ground_tells_heights_and_classes_by_direction(folder):
     assert grid.at(np.array([[99.0, 99.0]]))[1] == -1
 
 
-def test_a_folder_without_poses_is_told(folder, tmp_path, capsys):
+def test_a_folder_without_poses_is_refused(folder, tmp_path, capsys):
     for file in folder.glob("*.depth.png"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     (tmp_path / "camera-intrinsics.txt").write_bytes((folder / "camera-intrinsics.txt").read_bytes())

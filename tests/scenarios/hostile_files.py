@@ -94,7 +94,7 @@ def packed(data):
     return chunk(zstandard.compress(data), len(data), "zstd")
 
 
-def picture(data, form="png"):
+def compressed(data, form="png"):
     """A CompressedImage in CDR."""
     text = form.encode() + b"\0"
     head = b"\0\1\0\0" + struct.pack("<iI", 1, 1) + struct.pack("<I", 1) + b"\0" + bytes(3)
@@ -103,7 +103,7 @@ def picture(data, form="png"):
     return body + struct.pack("<I", len(data)) + data
 
 
-def told_png(width, height):
+def sized_png(width, height):
     """A PNG that claims a size, whole by its CRCs, with a few bytes inside."""
     parts = b"\x89PNG\r\n\x1a\n"
     for kind, data in (
@@ -115,7 +115,7 @@ def told_png(width, height):
     return parts
 
 
-def told_jpeg(width, height):
+def sized_jpeg(width, height):
     frame = b"\xff\xc0" + struct.pack(">HBHHB", 17, 8, height, width, 3) + b"\1\x22\0\2\x11\1\3\x11\1"
     return b"\xff\xd8" + frame + b"\xff\xda\0\x0c\3\1\0\2\x11\3\x11\0?\0" + bytes(100) + b"\xff\xd9"
 
@@ -180,11 +180,11 @@ def mcaps(folder):
         ("/truth/joints", "sensor_msgs/msg/JointState", b"\0\1\0\0" + b"\xff\xff\xff\x7f" * 9000),
         ("/head/depth", "sensor_msgs/msg/Image", b"\0\1\0\0" + bytes(16) + b"\0\0\1\0" * 2 + bytes(99)),
         ("/tf_static", "tf2_msgs/msg/TFMessage", b"\0\1\0\0" + b"\0\xca\x9a\x3b" + bytes(5000)),
-        ("/head/color", "sensor_msgs/msg/CompressedImage", picture(told_png(60_000, 60_000))),
-        ("/head/other", "sensor_msgs/msg/CompressedImage", picture(told_jpeg(65_000, 65_000), "jpeg")),
-        ("/head/third", "sensor_msgs/msg/CompressedImage", picture(bytes(12) + told_png(40_000, 40_000), DEPTH)),
-        ("/head/scans", "sensor_msgs/msg/CompressedImage", picture(scanned_jpeg(4096, 4096), "jpeg")),
-        ("/head/tiff", "sensor_msgs/msg/CompressedImage", picture(b"II*\0\x08\0\0\0" + bytes(500), "tiff")),
+        ("/head/color", "sensor_msgs/msg/CompressedImage", compressed(sized_png(60_000, 60_000))),
+        ("/head/other", "sensor_msgs/msg/CompressedImage", compressed(sized_jpeg(65_000, 65_000), "jpeg")),
+        ("/head/third", "sensor_msgs/msg/CompressedImage", compressed(bytes(12) + sized_png(40_000, 40_000), DEPTH)),
+        ("/head/scans", "sensor_msgs/msg/CompressedImage", compressed(scanned_jpeg(4096, 4096), "jpeg")),
+        ("/head/tiff", "sensor_msgs/msg/CompressedImage", compressed(b"II*\0\x08\0\0\0" + bytes(500), "tiff")),
     ):  # fmt: skip
         name = topic.strip("/").replace("/", "_")
         data = announced(typename, topic), packed(message(payload) + message(payload, 2))
@@ -266,9 +266,9 @@ def ros2(folder, walk):
     """Hostile ROS 2 bags."""
     plain = write_rosbag2(folder, walk)
     database = next(plain.glob("*.db3")).read_bytes()
-    told = (plain / "metadata.yaml").read_text()
+    metadata_text = (plain / "metadata.yaml").read_text()
 
-    def bag(name, script, metadata=told):
+    def bag(name, script, metadata=metadata_text):
         place = folder / name
         place.mkdir()
         file = place / "bag_sqlite.db3"
@@ -296,8 +296,8 @@ def ros2(folder, walk):
     for name, text in YAMLS.items():
         yield bag(f"metadata_{name}", "", f"rosbag2_bagfile_information:\n  version: 9\n{text}")
     for mode, text in (("mode", "file"), ("format", "zstd")):
-        told = told.replace(f"compression_{mode}: ''", f"compression_{mode}: {text}")
-    yield bag("packed", "", told)
+        metadata_text = metadata_text.replace(f"compression_{mode}: ''", f"compression_{mode}: {text}")
+    yield bag("packed", "", metadata_text)
 
 
 def folders(folder, walk):
@@ -307,11 +307,11 @@ def folders(folder, walk):
         root = write_euroc(place, walk) / "mav0"
         (root / "imu0" / "sensor.yaml").write_text(text)
         yield root.parent
-    pictures = {
-        "png": told_png(60_000, 60_000), "jpeg": told_jpeg(65_000, 65_000), "gif": b"GIF89a" + b"\xff" * 99,
+    images = {
+        "png": sized_png(60_000, 60_000), "jpeg": sized_jpeg(65_000, 65_000), "gif": b"GIF89a" + b"\xff" * 99,
         "scans": scanned_jpeg(4096, 4096),
     }  # fmt: skip
-    for name, data in pictures.items():
+    for name, data in images.items():
         place = folder / f"euroc_{name}"
         root = write_euroc(place, walk) / "mav0"
         for file in (root / "cam0" / "data").iterdir():

@@ -1,4 +1,4 @@
-"""The commands and files of docs/bring_your_own.md, as they stand there; and what OpenSim is told of the walk."""
+"""The commands and files of docs/bring_your_own.md, as they stand there; and what OpenSim gets of the walk."""
 
 import re
 import shutil
@@ -51,9 +51,9 @@ def test_every_command_of_the_page_works(outcomes):
 def test_files_of_the_page_are_those_of_the_example(folder):
     assert (folder / "walk.yaml").exists()
     rig = next(t for t in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL) if "cuffs:" in t)
-    told, example = (parse_yaml(t, "rig") for t in (rig, (ROOT / "examples/own_exo/my_exo.yaml").read_text()))
-    assert set(told) == set(example)
-    assert told["motors"]["hip_l"]["torque_max_nm"] == example["motors"]["hip_l"]["torque_max_nm"]
+    shown, example = (parse_yaml(t, "rig") for t in (rig, (ROOT / "examples/own_exo/my_exo.yaml").read_text()))
+    assert set(shown) == set(example)
+    assert shown["motors"]["hip_l"]["torque_max_nm"] == example["motors"]["hip_l"]["torque_max_nm"]
 
 
 def test_the_part_and_the_mesh_are_what_was_walked_with(folder, outcomes):
@@ -81,7 +81,7 @@ def mot(path):
         ("opensim_2392", ("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_")),
     ],
 )  # fmt: skip
-def test_opensim_is_told_where_the_ground_bears_whom(folder, outcomes, made, force, torque):
+def test_opensim_gets_where_the_ground_bears_whom(folder, outcomes, made, force, torque):
     force, torque = (dict(zip("rl", names)) for names in (force, torque))
     loads, head = mot(folder / made / "ground_reactions.mot")
     assert (head["nRows"], head["nColumns"]) == (str(len(loads["time"])), str(len(loads)))

@@ -137,7 +137,7 @@ def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, calibrat
 
 @pytest.mark.parametrize("with_depth", [False, True])
 @pytest.mark.parametrize(("axis", "degrees"), [((0, 0, 1), 90), ((0, 0, 1), -20), ((0, 1, 0), 180), ((1, 1, 1), 120)])
-def test_a_camera_whose_mount_is_told_wrong_is_not_fit(tmp_path, with_depth, axis, degrees):
+def test_a_camera_whose_nominal_mount_is_wrong_is_invalid(tmp_path, with_depth, axis, degrees):
     turned = Rotation.from_rotvec(np.radians(degrees) * np.array(axis) / np.linalg.norm(axis))
     check = check_of(tmp_path, *rendered(0.01, with_depth), with_depth=with_depth, turned=turned)
     clock = check.data["camera_clocks"]["/head/color"]
@@ -148,12 +148,12 @@ def test_a_camera_whose_mount_is_told_wrong_is_not_fit(tmp_path, with_depth, axi
     assert check_table(check)[-1] == "invalid: see ERROR"
 
 
-def test_a_camera_turned_by_less_than_can_be_told_is_fit(tmp_path):
+def test_a_camera_turned_by_less_than_can_be_measured_is_valid(tmp_path):
     check = check_of(tmp_path, *rendered(0.0, True), turned=Rotation.from_euler("z", 2, degrees=True))
     assert errors(check) == []
 
 
-def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
+def test_what_images_do_not_show_is_reported_as_not_checked(tmp_path):
     gyro, images = rendered(0.0, False)
     blank = [Image(topic=p.topic, t_ns=p.t_ns, pixels=np.full_like(p.pixels, 128)) for p in images]
     still = check_of(tmp_path, gyro, blank, with_depth=False)
@@ -183,7 +183,7 @@ def test_a_shoe_camera_that_sees_the_board_of_the_other_shoe_is_not_judged(tmp_p
     assert any("show the board of foot_r, which moves" in f.what for f in check.findings)
 
 
-def test_the_command_line_tells_in_a_table_and_by_its_exit_code(tmp_path, capsys):
+def test_the_command_line_reports_in_a_table_and_by_its_exit_code(tmp_path, capsys):
     source = write_euroc(tmp_path, Walk())
     assert main(["check", str(source)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "valid"

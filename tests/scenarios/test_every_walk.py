@@ -15,7 +15,7 @@ def test_a_terrain_is_walked_in_every_pattern(manner):
     assert outcome.help_mean_pct is None
 
 
-def test_help_at_the_root_is_told_and_too_much_of_it_is_wrong(monkeypatch):
+def test_help_at_the_root_is_reported_and_too_much_of_it_is_wrong(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["every_walk", "--assist"])
     with pytest.raises(SystemExit):
         every_walk.main()
@@ -26,7 +26,7 @@ def test_help_at_the_root_is_told_and_too_much_of_it_is_wrong(monkeypatch):
     assert 0.0 < outcome.help_mean_pct < outcome.help_p95_pct < outcome.help_max_pct
 
 
-def test_a_walk_that_cannot_be_is_told_with_its_reason(monkeypatch, capsys):
+def test_a_walk_that_cannot_be_is_reported_with_its_reason(monkeypatch, capsys):
     monkeypatch.setitem(every_walk.MANNERS, "sprint", Gait(speed_mps=5.0))
     monkeypatch.setattr(sys, "argv", ["every_walk", "--json", "--terrains", "level_20m", "--manners", "sprint"])
     assert every_walk.main() == 1

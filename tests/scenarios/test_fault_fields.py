@@ -1,4 +1,4 @@
-"""Faults from the scenario file to the report: read, injected, told, survived by every command."""
+"""Faults from the scenario file to the report: read, injected, reported, survived by every command."""
 
 import json
 
@@ -71,7 +71,7 @@ def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
          "faults[0].cell: invalid 'arch'", "heel"),
     ],
 )  # fmt: skip
-def test_a_bad_fault_is_told_with_what_is_valid(tmp_path, fault, where, valid):
+def test_a_bad_fault_is_refused_with_what_is_valid(tmp_path, fault, where, valid):
     path = written(tmp_path, [fault])
     with pytest.raises(ConfigError) as error:
         read_scenario(path)
@@ -81,18 +81,18 @@ def test_a_bad_fault_is_told_with_what_is_valid(tmp_path, fault, where, valid):
     assert "\n" not in message
 
 
-def test_a_run_with_every_fault_tells_them_and_scores_what_is_left(simulator, tmp_path, capsys):
+def test_a_run_with_every_fault_reports_them_and_scores_what_is_left(simulator, tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["run", str(written(tmp_path, EVERY)), "--no-film", "-o", str(folder), "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)["estimators"]
     assert all(foot["coverage_pct"] > 90 for foot in scores.values())
     recording = Recording(folder / "recording.mcap", lenient=True)
-    told = injected_faults(recording.metadata)
+    injected = injected_faults(recording.metadata)
     # the stand-in for the twin carries no IMU at the head, and so no strap that holds one
-    assert {f.kind for f in told} == {f["kind"] for f in EVERY} - {"loose_strap"}
-    assert next(f for f in told if f.kind == "nan").topic == "/foot_r/imu"
+    assert {f.kind for f in injected} == {f["kind"] for f in EVERY} - {"loose_strap"}
+    assert next(f for f in injected if f.kind == "nan").topic == "/foot_r/imu"
     document = json.loads((folder / "scores.json").read_text())
-    assert document["recordings"][0]["faults"] == [vars(f) for f in told]
+    assert document["recordings"][0]["faults"] == [vars(f) for f in injected]
     report = (folder / "report.html").read_text()
     assert "Injected faults" in report
     assert any("fault: late" in shown.labels for shown in figures(report).values())
@@ -139,7 +139,7 @@ def test_every_command_survives_every_fault(simulator, tmp_path, capsys, faults)
         ({"kind": "freeze", "topic": "/foot_l/imu", "at_s": 0}, ""),
     ],
 )
-def test_a_stream_that_is_gone_or_worthless_is_told_in_one_line(simulator, tmp_path, capsys, fault, words):
+def test_a_stream_that_is_gone_or_worthless_is_reported_in_one_line(simulator, tmp_path, capsys, fault, words):
     scenario, recording = str(written(tmp_path, [fault])), tmp_path / "a.mcap"
     assert main(["generate", scenario, "-o", str(recording)]) == 0
     capsys.readouterr()
@@ -151,7 +151,7 @@ def test_a_stream_that_is_gone_or_worthless_is_told_in_one_line(simulator, tmp_p
     assert main(["run", scenario, "--no-film", "--no-cameras", "-o", str(tmp_path / "run")]) == 0
 
 
-def test_a_walk_without_faults_tells_of_none(simulator, tmp_path):
+def test_a_walk_without_faults_reports_none(simulator, tmp_path):
     recording = tmp_path / "a.mcap"
     assert main(["generate", "level_20m", "-o", str(recording)]) == 0
     assert "faults" not in Recording(recording).metadata

@@ -62,8 +62,8 @@ def test_every_command_of_the_page_does_what_it_says(console, seen, tmp_path, mo
         assert not isinstance(said, Exception), said
     for line in lines:
         if "-o" in line:
-            told = line[line.index("-o") + 1]
-            there = [told] if "foot_to_foot" not in line else [told.replace(".txt", f"_{f}.txt") for f in "lr"]
+            named = line[line.index("-o") + 1]
+            there = [named] if "foot_to_foot" not in line else [named.replace(".txt", f"_{f}.txt") for f in "lr"]
             assert all((tmp_path / file).stat().st_size for file in there)
 
 
@@ -74,8 +74,8 @@ def test_the_calibration_of_the_page_is_one(tmp_path):
     camera = rig.cameras["/head/color"]
     assert (camera.depth_topic, camera.mount.body) == ("/head/depth", "head")
     T_cam_imu = np.linalg.inv(camera.mount.T_body_sensor) @ rig.imus["/head/imu"].mount.T_body_sensor
-    told = np.array([[0, -1, 0, -0.03], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
-    np.testing.assert_allclose(T_cam_imu, told, atol=1e-12)
+    expected = np.array([[0, -1, 0, -0.03], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+    np.testing.assert_allclose(T_cam_imu, expected, atol=1e-12)
     write_rig(rig, tmp_path / "rig.yaml")
     assert set(read_rig(tmp_path / "rig.yaml").imus) == set(rig.imus)
 
@@ -130,8 +130,8 @@ def test_a_serial_port_is_joined_in_the_middle_of_a_line(imu_example, monkeypatc
 
     monkeypatch.setitem(sys.modules, "serial", types.SimpleNamespace(Serial=Serial))
     lines = imu_example["from_serial"]("/dev/ttyUSB0")
-    told = [imu_example["parsed"](next(lines)) for _ in range(3)]
-    assert [t and t[0] for t in told] == [1_000_000, None, 2_000_000]
+    parsed = [imu_example["parsed"](next(lines)) for _ in range(3)]
+    assert [t and t[0] for t in parsed] == [1_000_000, None, 2_000_000]
 
 
 @pytest.mark.parametrize("then_us", [0, 4_000_000_000], ids=["from 0", "from later on"])
@@ -220,6 +220,6 @@ def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
     assert made.data["streams"]["/foot_l/imu"]["received"] == 20
     block = Recording(recorded).block("/foot_l/imu")
     assert block.t_ns.tolist() == [s.t_ns for s in samples]
-    told = typestore().deserialize_cdr(encoder.message(samples[3]).payload, "sensor_msgs/msg/Imu")
-    assert told.angular_velocity.x == pytest.approx(0.03)
+    parsed = typestore().deserialize_cdr(encoder.message(samples[3]).payload, "sensor_msgs/msg/Imu")
+    assert parsed.angular_velocity.x == pytest.approx(0.03)
     assert json.dumps(made.data)

@@ -189,7 +189,7 @@ def test_a_command_is_one(command, monkeypatch):
         read(monkeypatch, command)
 
 
-def test_the_page_of_the_command_line_tells_every_command_and_experiment():
+def test_the_page_of_the_command_line_lists_every_command_and_experiment():
     commands = set(COMMANDS)
     rows = rows_of_the_command_line(commands)
     for usage in rows:
@@ -198,8 +198,8 @@ def test_the_page_of_the_command_line_tells_every_command_and_experiment():
     assert {usage.split()[1] for usage in rows} == commands
     page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
     table = page.split("## Experiments")[1].split("\n\n")[1]
-    told = [n for line in table.splitlines()[2:] for n in re.findall(r"`(\w+)`", line.split("|")[1])]
-    assert sorted(told) == sorted(STUDIES)
+    listed = [n for line in table.splitlines()[2:] for n in re.findall(r"`(\w+)`", line.split("|")[1])]
+    assert sorted(listed) == sorted(STUDIES)
 
 
 def test_a_wrong_command_would_be_found(monkeypatch):

@@ -42,13 +42,13 @@ def test_no_worker_outlives_the_one_who_started_it(end, tmp_path):
         "if __name__ == '__main__':\n"
         "    list(as_done(act, sys.argv[1:], 2))\n"
     )
-    script, told = tmp_path / "starts.py", [tmp_path / "one", tmp_path / "other"]
+    script, pid_files = tmp_path / "starts.py", [tmp_path / "one", tmp_path / "other"]
     script.write_text(code)
-    started = subprocess.Popen([sys.executable, script, *told])
+    started = subprocess.Popen([sys.executable, script, *pid_files])
     until = time.monotonic() + 60
-    while not all(file.exists() and file.read_text() for file in told) and time.monotonic() < until:
+    while not all(file.exists() and file.read_text() for file in pid_files) and time.monotonic() < until:
         time.sleep(0.05)
-    workers = [int(file.read_text()) for file in told]
+    workers = [int(file.read_text()) for file in pid_files]
     started.send_signal(end)
     started.wait(30)
     until = time.monotonic() + 10

@@ -1,4 +1,4 @@
-"""Recordings tell the version of what they hold; those of every release are read, and scored, as they were then."""
+"""Recordings name the version of what they hold; those of every release are read, and scored, as they were then."""
 
 from pathlib import Path
 
@@ -32,14 +32,14 @@ def written(path, version=None):
     return path
 
 
-def test_a_recording_tells_its_version(tmp_path):
+def test_a_recording_names_its_version(tmp_path):
     recording = Recording(written(tmp_path / "a.mcap"))
     assert recording.schema_version == index.VERSION == "1.0"
     assert recording.metadata == {"seed": "1"}
     with (tmp_path / "a.mcap").open("rb") as file:
-        told = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
-    assert told[index.RECORD] == {"version": "1.0"}
-    assert told[METADATA_NAME] == {"seed": "1"}
+        metadata = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+    assert metadata[index.RECORD] == {"version": "1.0"}
+    assert metadata[METADATA_NAME] == {"seed": "1"}
 
 
 def test_newer_minor_versions_are_read_and_newer_major_ones_are_not(tmp_path):

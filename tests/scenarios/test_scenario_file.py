@@ -232,14 +232,14 @@ def test_all_errors_of_a_file_are_reported_at_once(tmp_path):
         ("a: !!python/object:os.system {}\n", "line 1"),
     ],
 )
-def test_broken_files_are_told_in_one_line(tmp_path, text, words):
+def test_broken_files_are_refused_in_one_line(tmp_path, text, words):
     with pytest.raises(StrideTwinError) as error:
         read_scenario(written(tmp_path, text=text))
     assert words in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_unknown_scenarios_are_told_with_the_names_there_are(tmp_path):
+def test_unknown_scenarios_are_refused_with_the_names_there_are(tmp_path):
     with pytest.raises(StrideTwinError, match=r"invalid scenario 'level_20'.*did you mean 'level_20m'\?"):
         load_scenario("level_20")
     with pytest.raises(StrideTwinError, match="cannot be read: No such file"):

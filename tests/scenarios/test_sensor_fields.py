@@ -45,7 +45,7 @@ def test_a_mapping_changes_what_it_names_and_leaves_the_rest_on():
     assert rig.imus["/head/imu"].part.startswith("Bosch")
 
 
-def test_an_ideal_twin_is_told_like_the_part_itself():
+def test_an_ideal_twin_is_calibrated_like_the_part_itself():
     worn, plain = fitted({"foot_imu": "ADIS16485-ideal"}), fitted({})
     assert worn.sensors["/foot_l/imu"].part.gyroscope.noise_density == 0
     assert worn.rig.imus["/foot_l/imu"].gyroscope_noise_density == plain.rig.imus["/foot_l/imu"].gyroscope_noise_density
@@ -120,10 +120,10 @@ def test_the_former_key_of_a_calibrated_clock_still_works_and_warns():
         ({"foot_camera": {"board": {"roll_deg": 90}}}, ["sensors.foot_camera.board: invalid 'roll_deg'"]),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place_and_what_is_valid(node, words):
-    with pytest.raises(StrideTwinError) as told:
+def test_what_is_wrong_is_refused_with_its_place_and_what_is_valid(node, words):
+    with pytest.raises(StrideTwinError) as raised:
         read(node)
-    assert all(word in str(told.value) for word in words), str(told.value)
+    assert all(word in str(raised.value) for word in words), str(raised.value)
 
 
 def test_the_lists_of_the_command_line_are_refused_as_before():

@@ -1,4 +1,4 @@
-"""What the peers of the odometry are given, and what becomes of what they tell."""
+"""What the peers of the odometry are given, and what becomes of their answers."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ CAMERA, IMU = RIG.cameras["/head/color"], RIG.imu("/head/imu")
 
 def test_a_vocabulary_is_a_tree_whose_words_are_leaves(tmp_path) -> None:
     rng = np.random.default_rng(1)
-    pictures = [cv2.resize(rng.integers(0, 256, (30, 40), np.uint8), (320, 240)) for _ in range(4)]
-    words = write_vocabulary(pictures, tmp_path / "voc.txt", rng)
+    images = [cv2.resize(rng.integers(0, 256, (30, 40), np.uint8), (320, 240)) for _ in range(4)]
+    words = write_vocabulary(images, tmp_path / "voc.txt", rng)
     text = (tmp_path / "voc.txt").read_text()
     head, *lines = text.split("\n")
     assert head.split() == [str(BRANCHES), "4", "0", "0"]
@@ -39,7 +39,7 @@ def test_a_vocabulary_is_a_tree_whose_words_are_leaves(tmp_path) -> None:
     assert all(0 <= int(octet) <= 255 for node in nodes for octet in node[2:34])
 
 
-def test_orbslam3_is_told_the_rig() -> None:
+def test_orbslam3_gets_the_rig() -> None:
     storage = cv2.FileStorage(vio_peers.settings(CAMERA, IMU), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     assert storage.getNode("Camera1.fx").real() == CAMERA.intrinsics[0]
     assert storage.getNode("IMU.NoiseGyro").real() == pytest.approx(IMU.gyroscope_noise_density)
@@ -47,7 +47,7 @@ def test_orbslam3_is_told_the_rig() -> None:
     np.testing.assert_allclose(storage.getNode("IMU.T_b_c1").mat(), T, atol=1e-6)
 
 
-def test_a_peer_that_tells_the_truth_in_a_world_of_its_own_has_no_error(tmp_path, monkeypatch) -> None:
+def test_a_peer_that_estimates_the_truth_in_a_world_of_its_own_has_no_error(tmp_path, monkeypatch) -> None:
     t_ns = np.arange(0, 12_000_000_000, 33_333_333)
     s = t_ns * 1e-9
     p = np.stack([s, 0.3 * np.sin(s), 0.02 * np.sin(6 * s)], -1)
@@ -78,6 +78,6 @@ def test_a_peer_that_could_not_be_run_says_why(tmp_path) -> None:
     python.write_text("#!/bin/sh\nkill -11 $$\n")
     assert environment.run("opencv_rgbd.py") == "crashed with signal 11"
     cases = {"walk": {"orbslam3_rgbd": {"error": "no such package"}}}
-    told = vio_peers.summary(cases, "orbslam3_rgbd")
-    assert told["error"] == "no such package"
-    assert told["failures"] == {"walk": "not run"}
+    summary = vio_peers.summary(cases, "orbslam3_rgbd")
+    assert summary["error"] == "no such package"
+    assert summary["failures"] == {"walk": "not run"}

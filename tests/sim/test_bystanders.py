@@ -132,7 +132,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     assert 0.5 < heard <= seen + 0.03
 
 
-def test_truth_tells_where_they_are() -> None:
+def test_truth_says_where_they_are() -> None:
     twin = make("corner")
     found: dict[str, list[np.ndarray]] = {}
     for blocks in twin.blocks():

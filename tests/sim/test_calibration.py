@@ -76,7 +76,7 @@ def test_calibration_errors_change_no_sample_but_the_scale_of_depth() -> None:
 
 
 def depth_seen(twin: Twin) -> np.ndarray:
-    """A picture in the middle of the walk."""
+    """An image in the middle of the walk."""
     t_ns = np.array([round(0.5e9 * twin.duration_s)])
     motion, due = twin.player().motion(t_ns), Due(t_ns=int(t_ns[0]), topic="/head/color", twist=np.zeros((2, 6)))
     with Cameras(twin.model, twin.sensor_rig, twin.crowd, twin.seed) as cameras:

@@ -1,4 +1,4 @@
-"""Cuffs between exoskeleton and wearer: which way they push, and what the pairs of force cells tell of it."""
+"""Cuffs between exoskeleton and wearer: which way they push, and what the pairs of force cells measure of it."""
 
 from __future__ import annotations
 

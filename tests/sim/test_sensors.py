@@ -124,7 +124,7 @@ def ahrs_errors(rate_radps, seconds=3000.0):
     return (q * body.rotation.inv()).as_rotvec()
 
 
-def test_an_ideal_ahrs_tells_attitude_and_rate():
+def test_an_ideal_ahrs_measures_attitude_and_rate():
     body = still(np.zeros((400, 3)), yaw=0.5, pitch=0.2)
     measured = made(AhrsModel, "/exo/back/ahrs", IDEAL).read(body)
     np.testing.assert_allclose(measured.columns["q_world_sensor"], body.q_world_body, atol=1e-12)
@@ -237,7 +237,7 @@ def test_a_force_cell_follows_through_its_butterworth_filter_in_pieces():
     assert whole[100:].std() < 0.6 * load.std()
 
 
-def test_sonar_tells_whole_steps_and_now_and_then_a_ghost():
+def test_sonar_measures_whole_steps_and_now_and_then_a_ghost():
     sensor = SENSOR_RIG.sensors["/foot_l/sonar"]
     left, right = still(np.tile([0.0, 0.1, 0.0], (4000, 1))), still(np.tile([0.0, -0.25, 0.0], (4000, 1)))
     measured = made(SonarModel, "/foot_l/sonar", Noise.of_topic(1, "x"), Terrain.from_route(ROUTE), Crowd()).read(
@@ -264,7 +264,7 @@ def test_stamps_increase_whatever_the_clock(offset, drift, jitter, latency):
     assert len(measured) - len(kept) <= 7 + 1
 
 
-def test_a_perfect_clock_tells_true_times():
+def test_a_perfect_clock_stamps_true_times():
     t = np.arange(5, dtype=np.int64)
     np.testing.assert_array_equal(Stamps(Clock(calibrated=True), 100.0, IDEAL).of(t), t)
     np.testing.assert_array_equal(Stamps(Clock(), 100.0, IDEAL).of(t), t)

@@ -192,7 +192,7 @@ def test_there_is_no_depth_too_near_too_far_in_the_sky_on_black_or_at_a_glance()
         assert np.mean(seen) == pytest.approx(share, abs=0.1)
 
 
-def test_what_is_nearer_than_the_finest_steps_can_tell_has_no_depth():
+def test_what_is_nearer_than_the_finest_steps_resolve_has_no_depth():
     sensor = replace(D455.depth, range_min=0.1, disparity_step=1e-4)
     near, far = (depth_model(sensor).image(1, np.full((240, 320), z, np.float32)) for z in (0.2, 0.5))
     assert not near.any()  # 1 / (1e-4 * 32767) is 0.305 m

@@ -148,10 +148,10 @@ def test_a_rendering_process_that_dies_is_reported(short: Twin) -> None:
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(short.model, short.reference).motion(t_ns)
     with CameraProcesses(short.model, short.sensor_rig, Crowd(), 5) as processes:
-        pictures = processes.ask(motion, -1, int(t_ns[-1]))
+        images = processes.ask(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):
-            list(pictures)
+            list(images)
 
 
 def test_an_ideal_imu_integrates_back_onto_the_true_path() -> None:

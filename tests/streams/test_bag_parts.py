@@ -46,7 +46,7 @@ def test_compressed_depth_as_inverse():
 @pytest.mark.parametrize(
     "payload", [b"", b"\0\1\0\0junk", compressed("16UC1; compressedDepth", np.zeros((2, 2), np.uint8))]
 )
-def test_damaged_pictures_are_value_errors(payload):
+def test_damaged_images_are_value_errors(payload):
     with pytest.raises(ValueError, match=r"sensor_msgs/msg/CompressedImage|compressedDepth"):
         read_image_message(payload, COMPRESSED, typestore(), "/d", 5)
 
@@ -73,14 +73,14 @@ def info(d=(), model="plumb_bob", focal=400.0, p=()):
 
 def streams():
     imu = Block(topic="/cam/imu", kind=Imu, t_ns=np.arange(5), columns={})
-    picture = ImageStream(kind=Image, t_ns=np.arange(5) * 33_333_333, load=lambda topic, i: None)
-    return {"/cam/imu": imu}, {"/cam/color/image_raw": picture}
+    image = ImageStream(kind=Image, t_ns=np.arange(5) * 33_333_333, load=lambda topic, i: None)
+    return {"/cam/imu": imu}, {"/cam/color/image_raw": image}
 
 
 def rig_of(calibration):
-    blocks, pictures = streams()
+    blocks, images = streams()
     frames = {"/cam/imu": "imu_frame", "/cam/color/image_raw": "color_optical"}
-    return calibration.rig(blocks, pictures, frames)
+    return calibration.rig(blocks, images, frames)
 
 
 def test_mounts_come_along_the_tree_of_static_transforms():
@@ -154,12 +154,12 @@ def test_lenses_of_more_terms_are_fitted_and_the_rest_is_reported(d, model):
 @pytest.mark.parametrize(
     "topic", ["/cam/color/image_rect_color", "/cam/color/image_rect", "/cam/color/rectified/image"]
 )
-def test_rectified_pictures_go_with_p_and_no_distortion(topic):
+def test_rectified_images_go_with_p_and_no_distortion(topic):
     calibration = BagCalibration(Notes(Path("a"), False))
     P = (380.0, 0, 310, -20, 0, 381, 235, 0, 0, 0, 1, 0)
     calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=P))
-    blocks, pictures = streams()
-    raw = pictures["/cam/color/image_raw"]
+    blocks, images = streams()
+    raw = images["/cam/color/image_raw"]
     cameras = calibration.rig(blocks, {topic: raw, "/cam/color/image_raw": raw}, {}).cameras
     assert cameras[topic].intrinsics == (380.0, 381.0, 310.0, 235.0)
     assert not any(cameras[topic].distortion)
@@ -171,13 +171,13 @@ def test_rectified_pictures_go_with_p_and_no_distortion(topic):
     assert "has no P for rectified images" in calibration.assumed[topic]
 
 
-def test_realsense_files_keep_calibrations_apart_from_pictures():
+def test_realsense_files_keep_calibrations_apart_from_images():
     calibration = BagCalibration(Notes(Path("a"), False))
     for sensor, focal in (("Color_0", 610.0), ("Depth_0", 420.0)):
         calibration.camera_info(f"/device_0/sensor_1/{sensor}/info/camera_info", info(focal=focal))
-    blocks, pictures = streams()
+    blocks, images = streams()
     topics = [f"/device_0/sensor_1/{sensor}/image/data" for sensor in ("Color_0", "Depth_0")]
-    cameras = calibration.rig(blocks, dict.fromkeys(topics, pictures["/cam/color/image_raw"]), {}).cameras
+    cameras = calibration.rig(blocks, dict.fromkeys(topics, images["/cam/color/image_raw"]), {}).cameras
     assert [cameras[t].intrinsics[0] for t in topics] == [610.0, 420.0]
 
 
@@ -187,13 +187,13 @@ def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
         return Depth(topic=topic, t_ns=0, depth=blank) if "depth" in topic else Image(topic=topic, t_ns=0, pixels=blank)
 
     t = np.arange(5) * 33_333_333
-    pictures = {
+    images = {
         "/head/color": ImageStream(kind=Image, t_ns=t, load=lambda topic, i: load("color", i)),
         "/head/depth": ImageStream(kind=Depth, t_ns=t, load=lambda topic, i: load("depth", i)),
     }
     for registered in ((), ("/head/depth",)):
         notes = Notes(Path("a"), False)
-        rig = completed(Rig(), {}, pictures, notes, registered)
+        rig = completed(Rig(), {}, images, notes, registered)
         assert rig.cameras["/head/color"].depth_topic == "/head/depth"
         assert any("because of its size" in w for w in notes.warnings) is not bool(registered)
 

@@ -95,16 +95,16 @@ def same_mounts(a, b):
 
 
 def worn_at(place, recording, file):
-    """The same walk with camera and IMU at another place, whose calibration tells all that one can."""
-    told = rig()
+    """The same walk with camera and IMU at another place, whose calibration has every value."""
+    full = rig()
     body = {"chest": "torso"}.get(place, place)
-    mounts = {t: replace(i.mount, body=body) for t, i in {**told.imus, **told.cameras}.items()}
+    mounts = {t: replace(i.mount, body=body) for t, i in {**full.imus, **full.cameras}.items()}
     imu = replace(
-        told.imu("/head/imu"), topic=f"/{place}/imu", mount=mounts["/head/imu"], gyroscope_bias_sd=0.01,
+        full.imu("/head/imu"), topic=f"/{place}/imu", mount=mounts["/head/imu"], gyroscope_bias_sd=0.01,
         accelerometer_bias_sd=0.2, gyroscope_range=8.7, accelerometer_range=39.2,
     )  # fmt: skip
     camera = replace(
-        told.cameras["/head/color"], topic=f"/{place}/color", depth_topic=f"/{place}/depth", imu_topic=imu.topic,
+        full.cameras["/head/color"], topic=f"/{place}/color", depth_topic=f"/{place}/depth", imu_topic=imu.topic,
         mount=mounts["/head/color"], distortion=(-0.3, 0.1, 1e-3, -2e-3), timeshift_cam_imu_s=0.008,
     )  # fmt: skip
     with RecordingWriter(file, Rig(imus={imu.topic: imu}, cameras={camera.topic: camera}), {},
@@ -177,13 +177,13 @@ def test_tum_comes_back(recording, tmp_path):
 def test_a_tum_folder_feeds_visual_inertial_odometry(recording, tmp_path, place):
     """Rates, forces, and how camera and IMU sit to each other come back, wherever they were worn."""
     source = tmp_path / "worn.mcap"
-    told = rig()
+    full = rig()
     if place != "head":
         names = {"topic": f"/{place}/color", "depth_topic": f"/{place}/depth", "imu_topic": f"/{place}/imu"}
-        camera = replace(told.cameras["/head/color"], **names)
-        imu = replace(told.imu("/head/imu"), topic=f"/{place}/imu")
-        told = Rig(cameras={camera.topic: camera}, imus={imu.topic: imu})
-    with RecordingWriter(source, told, {}, depth_encoding="32FC1", jpeg_quality=None) as writer:
+        camera = replace(full.cameras["/head/color"], **names)
+        imu = replace(full.imu("/head/imu"), topic=f"/{place}/imu")
+        full = Rig(cameras={camera.topic: camera}, imus={imu.topic: imu})
+    with RecordingWriter(source, full, {}, depth_encoding="32FC1", jpeg_quality=None) as writer:
         for sample in recording.samples(["/head/imu", "/head/color", "/head/depth"]):
             writer.write(replace(sample, topic=sample.topic.replace("head", place)))
     (tmp_path / "out").mkdir()

@@ -69,9 +69,9 @@ def test_bags_give_what_was_put_in(sources, walk, name):
     truth = recording.block("/truth/head/odometry")
     np.testing.assert_allclose(truth.columns["p_frame_in_world"], walk.p, atol=1e-12)
     np.testing.assert_allclose(truth.columns["q_world_frame"], walk.q, atol=1e-12)
-    np.testing.assert_array_equal(recording.image_times("/head/color"), walk.t_pictures)
-    pictures, depths = recording.images("/head/color"), recording.images("/head/depth", [7, 2])
-    np.testing.assert_array_equal([p.pixels for p in pictures], walk.colour)
+    np.testing.assert_array_equal(recording.image_times("/head/color"), walk.t_images)
+    images, depths = recording.images("/head/color"), recording.images("/head/depth", [7, 2])
+    np.testing.assert_array_equal([p.pixels for p in images], walk.colour)
     np.testing.assert_allclose(depths[0].depth, expected_depth(walk)[7], atol=1e-6)
     assert depths[1].topic == "/head/depth"
     assert recording.unread == {"/rosout_like": "std_msgs/msg/String"}
@@ -127,8 +127,8 @@ def test_a_marker_s_path_becomes_the_imu_s(sources, walk, tmp_path):
     header = file.read_text().splitlines()[0]
     rows = zip(walk.t.tolist(), np.column_stack((p, q)).tolist())
     file.write_text("\n".join([header, *(f"{t},{','.join(map(repr, row))}" for t, row in rows)]))
-    told = f"sensor_type: pose\nT_BS:\n  cols: 4\n  rows: 4\n  data: {T_imu_marker.ravel().tolist()}\n"
-    (root / "vicon0" / "sensor.yaml").write_text(told)
+    text = f"sensor_type: pose\nT_BS:\n  cols: 4\n  rows: 4\n  data: {T_imu_marker.ravel().tolist()}\n"
+    (root / "vicon0" / "sensor.yaml").write_text(text)
     truth = open_any(root).block("/truth/head/imu/odometry").columns
     np.testing.assert_allclose(truth["p_frame_in_world"], walk.p, atol=1e-9)
     signs = np.sign(np.sum(truth["q_world_frame"] * walk.q, axis=1))[:, None]
@@ -166,7 +166,7 @@ def test_seven_scenes(sources, walk):
     recording = open_any(sources["7scenes"])
     np.testing.assert_allclose([d.depth for d in recording.images("/head/depth")], expected_depth(walk), atol=1e-6)
     truth = recording.block("/truth/head/color/odometry").columns["p_frame_in_world"]
-    np.testing.assert_allclose(truth, walk.p[: len(walk.t_pictures)], atol=1e-12)
+    np.testing.assert_allclose(truth, walk.p[: len(walk.t_images)], atol=1e-12)
     assert recording.rig.cameras["/head/color"].intrinsics == K
     assert any("30 Hz assumed" in w for w in recording.warnings)
 
@@ -290,7 +290,7 @@ def test_a_kalibr_file_follows_its_stream_to_another_topic(sources, tmp_path):
     assert table.imu("/foot_l/imu").mount.body == "foot_l"
 
 
-def test_a_calibration_without_a_stream_is_told(sources, tmp_path):
+def test_a_calibration_without_a_stream_is_reported(sources, tmp_path):
     file = tmp_path / "camchain.yaml"
     with pytest.raises(
         StrideTwinError, match=r"camchain\.yaml: rostopic: invalid '/cam7/image_raw': .*/camera/color/image_raw"
@@ -303,7 +303,7 @@ def test_a_calibration_without_a_stream_is_told(sources, tmp_path):
 
 
 @pytest.mark.parametrize("is_folder", [False, True])
-def test_our_own_recording_keeps_what_it_tells(recorded, tmp_path, is_folder):
+def test_our_own_recording_keeps_what_it_holds(recorded, tmp_path, is_folder):
     plain = Recording(recorded)
     path = recorded
     if is_folder:
@@ -364,7 +364,7 @@ def test_an_imu_that_is_joined_sits_where_its_gyro_does(tmp_path, walk):
                 (t, foreign_files._imu(store, t, w, f)) for t, w, f in zip(walk.t.tolist(), rates, forces, strict=True)
             ]
             put(f"/camera/{sort}/sample", "sensor_msgs/msg/Imu", imus)
-        t = walk.t_pictures.tolist()
+        t = walk.t_images.tolist()
         shots = [(s, foreign_files._image(store, s, "rgb8", c)) for s, c in zip(t, walk.colour, strict=True)]
         put("/camera/color/image_raw", "sensor_msgs/msg/Image", shots)
         infos = [(t[0], foreign_files._info(store, t[0], False))]
@@ -504,7 +504,7 @@ def test_images_that_are_listed_and_missing_are_left_out_and_reported(sources, w
     euroc, tum = copied(sources["euroc"], tmp_path), copied(sources["tum"], tmp_path)
     replaced(euroc / "mav0" / "cam0" / "data.csv", ".png", ".jpg")
     recording = open_any(euroc)
-    np.testing.assert_array_equal(recording.image_times("/head/color"), walk.t_pictures[1:])
+    np.testing.assert_array_equal(recording.image_times("/head/color"), walk.t_images[1:])
     assert any("data.csv: 1 of 10 images are listed and missing, the first of them" in w for w in recording.warnings)
     for file in sorted((tum / "depth").glob("*.png"))[3:5]:
         file.unlink()
@@ -532,7 +532,7 @@ def test_lenient_leaves_out_what_cannot_be_read(sources, tmp_path):
     assert Recording(tmp_path / "a.mcap").topics["/head/color"].count == 9
 
 
-def test_a_damaged_picture_leaves_no_half_recording(sources, tmp_path):
+def test_a_damaged_image_leaves_no_half_recording(sources, tmp_path):
     root = copied(sources["7scenes"], tmp_path)
     (root / "frame-000004.color.png").write_bytes(b"junk")
     with pytest.raises(StrideTwinError, match="damaged image"):
@@ -540,7 +540,7 @@ def test_a_damaged_picture_leaves_no_half_recording(sources, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {root.name}
 
 
-def test_a_short_stream_is_told(sources, tmp_path):
+def test_a_short_stream_is_reported(sources, tmp_path):
     root = copied(sources["tum"], tmp_path)
     lines = (root / "groundtruth.txt").read_text().splitlines()
     (root / "groundtruth.txt").write_text("\n".join(lines[:50]))
@@ -593,12 +593,12 @@ def test_a_wrong_kind_is_an_error_in_one_line(sources, kind):
 
 def test_a_bag_in_several_files_is_one_recording(tmp_path, walk):
     later = Walk()
-    later.t, later.t_pictures = walk.t + 2 * 10**9, walk.t_pictures + 2 * 10**9
+    later.t, later.t_images = walk.t + 2 * 10**9, walk.t_images + 2 * 10**9
     for name, part in (("bag_0.mcap", walk), ("bag_1.mcap", later)):
         write_foreign_mcap(tmp_path, part).rename(tmp_path / name)
     recording = open_any(tmp_path)
     np.testing.assert_array_equal(recording.block("/head/imu").t_ns, np.concatenate((walk.t, later.t)))
-    last = len(walk.t_pictures) + 4
+    last = len(walk.t_images) + 4
     np.testing.assert_array_equal(recording.images("/head/color", [last])[0].pixels, walk.colour[4])
 
 

@@ -81,13 +81,13 @@ def same(a, b):
 @pytest.mark.parametrize("number", ["9" * 400, "0x" + "9" * 9000], ids=["decimal", "hexadecimal"])
 def test_numbers_of_hundreds_of_digits_are_errors_that_say_where(number):
     text = rig_to_yaml(small_rig())
-    for told, evil, where in (
+    for valid, evil, where in (
         ("update_rate: 200.0", f"update_rate: {number}", r"imu0\.update_rate"),
         ("resolution: [32,", f"resolution: [{number},", r"cam0\.resolution\[0\]"),
     ):
-        assert told in text
+        assert valid in text
         with pytest.raises(StrideTwinError, match=where) as caught:
-            rig_from_yaml(text.replace(told, evil), "rig")
+            rig_from_yaml(text.replace(valid, evil), "rig")
         assert len(str(caught.value)) < 1000
 
 

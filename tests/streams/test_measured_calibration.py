@@ -39,7 +39,7 @@ def test_noise_and_rate_are_read_at_rest(seed):
     assert (imu.topic, imu.mount.body) == ("/foot_l/imu", "foot_l")
 
 
-def test_a_bias_is_told_from_the_sway_of_a_person():
+def test_a_bias_is_separated_from_the_sway_of_a_person():
     rng = np.random.default_rng(1)
     assert measured(samples(rng, gyro=1e-4, bias=0.004)).gyroscope_bias_sd == 0.0
     assert measured(samples(rng, gyro=1e-4, bias=0.03)).gyroscope_bias_sd == pytest.approx(0.03 * 3**0.5, rel=0.05)

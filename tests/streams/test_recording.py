@@ -108,8 +108,8 @@ def test_stock_mcap_reader_agrees(recorded):
         assert summary.statistics.message_count == len(messages)
         assert [m.log_time for _, _, m in messages] == sorted(m.log_time for _, _, m in messages)
         assert [a.name for a in reader.iter_attachments()] == ["rig.yaml"]
-        told = {m.name: m.metadata for m in reader.iter_metadata()}
-        assert told == {"stridetwin": {"seed": "7"}, "stridetwin_schema": {"version": "1.0"}}
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+        assert metadata == {"stridetwin": {"seed": "7"}, "stridetwin_schema": {"version": "1.0"}}
         per_topic = {}
         for _, channel, _ in messages:
             per_topic[channel.topic] = per_topic.get(channel.topic, 0) + 1
@@ -146,7 +146,7 @@ def test_rosbags_reads_every_message_from_the_bare_file(recorded):
     assert not np.allclose([twist.x, twist.y, twist.z], block.columns["v_frame_in_world"][0])
 
 
-def test_samples_of_all_topics_come_in_time_order_and_pictures_last(recorded):
+def test_samples_of_all_topics_come_in_time_order_and_images_last(recorded):
     recording = Recording(recorded)
     samples = list(recording.samples())
     assert len(samples) == sum(t.count for t in recording.topics.values())
@@ -158,7 +158,7 @@ def test_samples_of_all_topics_come_in_time_order_and_pictures_last(recorded):
     assert [type(s) for s in only] == [Imu] * 57
 
 
-def test_pictures(recorded):
+def test_images(recorded):
     recording = Recording(recorded)
     times = recording.image_times("/head/color")
     last, first = recording.images("/head/color", [59, 0])
@@ -247,7 +247,7 @@ def test_missing_topic_lists_those_there_are(recorded):
         Recording(recorded).block("/head/color")
 
 
-def test_pictures_that_share_read_only_pixels_are_encoded_once(tmp_path, monkeypatch):
+def test_images_that_share_read_only_pixels_are_encoded_once(tmp_path, monkeypatch):
     blank = np.full((12, 16), 96, np.uint8)
     encoded = []
     data = recorder.image_data

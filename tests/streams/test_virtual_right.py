@@ -16,7 +16,7 @@ def texture(x, y):
 
 
 def seen(depth, shift_m):
-    """A camera `shift_m` to the right looks at a textured surface whose depth is told by the ray's slope."""
+    """A camera `shift_m` to the right looks at a textured surface whose depth follows from the ray's slope."""
     v, u = np.indices(SIZE)
     z = depth(u, shift_m)
     x = (u - 79.5) / FOCAL * z + shift_m
@@ -52,7 +52,7 @@ def test_what_is_near_hides_what_is_far_and_leaves_background_behind():
     assert (right[:, :38] == 50).all()
 
 
-def test_pictures_without_depth_stay_where_they_are():
+def test_images_without_depth_stay_where_they_are():
     colour = np.random.default_rng(0).integers(0, 256, (*SIZE, 3), np.uint8)
     np.testing.assert_array_equal(right_view(colour, np.zeros(SIZE, np.float32), FOCAL, BASELINE), colour)
 

@@ -1,4 +1,4 @@
-"""The paper's simulation, reduced: its picture, and the gates of ours."""
+"""The paper's simulation, reduced: its figure, and the gates of ours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The experiments of visual-inertial odometry, with a stand-in that knows the truth and drifts as it is told to."""
+"""The experiments of visual-inertial odometry, with a stand-in that knows the truth and drifts as asked."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def test_faults_are_tolerated_or_not(walk, monkeypatch) -> None:
     assert len(lines) == 2 + len(dvio_faults.FAULTS)
 
 
-def pictures(count: int) -> list[Sample]:
+def images(count: int) -> list[Sample]:
     found: list[Sample] = []
     for k in range(count):
         t = 10_000_000_000 + 33_333_333 * k
@@ -180,7 +180,7 @@ def pictures(count: int) -> list[Sample]:
 
 
 def test_depth_gets_three_times_its_noise_and_nothing_stays_nothing() -> None:
-    depth = [s for s in pictures(5) if isinstance(s, Depth)]
+    depth = [s for s in images(5) if isinstance(s, Depth)]
     holes = [replace(s, depth=np.where(np.arange(640) < 64, 0, s.depth)) for s in depth]
     noisy = [s.depth for s in dvio_faults._noisier(iter(holes)) if isinstance(s, Depth)]
     assert np.std([d[:, 64:] for d in noisy]) == pytest.approx(np.sqrt(8) * 0.004 * 9.0, rel=0.05)
@@ -188,14 +188,14 @@ def test_depth_gets_three_times_its_noise_and_nothing_stays_nothing() -> None:
 
 
 def test_a_fifth_of_the_frames_is_lost_with_its_depth() -> None:
-    left = list(dvio_faults._fewer(iter(pictures(400))))
+    left = list(dvio_faults._fewer(iter(images(400))))
     by_kind = [{s.t_ns for s in left if isinstance(s, kind)} for kind in (Image, Depth)]
     assert by_kind[0] == by_kind[1]
     assert 0.72 < len(by_kind[0]) / 400 < 0.88
 
 
 def test_the_passer_by_covers_a_third_of_the_view_and_moves() -> None:
-    seen = list(dvio_faults._passed_by(iter(pictures(90))))
+    seen = list(dvio_faults._passed_by(iter(images(90))))
     depth = [s.depth < 2.0 for s in seen if isinstance(s, Depth)]
     shares = [near.mean() for near in depth]
     assert max(shares) == pytest.approx(dvio_faults.PERSON_SHARE, abs=0.02)

@@ -42,15 +42,17 @@ from stridetwin.studies.zhao2023.zhao_walks import TRIAL_SEEDS, TRIALS, conditio
 from tests.plots import figures
 
 
-def step(mode: str, told: str, p: float) -> ScoredMode:
+def step(mode: str, predicted: str, p: float) -> ScoredMode:
     others = (1.0 - p) / 4
-    probabilities = tuple(p if m == told else others for m in ("LG", "SA", "SD", "RA", "RD"))
-    return ScoredMode(t_s=1.0, mode=mode, before="LG", predicted=told, allowed=(mode,), lead_s=1.2 * (mode == told),
-                      probabilities=probabilities)  # fmt: skip
+    probabilities = tuple(p if m == predicted else others for m in ("LG", "SA", "SD", "RA", "RD"))
+    return ScoredMode(
+        t_s=1.0, mode=mode, before="LG", predicted=predicted, allowed=(mode,), lead_s=1.2 * (mode == predicted),
+        probabilities=probabilities,
+    )  # fmt: skip
 
 
-def row(seed: int, told: str = "SA", methods: tuple[str, ...] = ("proposed", "published")) -> dict:
-    scores = ModeScores(steps=[step("LG", "LG", 0.99), step("SA", told, 0.75)]).rows()
+def row(seed: int, predicted: str = "SA", methods: tuple[str, ...] = ("proposed", "published")) -> dict:
+    scores = ModeScores(steps=[step("LG", "LG", 0.99), step("SA", predicted, 0.75)]).rows()
     angles = np.linspace(0.2, 0.6, 50)
     return {
         "seed": seed, "physics": "dynamic", "fell_at_s": None, "mount": "head",
@@ -168,7 +170,7 @@ def test_table_and_page_have_the_papers_figures(name) -> None:
 
 
 def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
-    """Pose of a camera 1.5 m above a level floor that looks 45 degrees down along x, and its picture."""
+    """Pose of a camera 1.5 m above a level floor that looks 45 degrees down along x, and its image."""
     (camera,) = rig.cameras.values()
     fx, fy, cx, cy = camera.intrinsics
     v, u = np.mgrid[: camera.height, : camera.width]
@@ -186,7 +188,7 @@ def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
 
 def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     persons = [condition(1000), condition(1001)]
-    results = [row(1000 + i, told) | vars(persons[i // 2]) for i, told in enumerate(["SA", "SA", "LG", "LG"])]
+    results = [row(1000 + i, predicted) | vars(persons[i // 2]) for i, predicted in enumerate(["SA", "SA", "LG", "LG"])]
     results[1]["fell_at_s"] = 3.5
     result = {"experiment": "zhao_generality", **experiment("zhao_generality").collect(results), "cases": results}
     mean = result["summary"]["proposed"]["walks_accuracy_pct"]
@@ -197,8 +199,8 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
 
 
 def test_sizes_that_were_not_seen_are_counted() -> None:
-    told = [(0.002, 0.005), (0.1, 0.09), (math.nan, math.nan), (-0.002, 0.005)]
-    approaches = [ScoredChange(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in told]
+    errors_and_sds = [(0.002, 0.005), (0.1, 0.09), (math.nan, math.nan), (-0.002, 0.005)]
+    approaches = [ScoredChange(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in errors_and_sds]
     down = mode_figures([ModeScores(approaches=approaches)])["sizes"]["riser_mm"]["down"]
     assert down == {
         "seen_pct": 50.0, "rmse": pytest.approx(2.0), "all_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3))

@@ -29,20 +29,20 @@ def encoder(t_s, side="l"):
 
 
 def test_an_encoder_slips_on_one_side_from_an_instant_on():
-    told = list(FAULTS["encoder_slip"].samples(iter([encoder(1), encoder(9), encoder(9, "r")])))
-    assert [s.angle for s in told] == pytest.approx([0.5, 0.5 + np.radians(2), 0.5])
+    measured = list(FAULTS["encoder_slip"].samples(iter([encoder(1), encoder(9), encoder(9, "r")])))
+    assert [s.angle for s in measured] == pytest.approx([0.5, 0.5 + np.radians(2), 0.5])
 
 
 def test_an_insole_creeps_up_to_its_most():
     cells = [Insole(topic="/foot_l/insole", t_ns=int(t * 1e9), force=np.zeros(4)) for t in (0, 10, 90)]
-    told = [s.force.tolist() for s in FAULTS["insole_drift"].samples(cells)]
-    np.testing.assert_allclose(told, np.outer([0.0, 30.0, 60.0], np.ones(4)))
+    measured = [s.force.tolist() for s in FAULTS["insole_drift"].samples(cells)]
+    np.testing.assert_allclose(measured, np.outer([0.0, 30.0, 60.0], np.ones(4)))
 
 
 def test_a_low_zero_gives_a_negative_force_in_the_air():
     cells = [Insole(topic=f"/foot_{side}/insole", t_ns=0, force=np.zeros(4)) for side in "lr"]
-    told = [s.force.tolist() for s in FAULTS["insole_low"].samples(cells)]
-    assert told == [[-3.0] * 4, [0.0] * 4]
+    measured = [s.force.tolist() for s in FAULTS["insole_low"].samples(cells)]
+    assert measured == [[-3.0] * 4, [0.0] * 4]
 
 
 def test_geometry_errors_are_where_the_fault_says():

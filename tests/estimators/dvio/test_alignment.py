@@ -110,7 +110,7 @@ METHODS = {"depth": structure_with_depth, "bearings": structure_of_bearings}
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("seed", range(4))
 def test_finds_all_where_nothing_is_uncertain(method, seed):
-    # Nothing is believed of the biases beforehand: the turning tells that of the accelerometer from gravity.
+    # Nothing is believed of the biases beforehand: the rotation separates that of the accelerometer from gravity.
     walk = walked(seed, noisy=False, depth=method == "depth", believed_sd=np.repeat([0.1, 10.0], 3))
     structure = METHODS[method](walk.observations)
     assert structure.misfit < 1e-6

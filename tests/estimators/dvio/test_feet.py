@@ -1,4 +1,4 @@
-"""What the feet tell a worn camera: a velocity in its world."""
+"""What the feet measure for a worn camera: a velocity in its world."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HEADING = 0.7
 
 
 class Legs:
-    """Legs that tell a motion's velocity with noise, in a world with another heading."""
+    """Legs that measure a motion's velocity with noise, in a world with another heading."""
 
     def __init__(self, speed: Callable[[float], np.ndarray], sd: float = 0.1) -> None:
         self._speed, self._sd, self._rng = speed, sd, np.random.default_rng(0)

@@ -116,7 +116,7 @@ def test_a_corner_of_bare_planes_fixes_the_pose():
         H[range(CALIBRATION), range(CALIBRATION)] = 1e10
         H[own, own] = 1e10
         rest = np.arange(SHARED + FRAME + 6, n)
-        H[rest, rest] = 1e2  # speed and biases, of which planes tell nothing
+        H[rest, rest] = 1e2  # speed and biases, of which planes measure nothing
         w.frames.held[:2] = 1
         for a, b in ((w.frames.R_first, w.frames.R), (w.frames.p_first, w.frames.p), (w.frames.v_first, w.frames.v)):
             a[:] = b
@@ -239,7 +239,7 @@ def test_the_plane_unseen_for_longest_frees_its_slot_and_an_observed_one_does_no
 
 
 def test_a_bare_wall_holds_distance_and_attitude():
-    """From a time on nothing is painted on the wall: its depth alone holds what it tells of."""
+    """From a time on nothing is painted on the wall: its depth alone holds what it measures."""
     wall = Wall(swaying, 12.0, seed=9)
     both, lasts = [Dvio(rig(), parameters=DvioParameters(planes=on)) for on in (False, True)], [None, None]
     for s in wall.samples():

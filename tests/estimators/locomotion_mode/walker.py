@@ -11,7 +11,7 @@ from tests.estimators.terrain_map.scenes import EYE_M, attitude, depth, flight, 
 
 RISER, TREAD, STEPS = 0.15, 0.30, 4
 STEP_M, STEP_S, STAIR_S = 0.55, 0.60, 0.75
-INSOLE_NS, POSE_NS, PICTURE_NS = 10_000_000, 20_000_000, 100_000_000
+INSOLE_NS, POSE_NS, IMAGE_NS = 10_000_000, 20_000_000, 100_000_000
 BOXES = flight(RISER, TREAD, STEPS, landing=4.0)
 
 
@@ -58,6 +58,6 @@ def samples(*, both: bool = False) -> list[Sample]:
             eye = np.array([np.interp(t, times, at), 0.0, EYE_M + np.interp(t, times, high)])
             R = attitude(0.0, 0.5 + 0.05 * np.sin(3.0 * t))
             found.append(pose(t_ns, eye, R))
-            if t_ns % PICTURE_NS == 0:
+            if t_ns % IMAGE_NS == 0:
                 found.append(depth(t_ns, image(BOXES, eye, R, rng)))
     return found

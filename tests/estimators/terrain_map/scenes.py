@@ -119,7 +119,7 @@ def pose(t_ns: int, eye: np.ndarray, R: Rotation) -> Odometry:
 
 
 def depth(t_ns: int, pixels: np.ndarray) -> Depth:
-    """A image."""
+    """An image."""
     return Depth(topic="/head/depth", t_ns=t_ns, depth=pixels)
 
 

@@ -84,7 +84,7 @@ def test_nothing_is_nan():
 
 
 @pytest.mark.parametrize("corrupted", [0.0, np.nan, np.inf, -1.0, 30.0])
-def test_a_image_without_depth_says_nothing(seen, corrupted):
+def test_an_image_without_depth_says_nothing(seen, corrupted):
     terrain_map = TerrainMap(RIG)
     before = known(terrain_map, seen)
     assert known(terrain_map, np.full_like(seen, corrupted), PERIOD_NS) is None
@@ -109,7 +109,7 @@ def test_a_pose_that_is_not_finite_is_none(seen):
     assert known(terrain_map, seen, PERIOD_NS) is not None
 
 
-def test_a_image_without_a_pose_of_its_time_says_nothing(seen):
+def test_an_image_without_a_pose_of_its_time_says_nothing(seen):
     terrain_map = TerrainMap(RIG)
     assert terrain_map.update(depth(0, seen)) is None
     terrain_map.update(pose(0, EYE, attitude(0.0)))
@@ -117,7 +117,7 @@ def test_a_image_without_a_pose_of_its_time_says_nothing(seen):
     assert terrain_map.update(depth(20_000_000, seen)) is not None
 
 
-def test_a_image_that_is_late_or_comes_twice_says_nothing(seen):
+def test_an_image_that_is_late_or_comes_twice_says_nothing(seen):
     terrain_map = TerrainMap(RIG)
     assert known(terrain_map, seen, PERIOD_NS) is not None
     assert known(terrain_map, seen, PERIOD_NS) is None

@@ -1,4 +1,4 @@
-"""`score` of a campaign's folder: accepted walks alone, by one worker or two, failures told."""
+"""`score` of a campaign's folder: accepted walks alone, by one worker or two, failures reported."""
 
 import hashlib
 import json
@@ -34,13 +34,13 @@ OWN = ["--program", "mine=false {recording} {output}"]
 
 def test_accepted_walks_are_scored_by_every_estimator(campaign, walk, capsys):
     assert main(["score", str(campaign), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [row["name"] for row in told["recordings"]] == ["walk_00000", "walk_00002"]
-    assert {row["sha256"] for row in told["recordings"]} == {
+    output = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in output["recordings"]] == ["walk_00000", "walk_00002"]
+    assert {row["sha256"] for row in output["recordings"]} == {
         hashlib.sha256((walk / "recording.mcap").read_bytes()).hexdigest()
     }
-    assert set(told["recordings"][0]["estimators"]) == set(told["estimators"]) > {"foot_ins_l"}
-    assert told["estimators"] == json.loads((walk / "scores.json").read_text())["estimators"]
+    assert set(output["recordings"][0]["estimators"]) == set(output["estimators"]) > {"foot_ins_l"}
+    assert output["estimators"] == json.loads((walk / "scores.json").read_text())["estimators"]
 
 
 def test_recordings_that_the_manifest_does_not_list_are_named(campaign, capsys):
@@ -78,9 +78,9 @@ def test_what_score_has_written_of_walks_of_which_one_fails_is_a_baseline(campai
     )
     words = ["score", str(campaign), "--program", once, "--json"]
     assert main(words) == 1
-    told = capsys.readouterr().out
-    assert [list(row.get("failed", {})) for row in json.loads(told)["recordings"]] == [[], ["mine"]]
-    (tmp_path / "base.json").write_text(told)
+    output = capsys.readouterr().out
+    assert [list(row.get("failed", {})) for row in json.loads(output)["recordings"]] == [[], ["mine"]]
+    (tmp_path / "base.json").write_text(output)
     assert main([*words, "--baseline", str(tmp_path / "base.json")]) == 1
     assert json.loads(capsys.readouterr().out)["regressions"] == []
 
@@ -109,7 +109,7 @@ def test_a_folder_that_is_not_as_its_manifest_says_is_refused(campaign):
         jobs_of([campaign], **asked)
 
 
-def test_a_folder_that_holds_campaigns_is_told_from_one(tmp_path):
+def test_a_folder_that_holds_campaigns_is_not_taken_for_one(tmp_path):
     (tmp_path / "walks").mkdir()
     (tmp_path / "walks" / "manifest.json").touch()
     with pytest.raises(StrideTwinError, match=f"no campaign: expected a folder that generate has .*{tmp_path}/walks"):

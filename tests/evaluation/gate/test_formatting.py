@@ -1,4 +1,4 @@
-"""What the gate tells, to people and to machines."""
+"""What the gate reports, to people and to machines."""
 
 import json
 import re

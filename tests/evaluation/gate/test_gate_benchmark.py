@@ -23,21 +23,21 @@ RECORDING = SimpleNamespace(block=lambda topic: BLOCK)
 
 @pytest.mark.parametrize("how", [r for r in REGRESSIONS if r.imu], ids=lambda r: r.name)
 def test_faults_of_the_imu_are_reproducible_and_leave_the_truth_alone(how):
-    spoilt = Spoilt(RECORDING, how)
+    corrupted = Spoilt(RECORDING, how)
     before = {name: BLOCK.columns[name].copy() for name in COLUMNS}
-    once, twice = (spoilt.block("/foot_l/imu").columns for _ in range(2))
+    once, twice = (corrupted.block("/foot_l/imu").columns for _ in range(2))
     assert all(np.array_equal(once[name], twice[name]) for name in COLUMNS)
     assert any(not np.array_equal(once[name], before[name]) for name in COLUMNS)
     assert all(np.array_equal(BLOCK.columns[name], before[name]) for name in COLUMNS)
-    assert spoilt.block("/truth/foot_l/imu/odometry") is BLOCK
+    assert corrupted.block("/truth/foot_l/imu/odometry") is BLOCK
 
 
 @pytest.mark.parametrize("how", [r for r in REGRESSIONS if r.parameters], ids=lambda r: r.name)
 def test_the_filter_has_other_parameters_where_that_is_asked_for(how):
     plain = FootIns()._parameters
-    spoilt = injected(how)()._parameters
+    corrupted = injected(how)()._parameters
     for name, factor in how.parameters.items():
-        assert getattr(spoilt, name) == factor * getattr(plain, name)
+        assert getattr(corrupted, name) == factor * getattr(plain, name)
     assert FootIns()._parameters == plain
 
 

@@ -48,10 +48,10 @@ def test_a_line_that_is_none_is_one_error(tmp_path, capsys, text):
     file = tmp_path / "h.jsonl"
     file.write_text(json.dumps(LINE) + "\n" + text + "\n")
     assert main(["history", str(file), "-o", str(tmp_path / "page.html")]) == 2
-    told = capsys.readouterr().err
-    assert f"error: {file}: line 2: " in told
-    assert "lines that `stridetwin score --history` has written" in told
-    assert len(told) < len(str(file)) + 650
+    message = capsys.readouterr().err
+    assert f"error: {file}: line 2: " in message
+    assert "lines that `stridetwin score --history` has written" in message
+    assert len(message) < len(str(file)) + 650
 
 
 def test_the_largest_and_the_smallest_scores_are_drawn():

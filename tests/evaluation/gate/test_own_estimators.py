@@ -160,9 +160,12 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
     base = ["score", str(walk / "recording.mcap"), "--program"]
     good = f"mine={sys.executable} program.py {{recording}} {{output}}"
     assert main([*base, good, "--json"]) == 0
-    told = capsys.readouterr().out
-    (place / "base.json").write_text(told)
-    own, built_in = json.loads(told)["estimators"]["mine"], json.loads((walk / "scores.json").read_text())["estimators"]
+    output = capsys.readouterr().out
+    (place / "base.json").write_text(output)
+    own, built_in = (
+        json.loads(output)["estimators"]["mine"],
+        json.loads((walk / "scores.json").read_text())["estimators"],
+    )
     assert own["end_error_m"] == pytest.approx(built_in["foot_ins_l"]["end_error_m"], abs=0.01)
     gate = ["--baseline", "base.json", "--junit", "gate.xml"]
     worse = PROGRAM.replace("write_tum(path", "path.p_frame_in_world[:, :2] *= 1.05\nwrite_tum(path")
@@ -223,9 +226,9 @@ def test_an_invalid_class_is_reported(recording, place, name, said):
 def test_what_is_no_pose_is_one_error_of_that_estimator(walk, place, capsys, name, said):
     own = ["--estimator", f"mine=own_filters:{name}"]
     assert main(["score", str(walk / "recording.mcap"), *own, "--json"]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert re.search(f"^stridetwin: error: {said}", told.err, re.MULTILINE)
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert re.search(f"^stridetwin: error: {said}", output.err, re.MULTILINE)
 
 
 @pytest.mark.parametrize("value", [float("inf"), float("nan"), -1e101])
@@ -243,9 +246,9 @@ def test_a_module_that_quits_is_no_estimator_and_one_that_prints_leaves_stdout_a
     assert "--estimator mine: quits:A: cannot be imported: SystemExit: 0" in capsys.readouterr().err
     (place / "own_filters.py").write_text(CLASSES + "print('loaded')")
     assert main([*words, "mine=own_filters:Loud"]) == 0
-    told = capsys.readouterr()
-    assert "mine" in json.loads(told.out)["estimators"]
-    assert {"loaded", "words"} <= set(told.err.split())
+    output = capsys.readouterr()
+    assert "mine" in json.loads(output.out)["estimators"]
+    assert {"loaded", "words"} <= set(output.err.split())
 
 
 def test_ctrl_c_within_a_class_stops_all(recording, place):

@@ -57,10 +57,10 @@ def test_a_file_that_is_no_baseline_is_one_error_with_the_field(tmp_path, capsys
     file = tmp_path / "base.json"
     file.write_text(document if isinstance(document, str) else json.dumps(document))
     assert main(["score", "no-such.mcap", "--baseline", str(file)]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith(f"stridetwin: error: {file}: ")
-    assert said in told
-    assert len(told) < len(str(file)) + 650
+    message = capsys.readouterr().err
+    assert message.startswith(f"stridetwin: error: {file}: ")
+    assert said in message
+    assert len(message) < len(str(file)) + 650
 
 
 def test_current_scores_may_be_empty_and_those_of_run_have_no_walks(tmp_path):

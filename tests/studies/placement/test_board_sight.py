@@ -30,16 +30,16 @@ def test_points_project_as_in_opencv(model, distortion):
 def test_a_board_is_seen_while_opencv_projects_all_its_corners_into_the_image():
     y = np.linspace(-0.5, 0.5, 201)
     p = np.column_stack([np.full_like(y, 0.4), y, np.full_like(y, 0.5)])
-    told = see_board(walk(p), camera(), BOARD, EXPOSURE_S, Seeing(least_px=1.0))
+    sight = see_board(walk(p), camera(), BOARD, EXPOSURE_S, Seeing(least_px=1.0))
     corners = np.array([[x, z, 0.0] for x in (-0.015, 0.015) for z in (-0.0225, 0.0225)])
-    for place, seen in zip(p, told.seen):
+    for place, seen in zip(p, sight.seen):
         world = corners @ FACING_BACK[:3, :3].T + place
         T = np.linalg.inv(OPTICAL)
         optical = (world - [0, 0, 0.5]) @ T[:3, :3].T
         pixels = cv2.projectPoints(optical, np.zeros(3), np.zeros(3), camera().K, None)[0].reshape(-1, 2)
         assert seen == bool(((pixels >= 0) & (pixels <= [799, 599])).all())
-    assert 0.4 < told.seen.mean() < 0.7
-    assert told.px[100] == pytest.approx(540 * 0.005 / 0.4)
+    assert 0.4 < sight.seen.mean() < 0.7
+    assert sight.px[100] == pytest.approx(540 * 0.005 / 0.4)
 
 
 def test_a_board_that_is_small_aslant_or_hidden_is_not_seen():
@@ -64,14 +64,14 @@ def test_a_board_that_is_small_aslant_or_hidden_is_not_seen():
 
 def test_blur_is_the_way_that_opencv_sees_the_board_go_during_the_exposure():
     p, v = np.array([[0.4, 0.05, 0.52]]), np.array([[0.8, 2.0, -1.0]])
-    told = see_board(walk(p, v), camera(), BOARD, EXPOSURE_S, Seeing())
+    sight = see_board(walk(p, v), camera(), BOARD, EXPOSURE_S, Seeing())
     ends = []
     for t in (-EXPOSURE_S / 2, EXPOSURE_S / 2):
         optical = (p + t * v - [0, 0, 0.5]) @ np.linalg.inv(OPTICAL)[:3, :3].T
         ends.append(cv2.projectPoints(optical, np.zeros(3), np.zeros(3), camera().K, None)[0].ravel())
-    assert told.blur_px[0] == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=1e-3)
-    assert told.seen[0]
-    assert not told.sharp[0]
+    assert sight.blur_px[0] == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=1e-3)
+    assert sight.seen[0]
+    assert not sight.sharp[0]
 
 
 def test_a_depth_camera_sees_the_ground_within_its_image_and_range():

@@ -75,7 +75,7 @@ def test_one_number_alone_and_choices_are_searched_too():
 
 
 def test_a_camera_is_turned_to_where_the_board_goes_round():
-    """The board goes round a circle that hardly fits into the picture: it is seen all the time from one direction."""
+    """The board goes round a circle that hardly fits into the image: it is seen all the time from one direction."""
     u = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
     aim = np.radians([12.0, -9.0])  # left, up
     R = turned(*aim)
@@ -95,7 +95,7 @@ def test_a_camera_is_turned_to_where_the_board_goes_round():
     losses = loss(places)
     best = places[int(np.argmin(losses))].values
     assert min(losses) == -1.0
-    assert best["up"] == pytest.approx(-9.0, abs=2.0)  # the picture is less high than wide
+    assert best["up"] == pytest.approx(-9.0, abs=2.0)  # the image is less high than wide
 
 
 def turned(left, up):
