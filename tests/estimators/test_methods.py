@@ -43,7 +43,10 @@ def test_rows_recorded_before_are_read_under_the_name_of_today(stem, tmp_path):
     with tarfile.open(RESULTS / f"{stem}.tar.xz") as packed:
         packed.extractall(tmp_path, filter="data")
     file = min(tmp_path.glob("seed_*.json"))
-    text, row = file.read_text(), read_row(file)
-    assert '"stridetwin":' in text
-    current = text.replace('"stridetwin":', '"proposed":').replace('"single_picture":', '"single_image":')
-    assert json.loads(current.replace('"told_', '"estimated_')) == row
+    current = json.dumps(read_row(file))
+    former = current
+    for name, before in (("proposed", "stridetwin"), ("single_image", "single_picture"), ("estimated_", "told_")):
+        former = former.replace(f'"{name}', f'"{before}')
+    file.write_text(former)
+    assert '"stridetwin":' in former
+    assert read_row(file) == json.loads(current)
