@@ -17,7 +17,7 @@ from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTe
 from stridetwin.evaluation.step_scores import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
-from tests.pinned import SAME_WALK, columns
+from tests.pinned import SAME_WALK, assert_pinned, columns
 
 CLASSES = DEFAULTS.classes
 
@@ -313,9 +313,9 @@ def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
 
 
 def test_pinned_numbers(ours, num_regression):
-    num_regression.check(columns(ours), default_tolerance=SAME_WALK)
+    assert_pinned(num_regression, columns(ours), SAME_WALK)
 
 
 def test_pinned_numbers_of_the_published_method(walk, num_regression):
     exo, samples, _ = walk
-    num_regression.check(columns(ContactTerrain(exo, "published").run(samples)), default_tolerance=SAME_WALK)
+    assert_pinned(num_regression, columns(ContactTerrain(exo, "published").run(samples)), SAME_WALK)

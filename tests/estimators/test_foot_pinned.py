@@ -12,7 +12,7 @@ from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPa
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.samples import Block, Imu
 from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
-from tests.pinned import SAME, columns
+from tests.pinned import assert_pinned, columns
 
 WALKS = {
     "stairs": {"rise": 0.17, "strides": 6},
@@ -41,24 +41,24 @@ def _rows(path: FootInsPath, every: int = 25) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("name", WALKS)
 def test_one_foot_with_its_calibration(name: str, num_regression: Any) -> None:
     estimator = FootIns(ADIS16485)
-    num_regression.check(_rows(estimator.run(_walk(name).imu)), default_tolerance=SAME)
+    assert_pinned(num_regression, _rows(estimator.run(_walk(name).imu)))
 
 
 def test_one_foot_of_an_unknown_sensor_at_its_limits(num_regression: Any) -> None:
     estimator = FootIns()
     path = estimator.run(_clipped(_walk("stairs").imu, 5.0, 40.0))
-    num_regression.check(_rows(path) | columns([estimator.nis_by_kind]), default_tolerance=SAME)
+    assert_pinned(num_regression, _rows(path) | columns([estimator.nis_by_kind]))
 
 
 def test_one_foot_with_known_limits(num_regression: Any) -> None:
     parameters = FootInsParameters(gyro_range_radps=5.0, accel_range_mps2=40.0)
     path = FootIns(parameters=parameters).run(_clipped(_walk("stairs").imu, 5.0, 40.0))
-    num_regression.check(_rows(path), default_tolerance=SAME)
+    assert_pinned(num_regression, _rows(path))
 
 
 def test_one_foot_smoothed(num_regression: Any) -> None:
     smoother = FootInsSmoother(0.5, ADIS16485)
-    num_regression.check(_rows(smoother.run(_walk("turning_ramp").imu)), default_tolerance=SAME)
+    assert_pinned(num_regression, _rows(smoother.run(_walk("turning_ramp").imu)))
 
 
 @pytest.mark.parametrize("method", ["proposed", "published"])
@@ -68,4 +68,4 @@ def test_two_feet(method: str, num_regression: Any) -> None:
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
     paths = FootToFoot(simulation.rig, method=method, start=simulation.start()).run(imus, aids)
     rows = {f"{foot}.{name}": values for foot, path in paths.items() for name, values in _rows(path, 60).items()}
-    num_regression.check(rows, default_tolerance=SAME)
+    assert_pinned(num_regression, rows)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.evaluation.path_scores import LOST_M, Odometry, compare, drift_figures, score
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
-from tests.pinned import SAME, columns
+from tests.pinned import assert_pinned, columns
 
 SIDE_M, RISE_M, HZ = 12.0, 1.0, 20.0
 FEW = settings(deadline=None, max_examples=20)
@@ -181,4 +181,4 @@ def test_pinned_numbers(num_regression: Any) -> None:
     rows = [drift_figures(odometry_of(path, healthy), TRUTH) for path in paths]
     rows += [drift_figures(odometry_of(path), TRUTH) for path in paths]
     rows += [score(compare(path, TRUTH, how)) for path in paths for how in ("start", "yaw", "se3")]
-    num_regression.check(columns(rows), default_tolerance=SAME)
+    assert_pinned(num_regression, columns(rows))

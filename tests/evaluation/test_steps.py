@@ -19,7 +19,7 @@ from stridetwin.evaluation.step_scores import (
 from stridetwin.pipeline.step_files import STEP_COLUMNS, write_steps
 from stridetwin.streams.samples import Footprint
 from stridetwin.studies.shim2019 import shim_table5
-from tests.pinned import SAME, columns
+from tests.pinned import assert_pinned, columns
 
 
 def footprint(i, mode="LG", height=0.0, pitch=0.0):
@@ -167,4 +167,4 @@ def test_pinned_numbers(num_regression):
         step_scores(steps),
         step_figures(steps, places),
     ]
-    num_regression.check(columns(rows), default_tolerance=SAME)
+    assert_pinned(num_regression, columns(rows))

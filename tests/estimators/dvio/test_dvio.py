@@ -13,7 +13,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu
 from tests.estimators.dvio.wall import Wall, rig, still, swaying
-from tests.pinned import SAME_IMAGES, columns
+from tests.pinned import SAME_IMAGES, assert_pinned, columns
 
 
 def followed(wall, samples=None, **parameters):
@@ -58,7 +58,7 @@ def pinned(made):
 
 
 def test_pinned_numbers(plain, num_regression):
-    num_regression.check(pinned(plain), default_tolerance=SAME_IMAGES)
+    assert_pinned(num_regression, pinned(plain), SAME_IMAGES)
 
 
 def estimates_of(made, samples):
@@ -139,7 +139,7 @@ def test_published_methods_follow_too(sway, method, num_regression):
     odometry = Dvio(rig(), parameters=METHODS[method])
     made = [e for s in samples if (e := odometry.update(s)) is not None]
     assert errors(wall, made).max() < 0.10
-    num_regression.check(pinned(made), default_tolerance=SAME_IMAGES)
+    assert_pinned(num_regression, pinned(made), SAME_IMAGES)
 
 
 def moving(seconds, seed=7, begin_s=3.0):

@@ -135,7 +135,7 @@ def test_a_floor_counts_more_than_the_gentle_ramp_behind_it():
 )
 def test_the_ground_of_the_start_may_be_steeper(slope_rad, at_start, later):
     unknown = tilted(0.0113)
-    assert (level_weight(slope(slope_rad), unknown, P, first=True) > 0) == at_start
+    assert (level_weight(slope(slope_rad), unknown, P, at_start=True) > 0) == at_start
     assert (level_weight(slope(slope_rad), unknown, P) > 0) == later
 
 
@@ -211,7 +211,7 @@ def test_a_mount_that_is_off_is_seen_at_the_start(slope_rad, is_mount):
     tilted_by = Rotation.from_matrix(w.frames.R[0] @ R.T).magnitude()
     assert (mount.sd[1] > 0.02) == is_mount
     if is_mount:
-        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + P.start_sd_rad**2), rel=0.08)
+        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + P.start_mount_sd_rad**2), rel=0.08)
         assert tilted_by < 2e-3
     else:
         assert turned < 0.005

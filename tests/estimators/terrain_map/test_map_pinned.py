@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import Box, approach, flight, slope
 
-from tests.pinned import SAME, columns
+from tests.pinned import assert_pinned, columns
 
 DOWN = [*flight(-0.15, 0.28, 4, landing=3.0)[1:], Box(x=(-9, 0), z=(-2, 0))]
 FLOOR = flight(0.16, 0.30, 1, start=20.0)
@@ -26,7 +26,12 @@ def test_the_map_and_the_ground_ahead(name: str, num_regression: Any) -> None:
     heading = GROUNDS[name].get("heading", 0.0)
     forward = np.array([math.cos(heading), math.sin(heading)])
     profile = terrain_map.profile(-GROUNDS[name]["end"] * forward, heading)
-    found = columns(estimate.planes.values()) | columns([*estimate.stairs, *estimate.ramps])
-    found |= {f"change.{column}": values for column, values in columns(profile.changes).items()}
+    parts = {
+        "plane": estimate.planes.values(),
+        "stairs": estimate.stairs,
+        "ramp": estimate.ramps,
+        "change": profile.changes,
+    }
+    found = columns([{kind: part} for kind, those in parts.items() for part in those])
     found |= {"s": profile.s[::10], "height": profile.height[::10]}
-    num_regression.check(found, default_tolerance=SAME)
+    assert_pinned(num_regression, found)
