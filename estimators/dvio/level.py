@@ -3,7 +3,8 @@
 At rest and on a straight walk an accelerometer bias looks like a tilt: 10 mg are 10 mrad, and a height error of 1 % of
 the distance. Vision finds the path relative to the camera, so a path is as level as the camera's vertical. The depth
 image shows the ground's normal in the camera to about a milliradian. Ground that is level within the present
-uncertainty is therefore a measurement of the camera's tilt; anything steeper is not used.
+uncertainty is therefore a measurement of the camera's tilt; anything steeper is not used, but at the start, where it
+shows a mount that is off.
 """
 
 from __future__ import annotations
@@ -59,16 +60,16 @@ class LevelGround:
         if not len(measured):
             return
         covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
-        first = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < self._p.spacing_m
+        at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < self._p.spacing_m
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
-        level = [slope for slope in slopes if level_weight(slope, covariance, self._p, first=first)]
+        level = [slope for slope in slopes if level_weight(slope, covariance, self._p, at_start=at_start)]
         if not level:
-            if first and mount.adapts and (of_mount := start_slope(slopes, covariance, self._p)):
-                mount.widen(window)
-                self._use(window, slot, of_mount, self._p.start_sd_rad**-2)
+            of_mount = start_slope(slopes, covariance, self._p) if at_start else None
+            if of_mount and mount.widen(window):
+                self._use(window, slot, of_mount, self._p.start_mount_sd_rad**-2)
             return
         common = mean_slope(level, [misfit(slope, covariance, self._p) for slope in level])
-        if weight := level_weight(common, covariance, self._p, first=first):
+        if weight := level_weight(common, covariance, self._p, at_start=at_start):
             self._use(window, slot, common, weight)
 
     def _use(self, window: Window, slot: int, slope: Slope, weight: float) -> None:
@@ -124,6 +125,11 @@ def misfit(slope: Slope, covariance: Array, p: LevelParameters) -> float:
     return float(slope.r @ np.linalg.solve(spread, slope.r))
 
 
+def is_tilt_known(slope: Slope, covariance: Array, p: LevelParameters) -> bool:
+    """Whether the camera's tilt, of a covariance (6, 6), rad², is certain enough to separate level from ramp."""
+    return bool(np.trace(slope.J @ covariance @ slope.J.T) <= 2.0 * p.tilt_sd_max_rad**2)
+
+
 def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
     """Weighted mean of the slopes of level planes in one image, as uncertain as they scatter.
 
@@ -138,21 +144,20 @@ def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
     return Slope(r=r, J=J, variance=scatter + float(weight @ [slope.variance for slope in slopes]))
 
 
-def level_weight(slope: Slope, covariance: Array, p: LevelParameters, *, first: bool = False) -> float:
+def level_weight(slope: Slope, covariance: Array, p: LevelParameters, *, at_start: bool = False) -> float:
     """Weight of a slope as level ground, 1/rad²; 0 where it may be a ramp.
 
     Args:
         slope: Of the ground.
         covariance: (6, 6) of the errors that it depends on, rad².
         p: Parameters.
-        first: Whether the ground is that of the start.
+        at_start: Whether the ground is that of the start.
     """
-    steepest = p.first_slope_max_rad if first else p.slope_max_rad
-    tilt = slope.J @ covariance @ slope.J.T
-    if np.trace(tilt) > 2.0 * p.tilt_sd_max_rad**2 or slope.r @ slope.r > steepest**2:
+    steepest = p.start_level_max_rad if at_start else p.slope_max_rad
+    if not is_tilt_known(slope, covariance, p) or slope.r @ slope.r > steepest**2:
         return 0.0
     square = misfit(slope, covariance, p)
-    if square > (p.first_gate if first else p.gate):
+    if square > (p.start_gate if at_start else p.gate):
         return 0.0
     return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / (p.sd_rad**2 + slope.variance)
 
@@ -168,8 +173,8 @@ def start_slope(slopes: Sequence[Slope], covariance: Array, p: LevelParameters) 
         covariance: (6, 6) of the errors that they depend on, rad².
         p: Parameters.
     """
-    near = [slope for slope in slopes if slope.r @ slope.r < p.start_slope_max_rad**2]
-    if not near or np.trace(near[0].J @ covariance @ near[0].J.T) > 2.0 * p.tilt_sd_max_rad**2:
+    near = [slope for slope in slopes if slope.r @ slope.r < p.start_mount_max_rad**2]
+    if not near or not is_tilt_known(near[0], covariance, p):
         return None
     common = mean_slope(near, [0.0] * len(near))
     common.J[:, 3:] = 0.0

@@ -62,10 +62,12 @@ class MountPrior:
             estimated = (self._freedom * self._least[i] + off @ off + spread) / (self._freedom + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 
-    def widen(self, window: Window) -> None:
-        """Lets the rotation be that of a mount which is not as calibrated."""
-        if self._variance[_ROTATION] > 0.0:
-            self._exchange(window, _ROTATION, self._most[_ROTATION])
+    def widen(self, window: Window) -> bool:
+        """Lets the rotation be that of a mount which is not as calibrated; false if it is exactly known."""
+        if self._variance[_ROTATION] == 0.0:
+            return False
+        self._exchange(window, _ROTATION, self._most[_ROTATION])
+        return True
 
     def _exchange(self, window: Window, i: int, after: float) -> None:
         """Replaces a variance in the window's prior."""

@@ -53,11 +53,11 @@ class LevelParameters(NamedTuple):
         sd_rad: How level it is as built: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
         huber_sd: A slope beyond this many standard deviations is down-weighted.
         gate: Largest squared Mahalanobis distance of a slope from level: 1 % of level ground exceeds it.
-        first_gate: The same for the ground of the start, before any other: people rarely start on a ramp.
+        start_gate: The same for the ground of the start, before any other: people rarely start on a ramp.
         slope_max_rad: Anything steeper is a ramp: wheelchair ramps begin at 1:20, 50 mrad.
-        first_slope_max_rad: The same for the ground of the start.
-        start_slope_max_rad: Gentler ground at the start that is no error of the tilt shows a mount that is off.
-        start_sd_rad: How well it is known that way, the tilt included: walking measures it better within a metre.
+        start_level_max_rad: The same for the ground of the start.
+        start_mount_max_rad: Gentler ground at the start that is no error of the tilt shows a mount that is off.
+        start_mount_sd_rad: How well it is known that way, the tilt included: walking measures it better within a metre.
         start_scatter_max_rad: Its planes agree this well; otherwise one of them may be a ramp.
         tilt_sd_max_rad: While the camera's tilt is less certain, a ramp could be mistaken for level ground.
         spacing_m: Between two observations: those of the same ground are not independent.
@@ -66,11 +66,11 @@ class LevelParameters(NamedTuple):
     sd_rad: float = 3e-3
     huber_sd: float = 1.5
     gate: float = 9.2
-    first_gate: float = 13.8
+    start_gate: float = 13.8
     slope_max_rad: float = 0.035
-    first_slope_max_rad: float = 0.042
-    start_slope_max_rad: float = 0.12
-    start_sd_rad: float = 0.016
+    start_level_max_rad: float = 0.042
+    start_mount_max_rad: float = 0.12
+    start_mount_sd_rad: float = 0.016
     start_scatter_max_rad: float = 0.008
     tilt_sd_max_rad: float = 0.02
     spacing_m: float = 1.0
