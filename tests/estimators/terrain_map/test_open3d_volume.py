@@ -9,7 +9,9 @@ from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight
 
 from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import Level, TerrainMap
+from stridetwin.estimators.terrain_map.depth_camera import DepthCamera
 from stridetwin.estimators.terrain_map.open3d_volume import Open3dVolume
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 OPTIONS = Options(backend=OPEN3D)
@@ -47,6 +49,21 @@ def test_a_ramp_has_its_slope():
     estimate = approach(FLOOR, start=2.0, end=1.0, more=ramp, terrain_map=published_map())[1]
     found = max(estimate.ramps, key=lambda r: estimate.planes[r.plane].area_m2)
     assert found.slope == pytest.approx(math.radians(12.0), abs=math.radians(1.0))
+
+
+def test_columns_between_the_pixels_lie_in_their_plane():
+    volume = Open3dVolume(DepthCamera(RIG.cameras["/head/color"]), TerrainMapParameters())
+    tilt = math.radians(30.0)
+    along, across = np.meshgrid(np.arange(-1.0, 1.0, 0.08), np.arange(-0.5, 0.5, 0.08))
+    points = np.stack([along, across, 0.4 + along * math.tan(tilt)], axis=-1).reshape(-1, 3).astype(np.float32)
+    normal = np.array([-math.sin(tilt), 0.0, math.cos(tilt)])
+    plane = np.array([[*normal, 0.4 * math.cos(tilt)]])
+    count = len(points)
+    view = volume._from_above(points, np.full(count, 0.004, np.float32), np.zeros(count, np.int32), plane)
+    i, j = np.nonzero(np.isfinite(view.height))
+    assert len(i) > 5 * count
+    x = (view.first[0] + i + 0.5) * 0.02
+    np.testing.assert_allclose(view.height[i, j], 0.4 + x * math.tan(tilt), atol=0.01)  # half a column is 6 mm
 
 
 def test_ground_that_left_the_view_stays_and_memory_is_bounded():
