@@ -40,9 +40,9 @@ def test_a_vocabulary_is_a_tree_whose_words_are_leaves(tmp_path) -> None:
 
 
 def test_orbslam3_gets_the_rig() -> None:
-    storage = cv2.FileStorage(vio_peers.settings(CAMERA, IMU), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    storage = cv2.FileStorage(vio_peers.settings(CAMERA, IMU, 10.0), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     assert storage.getNode("Camera1.fx").real() == CAMERA.intrinsics[0]
-    assert storage.getNode("IMU.NoiseGyro").real() == pytest.approx(IMU.gyroscope_noise_density)
+    assert storage.getNode("IMU.NoiseGyro").real() == pytest.approx(10.0 * IMU.gyroscope_noise_density)
     T = np.linalg.inv(IMU.mount.T_body_sensor) @ CAMERA.mount.T_body_sensor
     np.testing.assert_allclose(storage.getNode("IMU.T_b_c1").mat(), T, atol=1e-6)
 
