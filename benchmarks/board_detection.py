@@ -236,11 +236,11 @@ def summary(cases: Sequence[dict[str, Any]]) -> dict[str, float]:
         "found_without_guess_usable_pct": _share([c["searched"] for c in usable if c["searched"] is not None]),
         "wrong": sum(c["wrong"] for c in seen),
         "false": sum(c["false"] for c in cases if not c["in_view"]),
-        "pictures_without_board": sum(not c["in_view"] for c in cases),
+        "images_without_board": sum(not c["in_view"] for c in cases),
         "corners_mean": float(np.mean([len(c["miss_px"]) for c in found])),
         "corner_bias_px": float(np.linalg.norm(miss.mean(axis=0))),
         "corner_sd_px": float(miss.std(axis=0).mean()),
-        "corner_sd_told_px": float(np.sqrt((sd**2).mean())),
+        "corner_sd_estimated_px": float(np.sqrt((sd**2).mean())),
         "corner_nees_mean": float(((miss**2).sum(axis=1) / 2 / sd**2).mean()),
         "pose_nees_mean": float(np.mean([c["nees"] for c in posed])),
         "pose_nees_median": float(np.median([c["nees"] for c in posed])),
@@ -270,13 +270,13 @@ def table(cases: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
             ]  # fmt: skip
             if not own:
                 continue
-            row = {"per_square_px": low, "blur_squares": sharp, "pictures": len(own)}
+            row = {"per_square_px": low, "blur_squares": sharp, "images": len(own)}
             row["detected_pct"] = _share([c["found"] for c in own])
             row["without_guess_pct"] = _share([c["searched"] for c in own if c["searched"] is not None])
             if any(c["found"] for c in own):
                 miss, sd = (np.concatenate([c[key] for c in own if c["found"]]) for key in ("miss_px", "sd_px"))
                 row["corner_sd_px"] = float(miss.std(axis=0).mean())
-                row["corner_sd_told_px"] = float(np.sqrt((sd**2).mean()))
+                row["corner_sd_estimated_px"] = float(np.sqrt((sd**2).mean()))
             rows.append(row)
     return rows
 

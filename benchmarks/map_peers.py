@@ -9,8 +9,8 @@ and of the published one (`--backend open3d` of `terrain_map`):
 - `known_pct`: places, every 5 cm of that ground, with a point within 3 cm.
 - `surfaces_pct`: levels, treads and ramps ahead that have a plane of their own, within 1 cm at their middle and within
   3 degrees; a plane across two treads counts for neither.
-- `picture_ms`, `look_ms`: CPU time per image, and per query of points and planes. Our map detects planes in every
-  second image, which counts as `picture_ms`; the query only reads them.
+- `image_ms`, `look_ms`: CPU time per image, and per query of points and planes. Our map detects planes in every
+  second image, which counts as `image_ms`; the query only reads them.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ class Tally:
     points: list[Array] = field(default_factory=list)
     known: list[float] = field(default_factory=list)
     surfaces: list[bool] = field(default_factory=list)
-    pictures_s: list[float] = field(default_factory=list)
+    images_s: list[float] = field(default_factory=list)
     looks_s: list[float] = field(default_factory=list)
 
     def figures(self, layout: Layout) -> dict[str, float]:
@@ -184,7 +184,7 @@ class Tally:
             "off_p95_mm": 1e3 * float(np.percentile(off, 95)),
             "known_pct": 100.0 * float(np.mean(self.known)),
             "surfaces_pct": 100.0 * float(np.mean(self.surfaces)),
-            "picture_ms": 1e3 * float(np.mean(self.pictures_s)),
+            "image_ms": 1e3 * float(np.mean(self.images_s)),
             "look_ms": 1e3 * float(np.mean(self.looks_s)),
         }
 
@@ -202,7 +202,7 @@ def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], 
         ground.take(sample)
         if not isinstance(sample, Depth):
             continue
-        tally.pictures_s.append(time.process_time() - began)
+        tally.images_s.append(time.process_time() - began)
         due_ns = due_ns or sample.t_ns + 2 * _LOOK_NS
         if sample.t_ns < due_ns:
             continue

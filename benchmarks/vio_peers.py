@@ -153,7 +153,7 @@ def settings(camera: CameraCalibration, imu: ImuCalibration, imu_noise: float) -
     return "\n".join(["%YAML:1.0", *(f"{name}: {value}" for name, value in values.items()), matrix, ""])
 
 
-def vocabulary_pictures() -> Iterator[NDArray[np.uint8]]:
+def vocabulary_images() -> Iterator[NDArray[np.uint8]]:
     """Sample images from other walks of the twin."""
     for name in VOCABULARY_WALKS:
         config = replace(load_scenario(name).config, sensors=("head_imu", "head_camera"), physics="kinematic")
@@ -192,7 +192,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     environment = Environment.made(arguments.environment)
     vocabulary = arguments.environment / "vocabulary.txt"
     if not vocabulary.exists() and any(m.startswith("orbslam3") for m in arguments.methods):
-        write_vocabulary(vocabulary_pictures(), vocabulary, np.random.default_rng(0))
+        write_vocabulary(vocabulary_images(), vocabulary, np.random.default_rng(0))
     last = environment, vocabulary, arguments.methods, arguments.imu_noise
     cases: dict[str, Any] = {path.stem: one_walk(Recording(path), *last) for path in arguments.recordings}
     for name in () if arguments.recordings else arguments.walks:

@@ -1,4 +1,4 @@
-"""Pictures of a checkerboard, drawn pixel by pixel through a lens: nothing here is shared with the detector."""
+"""Images of a checkerboard, drawn pixel by pixel through a lens: nothing here is shared with the detector."""
 
 from __future__ import annotations
 

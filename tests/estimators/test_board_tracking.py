@@ -1,4 +1,4 @@
-"""Pictures of a shoe camera: looked at when their time has come, where the filter expects the board."""
+"""Images of a shoe camera: searched when their time has come, where the filter expects the board."""
 
 from __future__ import annotations
 

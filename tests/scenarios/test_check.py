@@ -83,7 +83,7 @@ def test_gaps_jitter_limits_and_rates_are_seen(tmp_path):
 
 
 def rendered(shift_s, with_depth, hz=(5 / 2 / np.pi, 3.1 / 2 / np.pi, 4.3 / 2 / np.pi)):
-    """Pictures of a far textured wall from a turning camera whose clock is `shift_s` behind the IMU's."""
+    """Images of a far textured wall from a turning camera whose clock is `shift_s` behind the IMU's."""
     rng = np.random.default_rng(8)
     texture = cv2.GaussianBlur(rng.integers(0, 256, (400, 500), np.uint8), (0, 0), 2.0)
     texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)

@@ -33,7 +33,7 @@ DRIFT = {"proposed": 0.05, "dvio": 0.26, "vins_rgbd": 0.5, "vins_mono": 30.0}  #
 
 @dataclass
 class Standin:
-    """Tells the truth, but for a drift that grows with time; and a loss in the middle where asked for."""
+    """Reports the truth, but for a drift that grows with time; and a loss in the middle where asked for."""
 
     truth: TruePath
     drift_m: float
