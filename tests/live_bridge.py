@@ -8,6 +8,9 @@ from contextlib import suppress
 from stridetwin.cli.main import parse
 from stridetwin.streams.errors import StrideTwinError
 
+ONE_PARSES = threading.Lock()
+"""Typer sets and deletes an environment variable while it parses: two threads at once would fail."""
+
 
 def free_port():
     """One that is free now and outside the range from which the system assigns ports."""
@@ -19,7 +22,8 @@ def free_port():
 
 def outcome(*words):
     """What a command has to say; its error, where it has one."""
-    call = parse([str(w) for w in words])
+    with ONE_PARSES:
+        call = parse([str(w) for w in words])
     try:
         return call.run(lambda *_: None)
     except StrideTwinError as error:
