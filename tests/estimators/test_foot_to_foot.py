@@ -12,6 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators import foot_to_foot
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.state import D_POSITION, D_VELOCITY, PHASE, POSITION, STATES, TRACKING, VELOCITY
@@ -30,6 +32,8 @@ from stridetwin.estimators.foot_to_foot.filter import follow
 from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
 from stridetwin.estimators.foot_to_foot.state import ALL_STATES, CLOCKS, FEET, MOUNTS, Pair, blank_pair
+from stridetwin.sim.config import Level, Route, TwinConfig
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Block, Imu, Range
@@ -354,6 +358,22 @@ def test_wrong_use_is_named(short) -> None:
         estimator_for(simulation).update(
             RelativePosition(topic="/head/camera", t_ns=0, p_other_in_imu=np.ones(3), sd=1)
         )
+
+
+def test_the_streams_are_imus_cameras_and_sonars_of_the_feet_alone() -> None:
+    rig = sensor_rig(TwinConfig(name="all", route=Route(segments=(Level(length_m=2.0),)))).rig
+    streams = FootToFoot.streams(rig, Options())
+    assert [(s.topic, s.required) for s in streams] == [
+        ("/foot_l/imu", True), ("/foot_r/imu", True), ("/foot_l/camera", False), ("/foot_r/camera", False),
+        ("/foot_l/sonar", False), ("/foot_r/sonar", False),
+    ]  # fmt: skip
+
+
+def test_the_former_name_of_an_observation_warns() -> None:
+    with pytest.warns(DeprecationWarning, match=r"BoardObservation"):
+        assert foot_to_foot.BoardSighting is BoardObservation
+    with pytest.raises(AttributeError, match="BoardSightings"):
+        _ = foot_to_foot.BoardSightings
 
 
 def test_feet_start_side_by_side_where_nobody_says_otherwise() -> None:

@@ -25,6 +25,11 @@ def test_hat_is_the_cross_product():
     np.testing.assert_allclose(hat(a) @ b, np.cross(a, b), rtol=1e-14)
 
 
+def test_a_product_of_many_matrices_and_vectors_is_each_pairs():
+    M, v = np.random.default_rng(12).normal(size=(4, 3, 4))[..., :3], np.random.default_rng(13).normal(size=(4, 3))
+    np.testing.assert_allclose(matrices.matvec(M, v), [m @ x for m, x in zip(M, v)], rtol=1e-14)
+
+
 @pytest.mark.parametrize("angle", ANGLES)
 def test_exp_and_log_are_scipys(angle):
     for axis in AXES:

@@ -12,7 +12,7 @@ from stridetwin.cli.estimate import options_of
 from stridetwin.cli.main import parse
 from stridetwin.estimators.base import current_name
 from stridetwin.estimators.dvio.parameters import METHODS, named
-from stridetwin.estimators.registry import estimator
+from stridetwin.estimators.registry import estimator, estimators
 from stridetwin.studies.registry import read_row
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
@@ -29,6 +29,10 @@ def test_the_former_name_warns_and_others_stay_as_they_are():
 def test_the_former_name_chooses_the_same_parameters():
     with pytest.warns(DeprecationWarning, match="proposed"):
         assert named("stridetwin") is METHODS["proposed"]
+
+
+def test_one_foot_s_filter_alone_is_run_for_each_foot():
+    assert [name for name, found in estimators().items() if found.declaration.per_foot] == ["foot_ins"]
 
 
 @pytest.mark.parametrize("words", [("estimate", "dvio", "walk.mcap", "-o", "path.txt"), ("live", "dvio")])

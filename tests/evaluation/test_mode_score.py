@@ -208,10 +208,10 @@ def test_who_pauses_does_not_walk_steadily():
         ScoredMode(
             t_s=k, mode="LG", before="LG", predicted="LG", allowed=("LG",), lead_s=1.0, forward_m=error, length_m=m
         )
-        for k, (m, error) in enumerate(zip(lengths, [0.01] * 4 + [0.3] * 3 + [0.01] * 5))
+        for k, (m, error) in enumerate(zip(lengths, [0.3] * 3 + [0.01] + [0.3] * 3 + [0.01, 0.01, 0.05] + [0.3] * 2))
     ]
     figures = mode_figures([ModeScores(steps=steps)])
-    assert figures["footprint_steady_rmse_m"]["forward"] == pytest.approx(0.01)
+    assert figures["footprint_steady_rmse_m"]["forward"] == pytest.approx(np.sqrt((3 * 0.01**2 + 0.05**2) / 4))
     assert figures["footprint_rmse_m"]["forward"] > 0.1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import itertools
 import json
+import re
 import subprocess
 from argparse import Namespace
 
@@ -78,9 +79,11 @@ def test_an_order_without_effect_is_no_change(line, order_counts):
 
 
 def test_every_equivalent_change_is_one_of_the_sources():
-    for file, before, after in mutation.EQUIVALENT:
-        found = [(m.before, m.after) for m in mutants((mutation.ROOT / file).read_text(encoding="utf-8"))]
-        assert found.count((before, after)) == 1, (file, before)
+    for file, before, _ in mutation.EQUIVALENT:
+        source = (mutation.ROOT / file).read_text(encoding="utf-8")
+        lines = {source[: m.start()].count("\n") + 1 for m in re.finditer(re.escape(before), source)}
+        changes = [m for m in mutants(source) if m.line in lines and is_change(source, m)]
+        assert sum(mutation.is_equivalent(file, source, m) for m in changes) == len(lines) > 0, (file, before)
 
 
 def test_text_beyond_ascii_moves_no_change():

@@ -14,7 +14,7 @@ from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Sta
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import Playback, share_out
-from stridetwin.sim.truth import FLAT, foot_phase
+from stridetwin.sim.truth import CONTACT, FLAT, HEEL_OFF, SWING, foot_phase
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.way import Way
 from stridetwin.streams.errors import StrideTwinError
@@ -220,6 +220,15 @@ def test_walk_starts_and_ends_in_standing(twin: Twin) -> None:
     assert np.abs(a).max() < 0.2
     for side in "lr":
         assert foot_phase(twin.reference, side, np.array([0.0, twin.duration_s])).tolist() == [FLAT, FLAT]
+
+
+def test_the_phases_of_a_level_step_follow_each_other_from_heel_to_toe() -> None:
+    assert (SWING, CONTACT, FLAT, HEEL_OFF) == (0, 1, 2, 3)  # as in a recording
+    walk = usual("level").reference
+    for side in "lr":
+        for step, after in zip(walk.steps[side][1:-1], walk.steps[side][2:]):
+            phase = foot_phase(walk, side, np.linspace(step.t_touch, after.t_touch, 200, endpoint=False))
+            assert phase[np.flatnonzero(np.diff(phase, prepend=-1))].tolist() == [CONTACT, FLAT, HEEL_OFF, SWING]
 
 
 def test_contact_forces_carry_the_motion_within_the_soles(twin: Twin) -> None:

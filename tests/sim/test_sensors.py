@@ -183,6 +183,15 @@ def test_encoder_counts():
     np.testing.assert_allclose(made(EncoderModel, "/exo/knee_l/encoder", IDEAL).read(t, angle).columns["angle"], angle)
 
 
+def test_the_error_of_an_encoder_is_a_sine_over_a_turn_and_its_index_offset():
+    t, angle = np.arange(4000, dtype=np.int64), np.linspace(-np.pi, np.pi, 4000, endpoint=False)
+    part = SENSOR_RIG.sensors["/exo/knee_l/encoder"].part
+    error = made(EncoderModel, "/exo/knee_l/encoder", Noise.of_topic(1, "x")).read(t, angle).columns["angle"] - angle
+    sine = 2.0 * np.abs(np.mean(error * np.exp(-1j * angle)))
+    assert sine == pytest.approx(part.nonlinearity, rel=0.02)
+    assert 0.0 < abs(error.mean()) < 4.0 * part.index_offset
+
+
 def test_interaction_pair_shows_which_side_is_pressed():
     t = np.arange(3, dtype=np.int64)
     pair = made(InteractionModel, "/exo/thigh_l/interaction", IDEAL)

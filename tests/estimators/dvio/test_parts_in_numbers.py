@@ -146,15 +146,17 @@ def test_the_rate_between_samples_is_linear_between_the_middles_of_their_periods
     ("rate_sd", "force_sd", "missing", "stationary"),
     [(0.9, 0.9, 0, True), (1.1, 0.9, 0, False), (0.9, 1.1, 0, False), (0.9, 0.9, 7, True), (0.9, 0.9, 8, False)],
 )
-def test_a_sensor_is_stationary_by_the_scatter_of_a_quarter_second(rate_sd, force_sd, missing, stationary):
+@pytest.mark.parametrize("axis", range(3))
+def test_a_sensor_is_stationary_by_the_scatter_of_a_quarter_second(rate_sd, force_sd, missing, stationary, axis):
     x, p = inertial(), DvioParameters()
     for k in range(100):
         if k in range(80, 80 + missing):
             continue
         sign = 1.0 if k % 2 else -1.0
         wild = 50.0 if k < 60 else 1.0  # before the quarter second it moves
-        x.take(imu(10 * k, (0.1, 0.2 + sign * wild * rate_sd * p.stationary_rate_sd_radps, 0.0),
-                   (0.0, 0.3, 9.8 + sign * wild * force_sd * p.stationary_force_sd_mps2)))  # fmt: skip
+        along = sign * wild * np.eye(3)[axis]
+        x.take(imu(10 * k, np.array([0.1, 0.2, 0.0]) + along * rate_sd * p.stationary_rate_sd_radps,
+                   np.array([0.0, 0.3, 9.8]) + along * force_sd * p.stationary_force_sd_mps2))  # fmt: skip
     assert x.stationary(990_000_000) == stationary
     assert not x.stationary(650_000_000)
     assert not x.stationary(200_000_000)
