@@ -51,7 +51,7 @@ PEERS = {
 """By name: what is installed, what is run, and its last arguments."""
 FIGURES = ("ape_rmse_m", "rpe_5m_pct", "loop_drift_m")
 IMU_NOISE = 10.0
-"""A usual factor, because a data sheet gives the noise at rest; not tuned."""
+"""A data sheet gives the noise at rest. Of 1, 3, 10 and 30 it has the smallest mean error on `WALKS` of seed 0."""
 LIMIT_S = 900
 _PROGRAMS = Path(__file__).parent / "peers"
 
