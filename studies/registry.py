@@ -22,7 +22,7 @@ from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
 
 Progress = Callable[[str, float], None]
 
-_FORMER_KEYS = {"single_picture": "single_image"} | {
+_FORMER_KEYS = {"single_picture": "single_image", "told": "predicted"} | {
     f"told_{name}": f"estimated_{name}" for name in ("elevation", "mode", "place", "slope")
 }
 """Keys of rows that earlier versions have written, and those of today."""

@@ -101,7 +101,7 @@ _COLUMNS = (
     ("p wrong", 9, "{probability_wrong:.3f}"),
     ("wrong", 7, "{wrong}"),
     (f"p > {SURE:g}", 9, "{sure_and_wrong}"),
-    ("none", 6, "{untold}"),
+    ("none", 6, "{not_predicted}"),
     ("cal. error", 12, "{calibration_error:.3f}"),
 )
 
@@ -143,7 +143,7 @@ def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """`mode_figures`, and the predicted probabilities.
 
     Also the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly (`wrong`), with
-    more than `SURE` (`sure_and_wrong`), and not predicted (`untold`).
+    more than `SURE` (`sure_and_wrong`), and not predicted (`not_predicted`).
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]
@@ -155,7 +155,7 @@ def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "probability_wrong": float(np.mean(wrong)) if wrong else None,
         "sure_and_wrong": sum(p > SURE for p in wrong),
         "wrong": len(wrong),
-        "untold": len(steps) - len(predicted),
+        "not_predicted": len(steps) - len(predicted),
     }
 
 

@@ -40,7 +40,7 @@ def run_case(case: Case) -> dict[str, Any]:
     """Both walks, in light and in darkness.
 
     Returns:
-        `seed`, `physics`, `mount`, `fell`, `told`: light to `camera` and `both` to the rows of each walk, and `legs`:
+        `seed`, `physics`, `mount`, `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`:
         true mode, that of the previous step, and the legs' prediction, for every step.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
@@ -60,7 +60,7 @@ def run_case(case: Case) -> dict[str, Any]:
         legs += _like_the_last(recording, steps)
         if fell_at_s(recording) is not None:
             fell.append(scenario)
-    return case.row(mount=mount, fell=fell, told=found, legs=legs)
+    return case.row(mount=mount, fell=fell, predicted=found, legs=legs)
 
 
 def leg_steps(recording: Recording) -> list[StepEstimate]:
@@ -93,10 +93,12 @@ def _like_the_last(recording: Recording, steps: list[StepEstimate]) -> list[tupl
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By light and by source, over all walks; no paper has such a table."""
     summary: dict[str, Any] = {
-        light: {by: mode_figures([ModeScores.of(w) for r in results for w in r["told"][light][by]]) for by in BY[:2]}
+        light: {
+            by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][light][by]]) for by in BY[:2]
+        }
         for light in LIGHTS
     }
-    seen = [s for r in results for w in r["told"]["light"]["camera"] for s in ModeScores.of(w).steps]
+    seen = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
     right = [(mode in s.allowed, s.transition) for s, mode in zip(seen, predicted, strict=True)]  # as for the camera
     summary["legs"] = {

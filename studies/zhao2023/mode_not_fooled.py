@@ -170,7 +170,7 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "steps": len(steps),
         "accuracy_pct": 100.0 * sum(s.right for s in steps) / max(len(steps), 1),
-        "told": {m: predicted[m] for m in (*MODES, "")},
+        "predicted": {m: predicted[m] for m in (*MODES, "")},
         "least_probability": min(probabilities, default=None),
         "alarms_pct": float(np.mean([w["alarms_pct"] for w in walks])),
     }
@@ -178,7 +178,7 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
 
 _COLUMNS = (
     ("steps", 7, "{steps}"),
-    *((mode, 6, f"{{told[{mode}]}}") for mode in MODES),
+    *((mode, 6, f"{{predicted[{mode}]}}") for mode in MODES),
     ("none", 6, "{none}"),
     ("least p of LG", 15, "{least_probability:.3f}"),
     ("alarms %", 10, "{alarms_pct:.1f}"),
@@ -190,7 +190,7 @@ def table(result: dict[str, Any]) -> list[str]:
     """Predicted modes by trap, as lines of text; every true one is LG."""
     ours, published = (result["summary"][m] for m in METHODS)
     rows = [
-        (trap.words, {**ours[name], "none": ours[name]["told"][""], "published": published[name]["accuracy_pct"]})
+        (trap.words, {**ours[name], "none": ours[name]["predicted"][""], "published": published[name]["accuracy_pct"]})
         for name, trap in TRAPS.items()
     ]
     return [

@@ -213,7 +213,7 @@ def test_steps_without_a_prediction_count() -> None:
     case = {"seed": 1000, "fell": [], "traps": {t: dict.fromkeys(METHODS, rows) for t in mode_not_fooled.TRAPS}}
     result = {"cases": [case], **mode_not_fooled.collect([case])}
     for of in result["summary"]["proposed"].values():
-        assert (of["steps"], of["accuracy_pct"], of["told"]["LG"], of["told"][""]) == (2, 50.0, 1, 1)
+        assert (of["steps"], of["accuracy_pct"], of["predicted"]["LG"], of["predicted"][""]) == (2, 50.0, 1, 1)
     assert len(mode_not_fooled.table(result)) == 3 + len(mode_not_fooled.TRAPS)
 
 
