@@ -40,8 +40,8 @@ def run_case(case: Case) -> dict[str, Any]:
     """Both walks, in light and in darkness.
 
     Returns:
-        `seed`, `physics`, `mount`, `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`:
-        true mode, that of the previous step, and the legs' prediction, for every step.
+        `seed`, `physics`, `mount`, `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and
+        `legs`: true mode, that of the previous step, and the legs' prediction, for every step.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
     found: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
