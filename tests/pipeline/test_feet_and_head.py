@@ -45,3 +45,7 @@ def test_the_map_of_either_backend_is_scored_and_predicts_modes(seen, backend):
     assert scores["completeness_pct"] > 70.0
     assert ahead.predicted["locomotion_mode"]
     assert {e.steps[0].mode for e in ahead.predicted["locomotion_mode"]} == {"LG"}
+    alone = ahead_module.look_ahead(recording, odometry, backend=backend, only=("terrain_map",))
+    assert alone.predicted == {}
+    same = scores if backend == "numba" else pytest.approx(scores, rel=0.1)  # Open3D's sums differ from run to run
+    assert alone.scores == {"terrain_map": same}
