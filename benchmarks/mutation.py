@@ -80,6 +80,8 @@ EQUIVALENT = {
     ("estimators/foot_ins/kalman.py", "n = P.shape[0]", "n = P.shape[1]"): "P is square",
     ("estimators/foot_ins/smoother.py", "llvm_level=1", "llvm_level=2"): "another speed of the same result",
     ("estimators/checkerboard/pose.py", ".max() < 1e-4", ".max() <= 1e-4"): "no two solutions differ by just that",
+    ("estimators/checkerboard/pose.py", "points[:, :2] - points[:, :2].mean(axis=0)",
+        "points[:, :2].mean(axis=0) - points[:, :2]"): "singular values have no sign",
     ("evaluation/terrain_ahead.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
         "no cell's middle is just there",
     ("evaluation/gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):

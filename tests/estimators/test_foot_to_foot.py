@@ -370,7 +370,7 @@ def test_the_streams_are_imus_cameras_and_sonars_of_the_feet_alone() -> None:
 
 
 def test_the_former_name_of_an_observation_warns() -> None:
-    with pytest.warns(DeprecationWarning, match=r"BoardObservation"):
+    with pytest.warns(DeprecationWarning, match=r"BoardSighting is deprecated .* use foot_to_foot\.BoardObservation"):
         assert foot_to_foot.BoardSighting is BoardObservation
     with pytest.raises(AttributeError, match="BoardSightings"):
         _ = foot_to_foot.BoardSightings

@@ -157,3 +157,14 @@ def test_damping_is_no_information(monkeypatch):
     assert max(dampings) >= 1e-4
     L, H = np.tril(work.factor[:size, :size]), np.tril(work.H[:size, :size])
     assert np.diag(L @ L.T) == pytest.approx(np.diag(H), rel=1e-6, abs=1e-8)
+
+
+def test_it_stops_as_soon_as_a_step_gains_little(monkeypatch):
+    w, solve, steps = noisy_window(np.random.default_rng(0)), kernel.solve, []
+    monkeypatch.setattr(kernel, "solve", lambda *a: steps.append(1) or solve(*a))
+    work = blank_work(w)
+    first = minimise(w, QUADRATIC, work, 25, 1e-3)
+    assert 1 < len(steps) < 10
+    steps.clear()
+    assert minimise(w, QUADRATIC, work, 25, 1e-3) == pytest.approx(first, rel=2e-3)
+    assert len(steps) == 1
