@@ -341,7 +341,7 @@ def test_does_without_samples_of_the_imu_that_have_gone(sway):
     assert made[-1].health == "tracking"
 
 
-def test_memory_is_constant(sway):
+def test_memory_is_constant_and_landmarks_are_seen_from_their_host_on(sway):
     _, samples = sway
     odometry = Dvio(rig())
     sizes = []
@@ -349,6 +349,9 @@ def test_memory_is_constant(sway):
         odometry.update(s)
         w = odometry._core.window
         sizes.append((int(w.frames.count[0]), len(odometry._images), odometry._core.inertial.count))
+        hosted = w.landmarks.host >= 0  # a landmark is seen by its host, and by no frame before it
+        first = w.landmarks.seen[hosted].argmax(axis=1)
+        assert np.array_equal(first, w.landmarks.host[hosted])
     assert max(n for n, _, _ in sizes) <= DvioParameters().keyframes + 1
     assert max(n for _, n, _ in sizes) <= 4
 
