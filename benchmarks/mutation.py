@@ -63,6 +63,7 @@ NEAREST: dict[str, tuple[str, ...]] = {
         "tests/estimators/test_compiled.py", "tests/estimators/test_foot_ins.py",
         "tests/estimators/test_contact_terrain_filter.py", "tests/pipeline/test_example_package.py"),
     "evaluation/gate": ("tests/evaluation/gate",),
+    "evaluation/norms.py": ("tests/report/test_report.py",),
     "evaluation": ("tests/evaluation/test_map_scores.py", "tests/evaluation/test_scoring.py",
         "tests/evaluation/test_steps.py", "tests/evaluation/test_step_scores.py", "tests/evaluation/test_mode_score.py",
         "tests/evaluation/test_drift.py", "tests/evaluation/test_footprints.py", "tests/evaluation/test_ahead.py",
@@ -82,6 +83,10 @@ EQUIVALENT = {
     ("estimators/checkerboard/pose.py", ".max() < 1e-4", ".max() <= 1e-4"): "no two solutions differ by just that",
     ("estimators/checkerboard/pose.py", "points[:, :2] - points[:, :2].mean(axis=0)",
         "points[:, :2].mean(axis=0) - points[:, :2]"): "singular values have no sign",
+    ("estimators/contact_terrain/offsets.py", "explained[i, j] + explained[j, i]",
+        "explained[i, j] + explained[i, j]"): "the matrix is symmetric but for rounding errors",
+    ("estimators/locomotion_mode/rhythm.py", "elapsed < self._p.bounce_share", "elapsed <= self._p.bounce_share"):
+        "no step takes just that share",
     ("evaluation/terrain_ahead.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
         "no cell's middle is just there",
     ("evaluation/gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):

@@ -1,6 +1,7 @@
 """Lens, view and pose of a board against OpenCV's projection, and the model of a corner against its definition."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.special import erf
 
-from stridetwin.estimators.checkerboard import saddle_points
+from stridetwin.estimators.checkerboard import detector, saddle_points
 from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
 from stridetwin.estimators.checkerboard.pose import BoardObservation, board_poses
 from stridetwin.streams.rig import CameraCalibration, Mount
@@ -154,3 +155,12 @@ def test_the_smoothed_square_wave_has_its_slopes(sd):
             assert found == pytest.approx(value(u, sd), abs=2e-3)
             assert slope == pytest.approx((value(u + h, sd) - value(u - h, sd)) / (2 * h), abs=5e-3 / sd)
             assert by_sd == pytest.approx((value(u, sd + h) - value(u, sd - h)) / (2 * h), abs=2e-2 / sd)
+
+
+def test_corners_are_alone_where_no_shift_to_squares_of_the_same_colours_is_within_reach():
+    """Of corners in columns 1 to 3 of six, in all rows, only the shift by two columns keeps the colours."""
+    board, view = SimpleNamespace(shape=(6, 4)), SimpleNamespace(pixels=lambda squares: 10.0 * squares)
+    some = np.array([v * 6 + u for v in range(4) for u in (1, 2, 3)])
+    assert detector.is_alone(board, view, some, np.zeros(2), 19.0)
+    assert not detector.is_alone(board, view, some, np.zeros(2), 21.0)
+    assert detector.is_alone(board, view, np.arange(24), np.zeros(2), 1e9)

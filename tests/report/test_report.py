@@ -87,7 +87,9 @@ def test_norms_come_from_the_reference_folder():
     assert (cycle[0], cycle[-1], len(cycle)) == (0, 100, 51)
     assert 55 < mean.max() < 65
     assert np.all(sd > 0)
-    assert speed_group(1.2) == "Free"
+    groups = [speed_group(v) for v in (0.6, 0.7, 1.2, 1.6, 2.0)]
+    assert groups == ["VerySlow", "Slow", "Free", "Fast", "VeryFast"]
+    assert speed_group(1.2, leg_m=0.9 * 1.2**2 / 1.0) == speed_group(1.0) == "Slow"  # the same Froude number
     assert reference("jao2020")["jao_straight_53m"]["mean_end_error_m"]["zupt"] == [5.2113, 3.2046]
 
 
