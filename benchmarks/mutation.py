@@ -19,6 +19,7 @@ import json
 import math
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -149,16 +150,14 @@ def sample(seed: int, scopes: tuple[str, ...] = SCOPES, root: Path = ROOT) -> It
 
 def is_equivalent(file: str, source: str, mutant: Mutant) -> bool:
     """Whether a change of a file, relative to the root, is one of `EQUIVALENT`."""
-    for name, before, after in EQUIVALENT:
-        at = source.find(before) if name == file else -1
-        while at >= 0:
-            first = len(source[:at].encode())
-            if mutant.start < first + len(before.encode()) and first < mutant.stop:
-                changed = ast.parse(source[:at] + after + source[at + len(before) :])
-                if ast.dump(ast.parse(mutant.applied(source))) == ast.dump(changed):
-                    return True
-            at = source.find(before, at + 1)
-    return False
+    changed = [
+        source[: found.start()] + after + source[found.end() :]
+        for name, before, after in EQUIVALENT
+        if name == file
+        for found in re.finditer(re.escape(before), source)
+        if source.count("\n", 0, found.start()) + 1 == mutant.line
+    ]
+    return bool(changed) and ast.dump(ast.parse(mutant.applied(source))) in {ast.dump(ast.parse(c)) for c in changed}
 
 
 class Copy:

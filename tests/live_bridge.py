@@ -8,7 +8,7 @@ from contextlib import suppress
 from stridetwin.cli.main import parse
 from stridetwin.streams.errors import StrideTwinError
 
-ONE_PARSES = threading.Lock()
+_PARSING = threading.Lock()
 """Typer sets and deletes an environment variable while it parses: two threads at once would fail."""
 
 
@@ -22,7 +22,7 @@ def free_port():
 
 def outcome(*words):
     """What a command has to say; its error, where it has one."""
-    with ONE_PARSES:
+    with _PARSING:
         call = parse([str(w) for w in words])
     try:
         return call.run(lambda *_: None)

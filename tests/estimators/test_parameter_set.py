@@ -4,48 +4,46 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from inspect import isclass, signature
 from typing import Any
 
 from stridetwin import estimators
 
-
-def parameter_classes() -> Iterator[type]:
-    """Every class of parameters that has defaults, in the order of names."""
-    found: dict[str, type] = {}
-    for module in pkgutil.walk_packages(estimators.__path__, f"{estimators.__name__}."):
-        for name, value in vars(importlib.import_module(module.name)).items():
-            if isclass(value) and name.endswith("Parameters") and value.__module__.startswith(estimators.__name__):
-                place = value.__module__.removeprefix(f"{estimators.__name__}.")
-                found[f"{place}.{name}"] = value
-    for _, kind in sorted(found.items()):
-        if all(p.default is not p.empty for p in signature(kind).parameters.values()):
-            yield kind
+_PACKAGE = f"{estimators.__name__}."
 
 
-def values(structure: Any) -> dict[str, Any]:
-    """Values by name; a part that has the defaults of its own class is left out, as that class is listed."""
-    named = structure._asdict() if hasattr(structure, "_asdict") else {
-        f.name: getattr(structure, f.name) for f in fields(structure)
+def parameter_classes() -> set[type]:
+    """Every class of parameters that has defaults."""
+    modules = [importlib.import_module(m.name) for m in pkgutil.walk_packages(estimators.__path__, _PACKAGE)]
+    classes = {value for module in modules for value in vars(module).values() if isclass(value)}
+    return {
+        kind
+        for kind in classes
+        if kind.__module__.startswith(_PACKAGE) and kind.__name__.endswith("Parameters")
+        and all(p.default is not p.empty for p in signature(kind).parameters.values())
     }  # fmt: skip
+
+
+def values(structure: Any, classes: set[type]) -> dict[str, Any]:
+    """Values by name; a part that has the defaults of its own class is left out, as that class is listed."""
     made: dict[str, Any] = {}
-    for name, value in named.items():
-        if is_dataclass(value) or hasattr(value, "_asdict"):
-            if not name_of(type(value)).endswith("Parameters") or value != type(value)():
-                made |= {f"{name}.{inner}": x for inner, x in values(value).items()}
-        else:
-            made[name] = float(f"{value:.9g}") if isinstance(value, float) else value
+    for name in getattr(structure, "_fields", None) or [f.name for f in fields(structure)]:
+        value = getattr(structure, name)
+        if isinstance(value, float):
+            made[name] = float(f"{value:.9g}")
+        elif not is_dataclass(value) and not hasattr(value, "_fields"):
+            made[name] = value
+        elif type(value) not in classes or value != type(value)():
+            made |= {f"{name}.{inner}": x for inner, x in values(value, classes).items()}
     return made
 
 
-def name_of(kind: type) -> str:
-    """Package and name of a class."""
-    return f"{kind.__module__.removeprefix(f'{estimators.__name__}.').split('.')[0]}.{kind.__name__}"
-
-
 def test_every_default_is_as_stored(data_regression: Any) -> None:
-    table = {name_of(kind): values(kind()) for kind in parameter_classes()}
-    assert len(table) > 30
+    classes = parameter_classes()
+    table = {
+        f"{kind.__module__.removeprefix(_PACKAGE).split('.')[0]}.{kind.__name__}": values(kind(), classes)
+        for kind in classes
+    }
+    assert len(table) == len(classes) > 30
     data_regression.check(table)
