@@ -32,6 +32,7 @@ MANNERS: dict[str, Gait] = {
     "slow": Gait(speed_mps=0.3, gaze=Gaze(kind="terrain")),
     "fast": Gait(speed_mps=2.1),
     "step_by_step": Gait(speed_mps=0.7, stairs="step_by_step"),
+    "two_at_a_time": Gait(stairs="two_at_a_time"),
     "limp": Gait(speed_mps=0.8, asymmetry=0.2),
     "shuffle": Gait(speed_mps=0.35, shuffle=1.0),
 }
@@ -125,7 +126,7 @@ def main() -> int:
                 words = f"{outcome.verdict:8}{outcome.duration_s:7.1f} s {outcome.wall_s:6.1f} s  {outcome.why}"
                 if outcome.help_mean_pct is not None:
                     words += f"  help mean {outcome.help_mean_pct:.2f} %, p95 {outcome.help_p95_pct:.2f} %"
-                print(f"{terrain:20} {manner:13}{words}", flush=True)
+                print(f"{terrain:20} {manner:14}{words}", flush=True)
     counts = {v: sum(o.verdict == v for o in outcomes) for v in ("ok", "refused", "fell", "wrong")}
     if args.json:
         cases: list[dict[str, Any]] = [vars(o) for o in outcomes]

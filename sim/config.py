@@ -18,7 +18,7 @@ PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
 SPEED_RANGE_MPS = (0.05, 2.1)
 ASYMMETRY_MAX = 0.4
-STAIRS = ("step_over_step", "step_by_step")
+STAIRS = ("step_over_step", "step_by_step", "two_at_a_time")
 GAZES = ("ahead", "terrain", "wandering")
 SWAY_RANGE_HZ = (0.05, 3.0)
 LANES_MAX = 6
@@ -243,7 +243,8 @@ class Gait:
         speed_mps: Preferred speed on level ground.
         step_sd: Step-to-step variability of length and time, as a fraction (SD).
         stand_s: Standing time at the start and at the end.
-        stairs: `step_over_step`, or `step_by_step` with both feet on every tread.
+        stairs: `step_over_step`; `step_by_step` with both feet on every tread; or `two_at_a_time` on the way up, where
+            the legs are long enough for it.
         leading_foot: Foot that goes first on stairs that are walked step by step, `l` or `r`.
         asymmetry: Limp: steps of the left leg are longer in space and time by this fraction, and those of the right leg
             shorter; the stance of the left leg is shorter as a result (Balasubramanian et al. 2007).

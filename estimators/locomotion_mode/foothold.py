@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.estimators.locomotion_mode.joining import Joining
+from stridetwin.estimators.locomotion_mode.habits import Habit, Habits
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, Landing, StepFilter
-from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, moments, roll_out
+from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, mixed, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import Segment, segment_under, surface_along
 from stridetwin.streams.samples import Array
 
@@ -121,14 +121,14 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """Joint density of the stance foot (see `Joining`) along a line in the world, offset by the usual lateral width."""
+    """Joint density of the stance foot (see `Habits`) along a line in the world, offset by the usual lateral width."""
 
     line: Line
     s: Array
     density: Array
 
     def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
-        """(2, 2, S) joint density over the cells of another line."""
+        """Joint density over the cells of another line."""
         turn = _turn(self.line.forward, line.forward)
         rows = self.density.reshape(-1, len(self.s))
         if abs(turn) > p.rotation_rad:
@@ -181,7 +181,7 @@ class Foothold:
 
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
-        self._joining = Joining(p)
+        self._habits = Habits(p)
         self.s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
         self.reset(p.standing_sd_m)
 
@@ -196,7 +196,7 @@ class Foothold:
             p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise, outlier_sd=p.outlier_sd
         )
         self._stance: _Stance | None = None
-        self._kinds = self._joining.prior  # (2,) probability of the walker's kind, for when the position is lost
+        self._shares = self._habits.prior  # (HABITS,) probability of each habit, for when the position is lost
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode
         self._landed: _Landed | None = None
@@ -218,10 +218,10 @@ class Foothold:
         return self._length.sd
 
     def standing(self, line: Line) -> Array:
-        """(2, 2, S) joint density of the stance foot over the cells of a line, see `Joining`."""
+        """Joint density of the stance foot over the cells of a line, see `Habits`."""
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - self._p.behind_m) / self._sd_m) ** 2)
-            return self._joining.joint(density / density.sum(), self._kinds)
+            return self._habits.joint(density / density.sum(), self._shares)
         return self._stance.along(line, self.s, self._p)
 
     def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
@@ -239,17 +239,19 @@ class Foothold:
         return np.asarray(density / density.sum())
 
     def rolled(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
-        """The next footprints from the (2, 2, S) joint density of the stance foot; see `roll_out`."""
-        return self._rolled(stance.sum(axis=0), ground, feet, self._joining.next_and_later(stance))
+        """The next footprints from the joint density of the stance foot; see `Habits` and `roll_out`."""
+        groups = self._habits.that_differ(stance, ground)
+        chains = [self._rolled(part, ground, feet, habit) for part, habit in groups]
+        return mixed(chains, np.array([part.sum() for part, _ in groups]))
 
     def _rolled(
-        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], joins: tuple[float, float],
+        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], habit: Habit,
         landing: Likelihoods | None = None,
     ) -> Chain:  # fmt: skip
         lengths = [self._length.of(SIDE[foot]) for foot in feet]
         shared = math.hypot(self._length.sd, self._p.adapt_sd * self._length.mean)
         ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
-        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, joins, landing)
+        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
 
     def land(
         self, landing: Landing, line: Line, ground: Sequence[Segment], height: Array | None, body: float, top: float,
@@ -275,17 +277,19 @@ class Foothold:
         before, _ = moments(behind, self.s)
         between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - p.behind_m  # position relative to the body
-        even = ahead + self._leaning(ground, body) - 0.5 * (self.s - before - between)
+        went = self.s - before - between
+        even = ahead + self._leaning(ground, body) - 0.5 * went
+        over = ahead - p.edge_ahead_m - p.edge_ahead_share * (went - p.tread_m)
         likelihoods = Likelihoods(
-            even=_normal(even, p.body_sd_m), over=_normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m),
+            even=_normal(even, p.body_sd_m), over=_normal(over, p.edge_ahead_sd_m),
             beside=_normal(ahead + p.joined_ahead_m, p.joined_ahead_sd_m),
         )  # fmt: skip
         chains = [
-            self._rolled(of_kind, ground, landing.feet, (chance, chance), likelihoods)
-            for of_kind, chance in zip(self._joining.changed(stance), self._joining.chances.tolist())
+            self._rolled(part, ground, landing.feet, habit, likelihoods)
+            for part, habit in self._habits.each(self._habits.changed(stance))
         ]
-        self._kinds = _normed(np.array([chain.evidence for chain in chains]))
-        density = np.array([share * chain.last for share, chain in zip(self._kinds, chains)])
+        self._shares = _normed(np.array([chain.evidence for chain in chains]))
+        density = np.array([share * chain.last for share, chain in zip(self._shares, chains)])
         self._stance = _Stance(line=line, s=self.s, density=density)
         self._landed = None
         if landing.measurable:
@@ -305,9 +309,9 @@ class Foothold:
         A step over an edge, and one that joins the other foot, updates none.
         """
         before, before_sd = moments(stance, self.s)
-        made, made_sd = moments(self._kinds @ [chain.density[0] for chain in chains], self.s)
+        made, made_sd = moments(self._shares @ [chain.density[0] for chain in chains], self.s)
         sd = math.hypot(made_sd, before_sd)
-        other = self._kinds @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
+        other = self._shares @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
         even = straight * (1.0 - min(1.0, 2.0 * float(other)))
         here, there = (ground[segment_under(ground, s, self._p)] for s in (before, made))
         mode = here.mode if here.mode == there.mode else ""
@@ -363,7 +367,7 @@ class Foothold:
 
 
 def position(joint: Array) -> Array:
-    """(S,) density of the foot's position of a (2, 2, S) joint density, see `Joining`."""
+    """(S,) density of the foot's position of a joint density, see `Habits`."""
     return np.asarray(joint.sum(axis=(0, 1)))
 
 

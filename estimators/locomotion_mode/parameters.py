@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 from stridetwin.streams.errors import ConfigError, check_numbers
 
-_ORDERED = (("lift_n", "touch_n"), ("grid_m", "behind_m"), ("kerb_m", "riser_max_m"))
+_ORDERED = (("lift_n", "touch_n"), ("grid_m", "behind_m"), ("kerb_m", "riser_max_m"), ("two_paces_m", "one_pace_m"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +36,10 @@ class LocomotionModeParameters:
         climb_lean: Additional lead uphill on a ramp, as a share of height and slope, rad/rad.
         body_sd_m: Standard deviation of that lead.
         top_sd_m: Standard deviation of the body's rise over the stance foot, relative to level ground.
-        edge_ahead_m: Distance of the foot ahead of the body after a step over an edge.
+        edge_ahead_m: Distance of the foot ahead of the body after a step over an edge as long as a usual tread.
         edge_ahead_sd_m: Its standard deviation.
+        edge_ahead_share: Its growth with the length of the step beyond a usual tread, relative to that: 0.10 m
+            over two treads at a time on five walks of tuning seeds.
         heel_m: Distance from the heel's centre back to the sole's end.
         toe_m: Distance from the heel's centre to the sole's front end.
         overhang_m: How far a sole may extend over a free edge without penalty.
@@ -46,11 +48,17 @@ class LocomotionModeParameters:
         across_sd_m: Standard deviation of a sole's length beyond a slope break.
         edge_step: Mean length of a step over an edge, as a share of the level step.
         edge_step_sd_m: Its standard deviation.
-        skip: Probability that a step takes two treads.
+        skip: Probability that a step takes one more tread than usual.
         joiners: Share of walkers who put both feet on each tread.
         joiner_joins: Probability that such a walker's foot joins the one that has crossed an edge.
         other_joins: The same of any other walker.
-        joining_change: Probability that the walker chooses anew, at each edge crossed.
+        two_at_a_time: Share of walkers who take two treads at a time on the way up.
+        one_per_tread: Share of all others who never set a second foot on a tread, however deep.
+        against_habit: Weight of a step that such walkers hardly ever take.
+        habit_change: Probability that the walker chooses anew, at each edge crossed.
+        habit_min: A less probable habit does not affect predictions.
+        two_paces_m: Shallowest tread with room for a second step.
+        one_pace_m: Deepest tread that walkers cross in one pace.
         beside_sd_m: Standard deviation of the distance along the path between a foot and the one that joins it.
         joined_ahead_m: Distance of the body ahead of both at touch-down: 0.15 m up and 0.12 m down on five walks of
             tuning seeds.
@@ -159,6 +167,7 @@ class LocomotionModeParameters:
     top_sd_m: float = 0.035
     edge_ahead_m: float = 0.05
     edge_ahead_sd_m: float = 0.07
+    edge_ahead_share: float = 0.35
     heel_m: float = 0.045
     toe_m: float = 0.21
     overhang_m: float = 0.03
@@ -171,7 +180,13 @@ class LocomotionModeParameters:
     joiners: float = 0.1
     joiner_joins: float = 0.97
     other_joins: float = 0.005
-    joining_change: float = 0.05
+    two_at_a_time: float = 0.03
+    one_per_tread: float = 0.5
+    against_habit: float = 0.003
+    habit_change: float = 0.05
+    habit_min: float = 0.01
+    two_paces_m: float = 0.40
+    one_pace_m: float = 0.65
     beside_sd_m: float = 0.05
     joined_ahead_m: float = 0.13
     joined_ahead_sd_m: float = 0.05

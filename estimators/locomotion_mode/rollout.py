@@ -20,19 +20,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.locomotion_mode.habits import Habit, step_weights
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.segments import (
-    Segment,
-    edges_before,
-    foothold_weights,
-    mode_table,
-    path_scale,
-)
+from stridetwin.estimators.locomotion_mode.segments import Segment, foothold_weights, mode_table, path_scale
 from stridetwin.estimators.matrices import mul
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
+_LEAST = 1e-300
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 
 
@@ -57,6 +53,16 @@ class Chain:
     evidence: float
 
 
+def mixed(chains: Sequence[Chain], shares: Array) -> Chain:
+    """One chain from those of walkers of several habits with these shares."""
+    shares = shares / shares.sum()
+    mean = {
+        name: sum(share * getattr(chain, name) for share, chain in zip(shares.tolist(), chains))
+        for name in ("density", "modes", "on", "last", "joined", "evidence")
+    }
+    return Chain(**mean)
+
+
 class Likelihoods(NamedTuple):
     """(S,) likelihood of each position of the last step given the body's position, by the kind of the step.
 
@@ -74,7 +80,7 @@ class Likelihoods(NamedTuple):
 def roll_out(
     stance: Array, s: Array, ground: Sequence[Segment], lengths: Sequence[float], length_sd: float,
     ratios: Mapping[str, tuple[float, float]], p: LocomotionModeParameters,
-    joins: tuple[float, float] = (0.0, 0.0), landing: Likelihoods | None = None,
+    habit: Habit | None = None, landing: Likelihoods | None = None,
 ) -> Chain:  # fmt: skip
     """Density of the next footprints.
 
@@ -88,33 +94,31 @@ def roll_out(
         length_sd: Standard deviation common to all of them, m.
         ratios: Step length relative to level ground and its standard deviation, by mode of the ground (RA, RD).
         p: Dimensions.
-        joins: Probability that the next foot joins the stance foot if this one crossed an edge; the same of later feet.
+        habit: How the walker uses stairs; None: every step follows from its length.
         landing: Likelihoods of the last step; None: unknown.
     """
+    habit = habit or Habit()
     weight = foothold_weights(ground, s, p) + p.weight_floor
-    edges = np.array(edges_before(ground))
-    # Number of edges between (a, b); steps never go backward.
-    between = edges[None, :] - edges[:, None]
-    ahead = np.arange(len(ground))[None, :] >= np.arange(len(ground))[:, None]
-    even = (ahead & (between == 0)).astype(float)
-    over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
+    even, over = step_weights(ground, habit, p)
     level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES
     band = round(p.longest_step_m / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
     made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]
-    share = _share_beside(weight, even, over, made, p)
+    usual = _found(weight, *step_weights(ground, Habit(), p), made)
+    scale = np.ones_like(usual) if habit.usual else usual / np.maximum(_found(weight, even, over, made), _LEAST)
+    share = usual / np.maximum([_found_beside(kernels.beside, even @ weight) for kernels in made], _LEAST)
     if landing is not None:  # the last step has its own kind
         made.append(_landed(made[kind[-1]], landing, p))
-        share = np.append(share, share[kind[-1], None], axis=0)
+        share, scale = (np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (share, scale))
         kind[-1] = len(kinds)
     near, far, beside = (np.array([of_kind[i] for of_kind in made]) for i in range(3))
     first = stance[:, None, :] * weight
     mass = float(first.sum())
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * mass)
-    chances = np.array([joins[min(k, 1)] for k in range(len(kind))])
-    steps = _Steps(kind=kind, near=near, far=far, beside=beside, share=share, joins=chances)
+    chances = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
+    steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=chances)
     density, on, flow, last, joined, evidence = _chain(first, weight, even, over, steps, p.density_min)
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, p))
     return Chain(density=density, modes=modes, on=on, last=last, joined=joined, evidence=mass * evidence)
@@ -128,7 +132,10 @@ class _Steps(NamedTuple):
         near: (L, H, S, B).
         far: (L, S, B).
         beside: (L, S, W).
-        share: (L, P, S) factor of the last, by segment and cell.
+        scale: (L, P, S) factor of the first two by segment and cell. With it, all steps from a cell together weigh the
+            same for any habit: a step is evidence only for habits that make it more often than other steps.
+        share: (L, P, S) factor of the last. With it, all joining steps from a cell weigh as much as all others from
+            there: their probability does not depend on how rarely an ordinary step finds a foothold.
         joins: (K,) probability of a joining step where the previous one crossed an edge.
     """
 
@@ -136,6 +143,7 @@ class _Steps(NamedTuple):
     near: Array
     far: Array
     beside: Array
+    scale: Array
     share: Array
     joins: Array
 
@@ -186,29 +194,33 @@ def _landed(kernels: _Kernels, landing: Likelihoods, p: LocomotionModeParameters
     )  # fmt: skip
 
 
-def _share_beside(
-    weight: Array, even: Array, over: Array, made: Sequence[_Kernels], p: LocomotionModeParameters
-) -> Array:
-    """(L, P, S) factor of joining steps, by kind of step, segment and cell.
-
-    With it, all joining steps from a cell weigh as much as all other steps from there, so that their probability does
-    not depend on how rarely an ordinary step finds a foothold.
-    """
+def _found(weight: Array, even: Array, over: Array, made: Sequence[_Kernels]) -> Array:
+    """(L, P, S) sum of all steps that do not join, by kind of step, from each segment and cell."""
     onto_even, onto_over = even @ weight, over @ weight
     middle = len(_NODES) // 2
-    return np.array([_shares(k.near[middle], k.far, k.beside, onto_even, onto_over) for k in made])
+    return np.array([_found_onward(kernels.near[middle], kernels.far, onto_even, onto_over) for kernels in made])
 
 
 @cached(_HERE)
-def _shares(near: Array, far: Array, beside: Array, onto_even: Array, onto_over: Array) -> Array:
-    """(P, S) sum of steps (S, B) from each cell, on even ground and over an edge, divided by that of (S, W) beside."""
+def _found_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> Array:
+    """(P, S) sum of steps (S, B) from each cell, on even ground and over an edge."""
     P, S = onto_even.shape
     found = np.zeros((P, S))
     for a in range(P):
         for p in range(S):
             n = min(near.shape[1], S - p)
-            usual = _gather(near[p, :n], far[p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
-            found[a, p] = usual / max(_gather_beside(beside[p], onto_even[a], p), 1e-300)
+            found[a, p] = _gather(near[p, :n], far[p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
+    return found
+
+
+@cached(_HERE)
+def _found_beside(beside: Array, onto_even: Array) -> Array:
+    """(P, S) sum of joining steps (S, W) from each cell."""
+    P, S = onto_even.shape
+    found = np.zeros((P, S))
+    for a in range(P):
+        for p in range(S):
+            found[a, p] = _gather_beside(beside[p], onto_even[a], p)
     return found
 
 
@@ -248,7 +260,7 @@ def _chain(
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, (2, S) of the last one by
         whether its step crossed an edge; each sums to 1. (K,) probability that a step joins; the sum over all chains.
     """
-    kind, near, far, beside, share, joins = steps
+    kind, near, far, beside, scale, share, joins = steps
     _, H, S, B = near.shape
     K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, 2, P, S))
@@ -261,7 +273,7 @@ def _chain(
             for a in range(P):
                 for p in range(S):
                     crossed = alpha[k, h, 1, a, p]
-                    v = alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed
+                    v = (alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed) * scale[kind[k], a, p]
                     if v >= density_min:
                         n = min(B, S - p)
                         _spread(
@@ -321,6 +333,7 @@ def _chain(
                     v = _gather(
                         near[kind[k], h, p, :n], far[kind[k], p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n]
                     )
+                    v *= scale[kind[k], a, p]
                     back[h, 0, a, p] = v
                     if crossed >= density_min:
                         w = joins[k] * share[kind[k], a, p] * _gather_beside(beside[kind[k], p], onto_even[a], p)

@@ -42,6 +42,9 @@ class PitchParameters:
     tiptoe_by_rise: float = 2.4  # rad/m, additional pitch at the landing on a high riser
     tiptoe_by_slope: float = 1.8  # rad/rad, likewise, on a steep slope
     heel_first_rad: float = 0.03  # least toe-up pitch of a landing on the heel
+    high_rise_m: float = 0.255  # of one step; on a higher one the foot stays on its ball until the body is over it
+    high_tiptoe_rad: float = 0.42  # additional pitch at that landing
+    high_lowering: tuple[float, float] = (0.6, 0.95)  # share of that time, share of the pitch at touch-down
     flat_by: float = 0.6  # share of stance by which the foot is flat at the latest
     pitch_smoothing_s: float = 0.020  # SD of the Gaussian filter
     settling_s: float = 0.04  # from the end of the landing to a sole that lies exactly flat
@@ -121,7 +124,8 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         climb = max(-a.fall - _PITCH.usual_riser_m, 0.0)
         steep = max(a.slope - _PITCH.usual_slope_rad, -b.slope - _PITCH.usual_slope_rad, 0.0)
         heel_off = min(heel_off * (1.0 + by_fall * fall + _PITCH.heel_off_by_slope * steep), 0.9 * (a.t_off - flat))
-        tiptoe = _PITCH.tiptoe_by_rise * rise
+        high = b.rise > _PITCH.high_rise_m
+        tiptoe = _PITCH.high_tiptoe_rad if high else _PITCH.tiptoe_by_rise * rise
         if b.arrival == "flat":
             tiptoe += _PITCH.tiptoe_by_slope * max(b.slope - _PITCH.usual_slope_rad, 0.0)
         uphill = max(a.slope, 0.0)
@@ -138,7 +142,8 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in before]
         flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _PITCH.flat_by * (b.t_off - b.t_touch))
         touch, lasts = land.touch + landing + tiptoe, flat - b.t_touch
-        knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in land.lowering), (flat, 0.0)]
+        lowering = (_PITCH.high_lowering,) if high else land.lowering
+        knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in lowering), (flat, 0.0)]
     knots.append((t_end + 10.0, 0.0))
     flats.append((flat, t_end + 10.0))
     at = np.array(knots)

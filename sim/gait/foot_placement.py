@@ -5,8 +5,8 @@ Curves are walked slower, with shorter, wider steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -152,6 +152,10 @@ class PlacementParameters:
     before_riser_m: float = 0.012  # going up, least distance of the toes from the next riser
     heel_from_riser_m: float = 0.03
     behind_on_tread_m: float = 0.022  # going down, the heel stays clear of the riser and the toes overhang the edge
+    one_pace: float = 1.25  # tread that is crossed in one pace, level steps
+    two_paces_m: float = 0.2  # least room on a tread for a second footprint
+    two_rise: float = 0.36  # highest rise of a step over two treads, leg lengths
+    two_treads: float = 0.64  # greatest depth of these treads together, leg lengths
     ramp_step: float = 0.92  # step length relative to the level
     first_step: float = 0.7  # likewise, from standing
     another_step: float = 0.35  # share of a step from which another one is made
@@ -173,12 +177,14 @@ class Foothold:
         s: Arc length along the way, m.
         strip: Strip of ground there.
         pause_s: Time that the walker stands still on both feet after this step, s.
+        treads: How many treads the step to here goes up or down at a time.
     """
 
     foot: str
     s: float
     strip: Strip
     pause_s: float = 0.0
+    treads: int = 1
 
 
 def limp(gait: Gait, foot: str) -> float:
@@ -193,8 +199,11 @@ def footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.ra
         ConfigError: A strip too short for a foot.
     """
     found: list[Foothold] = []
-    for k in range(len(layout.profile)):
-        found += _on_strip(layout, k, size, gait, tempo, rng, len(found))
+    profile = layout.profile
+    passed = [gait.stairs == "two_at_a_time" and _passed_over(profile, k, size) for k in range(len(profile))]
+    for k in np.flatnonzero(~np.array(passed)).tolist():
+        new = _on_strip(layout, k, size, gait, tempo, rng, len(found))
+        found += [replace(hold, treads=2) for hold in new[:1]] + new[1:] if k and passed[k - 1] else new
     last = found[-1]
     return [*found, Foothold(foot=_foot(len(found)), s=last.s, strip=last.strip)]
 
@@ -214,14 +223,16 @@ def _on_strip(
     if strip.s1 <= 0.0:
         return []
     both = gait.stairs == "step_by_step"
-    if strip.terrain == "stair":
+    if strip.terrain == "stair" and strip.s1 - strip.s0 < max(
+        PLACEMENT.one_pace * float(tempo.step(strip.s0)), heel + toe + PLACEMENT.two_paces_m
+    ):
         s = _on_tread(strip, strip.z0 > profile[k - 1].z1, heel, toe)
         return [Foothold(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
 
     def step(s: Array) -> Array:
         steeper = max(abs(strip.slope) - PLACEMENT.steep_rad, 0)
         share = PLACEMENT.ramp_step - PLACEMENT.shorter_steep * steeper
-        return tempo.step(s) * (1.0 if strip.terrain == "level" else share)
+        return tempo.step(s) * (share if strip.terrain == "ramp" else 1.0)
 
     def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
         return max((float(tempo.step(s)) - heel - toe) / 2, PLACEMENT.edge_m)
@@ -282,6 +293,15 @@ def _on_tread(strip: Strip, rising: bool, heel: float, toe: float) -> float:
     if rising:
         return strip.s1 - max(free, PLACEMENT.before_riser_m) - toe
     return strip.s0 + max(free, PLACEMENT.behind_on_tread_m) + heel
+
+
+def _passed_over(profile: Sequence[Strip], k: int, size: Wearer) -> bool:
+    """Whether a walker who takes two treads at a time on the way up places no foot on strip k."""
+    before, strip, leg = profile[k - 1], profile[k], leg_length(size)
+    if k == 0 or strip.terrain != "stair" or strip.z0 <= before.z1 or _passed_over(profile, k - 1, size):
+        return False
+    low = strip.z1 < profile[k + 1].z0 <= before.z1 + PLACEMENT.two_rise * leg
+    return low and 2.0 * (strip.s1 - strip.s0) <= PLACEMENT.two_treads * leg
 
 
 def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:

@@ -51,6 +51,8 @@ class StepParameters:
     stair_step_s: float = 0.60  # at the preferred speed of 1.2 m/s
     stair_swing_max_s: float = 0.75  # slower climbers stand on both feet for longer
     high_riser_m: float = 0.18  # steps over higher ones take longer, in proportion
+    two_treads_time: float = 1.1  # of a step over two treads at a time, relative to one
+    two_treads_mps: float = 1.1  # nobody takes two treads more slowly than at this speed
     preferred_mps: float = 1.2  # speed at which `stair_step_s` holds
     time_by_length: float = 0.45  # growth of the step time with the step length, relative to both
     length_range: tuple[float, float] = (0.3, 1.3)  # within which it grows
@@ -148,10 +150,11 @@ def _durations(
         middle = (s + previous) / 2
         level_step = tempo.duration(middle)
         if rise:
-            stair_step = STEP.stair_step_s * np.sqrt(STEP.preferred_mps / tempo.on_stairs(s))
-            duration = (
-                stair_step * (STEP.up_time if rise > 0 else STEP.down_time) * max(abs(rise) / STEP.high_riser_m, 1.0)
-            )
+            speed, high, own = tempo.on_stairs(s), abs(rise), STEP.up_time if rise > 0.0 else STEP.down_time
+            if hold.treads > 1:
+                speed, high, own = max(speed, STEP.two_treads_mps), high / hold.treads, own * STEP.two_treads_time
+            stair_step = STEP.stair_step_s * np.sqrt(STEP.preferred_mps / speed)
+            duration = stair_step * own * max(high / STEP.high_riser_m, 1.0)
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s))

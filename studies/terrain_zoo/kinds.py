@@ -206,7 +206,7 @@ def low_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _up_and_down(config, rng, _stair(rng, (60, 120), (300, 450), (3, 6)))
 
 
-@_kind("stairs with treads of 400-600 mm", tuned=False)
+@_kind("stairs with treads of 400-600 mm")
 def deep_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Treads of one or two paces."""
     return _up_and_down(config, rng, _stair(rng, (90, 160), (400, 600), (3, 4)))
@@ -249,6 +249,14 @@ def step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
         speed_mps=float(rng.uniform(0.5, 0.9)),
     )  # fmt: skip
     return _up_and_down(replace(config, gait=gait), rng, _stair(rng, (130, 190), (260, 330), (4, 6)))
+
+
+@_kind("stairs two at a time")
+def two_at_a_time(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """Every second tread on the way up, by people whose legs are long enough for these stairs; each on the way down."""
+    gait = replace(config.gait, stairs="two_at_a_time", speed_mps=float(rng.uniform(0.9, 1.5)))
+    person = replace(config.person, height_m=float(rng.uniform(1.75, 1.95)))
+    return _up_and_down(replace(config, gait=gait, person=person), rng, _stair(rng, (130, 165), (250, 290), (4, 8)))
 
 
 @_kind("a limp on stairs and a ramp")

@@ -1,4 +1,4 @@
-"""Walkers who put both feet on each tread: the two kinds, the chain of footprints, and a scripted walk."""
+"""Habits on stairs: their probabilities, the chain of footprints of each, and scripted walks."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.joining import Joining
+from stridetwin.estimators.locomotion_mode.habits import HABITS, Habit, Habits
 from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import heights, surface_along
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
@@ -21,12 +21,12 @@ P = LocomotionModeParameters()
 LG, SA, SD = (MODES.index(mode) for mode in ("LG", "SA", "SD"))
 TREAD_M = 0.30
 EDGES = [1.0 + TREAD_M * k for k in range(5)]
-shares = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4).filter(lambda x: sum(x) > 0.1)
+shares = st.lists(st.floats(0.0, 1.0), min_size=2 * HABITS, max_size=2 * HABITS).filter(lambda x: sum(x) > 0.1)
 
 
 def joint_of(values):
     """A joint density with these shares of kind and crossing."""
-    made = np.array(values).reshape(2, 2, 1) * foot_at(1.0)
+    made = np.array(values).reshape(HABITS, 2, 1) * foot_at(1.0)
     return made / made.sum()
 
 
@@ -38,29 +38,37 @@ def flight(drop, at, *, crossed, joins, landing=None, steps=4):
     """The steps from a foot within a flight."""
     stance = np.stack([np.zeros(len(S)), foot_at(at)] if crossed else [foot_at(at), np.zeros(len(S))])
     segments = ground(*((edge, drop) for edge in EDGES))
-    return roll_out(stance, S, segments, [0.5] * steps, 0.03, RATIOS, P, (joins, joins), landing)
+    return roll_out(stance, S, segments, [0.5] * steps, 0.03, RATIOS, P, Habit(joins=(joins, joins)), landing)
 
 
 @given(shares)
 def test_a_change_of_kind_changes_neither_place_nor_crossing(values):
     joint = joint_of(values)
-    after = Joining(P).changed(joint)
+    after = Habits(P).changed(joint)
     np.testing.assert_allclose(after.sum(axis=0), joint.sum(axis=0), atol=1e-12)
     np.testing.assert_array_equal(after[:, 0], joint[:, 0])
 
 
 @given(shares)
-def test_the_probability_of_joining_lies_between_those_of_the_kinds(values):
-    for chance in Joining(P).next_and_later(joint_of(values)):
-        assert P.other_joins - 1e-12 <= chance <= P.joiner_joins + 1e-12
+def test_the_probability_of_joining_lies_between_those_of_the_habits(values):
+    for _, habit in Habits(P).that_differ(joint_of(values), ground((1.0, 0.17))):
+        for chance in habit.joins:
+            assert P.other_joins - 1e-12 <= chance <= P.joiner_joins + 1e-12
 
 
-def test_a_kind_never_becomes_certain():
-    joining = Joining(P)
-    joint = joint_of([0.0, 1.0, 0.0, 0.0])
-    assert joining.next_and_later(joining.changed(joint))[0] < P.joiner_joins
-    joint = joint_of([0.0, 0.0, 0.0, 1.0])
-    assert joining.next_and_later(joining.changed(joint))[0] > P.other_joins
+@given(shares, st.floats(0.2, 0.7), st.sampled_from([0.17, -0.17]))
+def test_groups_of_habits_hold_all_walkers_but_the_improbable(values, tread, drop):
+    joint = 0.9 * joint_of(values) + 0.1 * joint_of(np.ones(2 * HABITS))
+    groups = Habits(P).that_differ(joint, ground(*((1.0 + tread * k, drop) for k in range(4))))
+    assert len(groups) <= 1 + (P.two_paces_m < tread <= P.one_pace_m) + (drop > 0.0)
+    assert sum(part.sum() for part, _ in groups) == pytest.approx(1.0, abs=2 * P.habit_min)
+
+
+def test_a_habit_never_becomes_certain():
+    habits = Habits(P)
+    for habit in range(HABITS):
+        joint = joint_of(np.eye(2 * HABITS)[2 * habit + 1])
+        assert habits.changed(joint)[habit].sum() == pytest.approx(1.0 - P.habit_change * (1.0 - habits.prior[habit]))
 
 
 @settings(max_examples=20, deadline=None)
@@ -90,8 +98,50 @@ def test_a_single_step_joins_as_often_as_expected_on_any_tread(tread):
     segments = ground(*((1.0 + tread * k, 0.17) for k in range(5)))
     stance = np.stack([np.zeros(len(S)), foot_at(1.05)])
     for joins in (0.1, 0.5, 0.9):
-        predicted = roll_out(stance, S, segments, [0.5], 0.03, RATIOS, P, (joins, joins))
+        predicted = roll_out(stance, S, segments, [0.5], 0.03, RATIOS, P, Habit(joins=(joins, joins)))
         assert predicted.joined[0] == pytest.approx(joins, abs=0.02)
+
+
+def test_who_takes_two_treads_at_a_time_takes_one_at_the_end_and_on_the_way_down():
+    segments = ground(*((edge, 0.17) for edge in EDGES))
+    stance = np.stack([foot_at(EDGES[0] - 0.35), np.zeros(len(S))])
+    up = roll_out(stance, S, segments, [0.6] * 3, 0.03, RATIOS, P, Habit(treads=2))
+    assert up.modes.argmax(axis=1).tolist() == [SA] * 3
+    assert up.on.argmax(axis=1).tolist() == [2, 4, 5]
+    assert up.on.max(axis=1).min() > 0.8
+    down = ground(*((edge, -0.17) for edge in EDGES))
+    usual, two = (roll_out(stance, S, down, [0.6] * 3, 0.03, RATIOS, P, Habit(treads=n)) for n in (1, 2))
+    np.testing.assert_allclose(two.density, usual.density, atol=1e-12)
+
+
+def test_one_pace_on_deep_treads_is_a_habit_not_a_matter_of_length():
+    segments = ground(*((1.0 + 0.58 * k, 0.12) for k in range(4)))
+    stance = np.stack([np.zeros(len(S)), foot_at(1.1)])
+    usual, one = (roll_out(stance, S, segments, [0.36], 0.03, RATIOS, P, Habit(one_per_tread=o)) for o in (False, True))
+    assert usual.modes[0, LG] > 0.5
+    assert one.modes[0, SA] > 0.9
+
+
+@pytest.mark.parametrize("habit", [Habit(one_per_tread=True), Habit(treads=2)])
+def test_a_step_that_all_habits_take_is_no_evidence(habit):
+    """On level ground the sum over all chains is the same for every habit."""
+    stance = np.stack([foot_at(1.0), np.zeros(len(S))])
+    segments = ground((3.2, 0.17), (3.5, 0.17))
+    usual, other = (roll_out(stance, S, segments, [0.5], 0.03, RATIOS, P, h) for h in (Habit(), habit))
+    assert other.evidence == pytest.approx(usual.evidence)
+
+
+@pytest.mark.parametrize(("tread", "favoured"), [(1, Habit()), (2, Habit(treads=2))])
+def test_where_a_foot_lands_is_evidence_for_a_habit(tread, favoured):
+    segments = ground(*((edge, 0.17) for edge in EDGES))
+    stance = np.stack([np.zeros(len(S)), foot_at(EDGES[0] + 0.05)])
+    at = normal(S - EDGES[tread] - 0.05, 0.06)
+    likelihoods = Likelihoods(even=at, over=at, beside=at)
+    found = {
+        habit: roll_out(stance, S, segments, [0.5], 0.03, RATIOS, P, habit, likelihoods).evidence
+        for habit in (Habit(), Habit(treads=2))
+    }
+    assert found.pop(favoured) > 8.0 * next(iter(found.values()))
 
 
 def test_the_body_shows_whether_the_foot_joined():

@@ -1,0 +1,121 @@
+"""How a walker uses stairs: one foot per tread, both feet on each, two treads at a time, or steps by their length.
+
+The walker has one of these habits, and changes it from time to time. The habit is part of the stance foot's density:
+often only the body's height over the foot shows where the last step went, and then it shows the habit as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.segments import Segment, edges_before
+from stridetwin.streams.samples import Array
+
+HABITS = 4
+"""In order: both feet on each tread; steps by their length; one foot per tread; two treads at a time on the way up."""
+
+_BOTH, _BY_LENGTH, _ONE, _TWO = range(HABITS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Habit:
+    """How a walker, or walkers of several habits together, take their steps.
+
+    Attributes:
+        joins: Probability that the next foot joins the stance foot if this one crossed an edge; the same of later feet.
+        one_per_tread: Whether a foot hardly ever goes on on the tread of the other one.
+        treads: Edges that a step usually crosses on the way up.
+    """
+
+    joins: tuple[float, float] = (0.0, 0.0)
+    one_per_tread: bool = False
+    treads: int = 1
+
+    @property
+    def usual(self) -> bool:
+        """Whether steps follow from their length alone, except for those that join."""
+        return not self.one_per_tread and self.treads == 1
+
+
+class Habits:
+    """Probabilities of the habits.
+
+    A joint density (HABITS, 2, S) is over the habit, over whether the last step crossed an edge (no, yes) and over the
+    stance foot's position; it sums to 1. Only after a step over an edge can the other foot join this one.
+
+    See docs/locomotion_mode.md (13).
+
+    Args:
+        parameters: One set serves everyone.
+    """
+
+    def __init__(self, parameters: LocomotionModeParameters) -> None:
+        self._p = p = parameters
+        others = 1.0 - p.joiners - p.two_at_a_time
+        shares = {_BOTH: p.joiners, _BY_LENGTH: others * (1.0 - p.one_per_tread), _ONE: others * p.one_per_tread}
+        self.prior: Array = np.array([shares.get(habit, p.two_at_a_time) for habit in range(HABITS)])
+        self.chances: Array = np.array([p.joiner_joins if habit == _BOTH else p.other_joins for habit in range(HABITS)])
+
+    def joint(self, density: Array, habits: Array) -> Array:
+        """Joint density of a foot with (S,) density whose step crossed no edge, and (HABITS,) probabilities."""
+        return np.stack([habits[:, None] * density, np.zeros((HABITS, len(density)))], axis=1)
+
+    def changed(self, joint: Array) -> Array:
+        """Joint density after the walker may have changed the habit, which matters only after a step over an edge."""
+        after, change = joint.copy(), self._p.habit_change
+        crossed = joint[:, 1]
+        after[:, 1] = (1.0 - change) * crossed + change * self.prior[:, None] * crossed.sum(axis=0)
+        return after
+
+    def each(self, joint: Array) -> list[tuple[Array, Habit]]:
+        """(2, S) part of a joint density of each habit, in order, and the habit."""
+        return [(part, self._together(joint, [habit])) for habit, part in enumerate(joint)]
+
+    def that_differ(self, joint: Array, ground: Sequence[Segment]) -> list[tuple[Array, Habit]]:
+        """The same, with those together whose steps differ by joining at most, and without the improbable others."""
+        apart = []
+        if any(self._p.two_paces_m < length <= self._p.one_pace_m for length in _tread_lengths(ground)):
+            apart.append(_ONE)
+        if any(min(one.drop, other.drop) > self._p.kerb_m for one, other in pairwise(ground)):
+            apart.append(_TWO)
+        shares = joint.sum(axis=(1, 2))
+        together = [habit for habit in range(HABITS) if habit not in apart]
+        groups = [together, *([habit] for habit in apart if shares[habit] > self._p.habit_min)]
+        return [(joint[group].sum(axis=0), self._together(joint, group)) for group in groups]
+
+    def _together(self, joint: Array, group: list[int]) -> Habit:
+        """The habits of a group: its probability of joining is the mean over the walkers."""
+        chances = self.chances[group]
+        crossed, shares = joint[group, 1].sum(axis=-1), joint[group].sum(axis=(1, 2))
+        later = float(shares @ chances / shares.sum()) if shares.sum() > 0.0 else float(chances.mean())
+        following = float(crossed @ chances / crossed.sum()) if crossed.sum() > 0.0 else later
+        return Habit(joins=(following, later), one_per_tread=group == [_ONE], treads=2 if group == [_TWO] else 1)
+
+
+def step_weights(ground: Sequence[Segment], habit: Habit, p: LocomotionModeParameters) -> tuple[Array, Array]:
+    """(P, P) weights of steps between segments, on even ground and over edges; no step goes backward."""
+    edges, order = np.array(edges_before(ground)), np.arange(len(ground))
+    between = edges[None, :] - edges[:, None]  # edges crossed
+    ahead = order[None, :] >= order[:, None]
+    even = (ahead & (between == 0)).astype(float)
+    over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
+    if habit.one_per_tread:
+        treads = [length <= p.one_pace_m for length in _tread_lengths(ground)]
+        even[treads, treads] = p.against_habit
+    if habit.treads > 1:
+        not_up = np.cumsum([abs(segment.drop) > 0.0 and segment.drop <= p.kerb_m for segment in ground])
+        up = (over > 0.0) & (not_up[None, :] == not_up[:, None])
+        fewer = between < habit.treads
+        over = np.where(up, np.where(fewer, p.against_habit, p.skip ** np.maximum(between - habit.treads, 0)), over)
+    return even, over
+
+
+def _tread_lengths(ground: Sequence[Segment]) -> list[float]:
+    """Length of each segment between two edges, m; inf for others."""
+    after = [segment.drop for segment in ground[1:]] + [0.0]
+    return [one.length if one.drop != 0.0 and drop != 0.0 else np.inf for one, drop in zip(ground, after)]
