@@ -70,6 +70,24 @@ def test_angles_come_back_from_attitudes(q, side, seed):
     assert found == pytest.approx(q, abs=1e-8)
 
 
+@given(n=st.integers(1, 3), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=100, deadline=None)
+def test_angles_of_up_to_three_joints_come_back_whatever_the_parts_between_them(n, seed):
+    rng = np.random.default_rng(seed)
+    parts = Rotation.random(n + 1, rng=rng).as_matrix()
+
+    def product(q):
+        R = parts[0]
+        for angle, part in zip(q, parts[1:]):
+            R = R @ Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix() @ part
+        return R
+
+    q = rng.uniform(-np.pi, np.pi, n)
+    found = joint_angles(parts, product(q))
+    np.testing.assert_allclose(product(found), product(q), atol=1e-6)
+    assert n < 3 or abs(found[1]) < abs(q[1]) + 1e-6
+
+
 @given(side=SIDES, seed=st.integers(0, 1000))
 @settings(max_examples=40, deadline=None)
 def test_for_the_table_of_the_paper_the_angles_are_its_equations(side, seed):

@@ -64,6 +64,27 @@ def test_a_restored_peak_gives_no_information_on_the_heading(truth: Walk) -> Non
     assert unsure.trajectory.covariance[-1, 5, 5] > 0.99 * 0.5**2
 
 
+@pytest.mark.parametrize("curvature", [0.8, 1.6, 4.0])
+def test_of_a_parabola_the_hidden_area_comes_back(curvature: float) -> None:
+    still, top, limit = walk(strides=1), 150, 49.0
+    force = still.imu.columns["specific_force"][:250].copy()
+    force[:, 0] += np.maximum(80.0 - curvature * (np.arange(250) - top) ** 2, 0.0)
+    cut = force.copy()
+    cut[:, 0] = np.minimum(cut[:, 0], limit)
+
+    def speed(force: Array, limit: float) -> float:
+        columns = {"angular_rate": still.imu.columns["angular_rate"][:250], "specific_force": force}
+        imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0)
+        ins = FootIns(replace(EXACT, accelerometer_range=limit), parameters=nothing_stands)
+        return float(ins.run(imu).v_imu_in_world[top + 30, 0])
+
+    true = speed(force, np.inf)
+    hidden = float((force - cut).sum()) / 120.0
+    assert true - speed(cut, np.inf) == pytest.approx(hidden, rel=0.02)
+    assert true - speed(cut, limit) == pytest.approx(0.0, abs=0.08 * hidden)
+
+
 @pytest.mark.parametrize(("axis", "share"), [(2, 0.5), (2, 0.0), (0, 0.5)])
 def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: int, share: float) -> None:
     still, hit, limit = walk(strides=1), 150, 49.0

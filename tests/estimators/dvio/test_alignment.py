@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio import structure_from_motion as sfm
 from stridetwin.estimators.dvio.initializer import Priors, aligned, gyro_bias
 from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
@@ -173,3 +174,8 @@ def test_state_covariance_turns_with_the_heading():
     # a heading that is off by an angle turns the velocity by it
     assert sideways @ P[6:9, 3:6] @ found.up == pytest.approx(0.09 * sideways @ sideways, rel=0.05)
     assert P[:3, :3] == pytest.approx(0.25 * np.eye(3))
+
+
+def test_products_are_summed_over_both_directions_and_the_depth():
+    products = np.random.default_rng(1).normal(size=(2, 5, 3, 6, 3))
+    np.testing.assert_allclose(sfm._summed(products), products.sum(axis=2))

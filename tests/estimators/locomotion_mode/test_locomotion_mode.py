@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.published import mode_between
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -43,6 +44,8 @@ def test_every_step_is_predicted_before_the_foot_lands(predicted):
         step = last_before(predicted, t).steps[0]
         assert (step.foot, step.mode) == (foot, mode), t
         assert step.probabilities[mode] > 0.5
+        assert (step.p_foot_in_world[1] > 0.03) == (foot == "l")
+        assert abs(step.p_foot_in_world[1]) < 0.1
         if mode == "SA":
             assert x > (STEPS - 1) * TREAD or abs(step.p_foot_in_world[0] - x) < 0.05  # the landing leaves room
             assert abs(step.p_foot_in_world[2] - RISER * (1 + math.floor(x / TREAD))) < 0.02
@@ -81,6 +84,21 @@ def test_a_pose_that_is_not_finite_leaves_the_body_where_it_was():
         mode.update(pose(80_000_000, bad, Rotation.identity()))
         np.testing.assert_array_equal(mode._body.p, place)
         assert mode._body.t_ns == t_ns
+
+
+def test_where_the_body_was_and_where_it_looks():
+    p = LocomotionModeParameters()
+    body = Body(np.zeros(3), np.eye(3)[:, [1, 2, 0]] * [-1.0, -1.0, 1.0], p)  # the optical axis along x
+    turn, dt = Rotation.from_euler("z", 0.5), 0.1
+    for k in range(40):
+        R = Rotation.identity() if k < 20 else turn
+        body.add(pose(round(k * dt * 1e9), np.array([0.05 * k, 0.0, 1.6]), R))
+    for back in (0.0, 0.5, 1.5):
+        np.testing.assert_allclose(body.before(back), [0.05 * (39 - back / dt), 0.0, 1.6], atol=1e-9)
+    assert body.before(100.0)[0] == 0.0  # the oldest
+    # the viewing direction follows with a time constant
+    settled = 0.5 * (1.0 - (1.0 - dt / p.view_time_s) ** 20)
+    assert math.atan2(body._look[1], body._look[0]) == pytest.approx(settled, rel=0.1)
 
 
 @pytest.mark.parametrize("method", ["proposed", "published"])
