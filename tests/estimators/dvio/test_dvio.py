@@ -325,7 +325,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
     # a second gap while all is lost makes nothing known either
     lost = [(e.t_ns * 1e-9, e.covariance[0, 0]) for e in made if 12.7e9 < e.t_ns < 12.99e9]
     seconds, variance = np.diff(lost, axis=0).T
-    np.testing.assert_allclose(variance, DvioParameters().recovery.lost_walk_m_rts**2 * seconds, rtol=1e-6)
+    np.testing.assert_allclose(variance, DvioParameters().recovery.lost_walk_m_rts ** 2 * seconds, rtol=1e-6)
 
 
 def test_does_without_samples_of_the_imu_that_have_gone(sway):
