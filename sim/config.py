@@ -26,7 +26,7 @@ SCENERIES = ("outdoor", "room", "corridor")
 TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 BYSTANDERS_MAX = 4
-THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall")
+THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +170,7 @@ class Thing:
 
     Attributes:
         kind: Flat across the way are `stripe`, a hazard marking, `shadow`, and `mat`, black and without depth; upright
-            are `table`, `chair`, `crate`, as high as a step, and `wall`.
+            are `table`, `chair`, `crate`, as high as a step, `wall`, and `glass`, a pane that cameras look through.
         at_m: Where it begins along the way, from the world's origin.
         left_m: Distance of its middle to the left of the way.
     """

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.rendering.sky import Sky, endless_planes
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
+from stridetwin.sim.world.scenery import GLASS
 from stridetwin.sim.world.textures import PERIOD_M
 from stridetwin.streams.compiled import cached
 from stridetwin.streams.rig import CameraCalibration
@@ -132,6 +133,7 @@ class SensorView(_OffScreen):
         with _bounded_planes(model, self._endless, _GROUND_M):
             super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
         self._anywhere = mujoco.MjvCamera()
+        self._glass = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM.value, f"scenery_{GLASS}")  # -1: none
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
         self._sky = Sky.of(model, FAR_M)
 
@@ -148,8 +150,8 @@ class SensorView(_OffScreen):
             size: (W, H) of the image, up to the view's own, which is the default.
 
         Returns:
-            (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where no surface is nearer than
-            `SEEN_M`.
+            (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m, through glass; 0 where no
+            surface is nearer than `SEEN_M`.
         """
         rgb, depth = self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))
         depth[depth > SEEN_M] = 0
@@ -175,19 +177,26 @@ class SensorView(_OffScreen):
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int
     ) -> tuple[Rgb, DepthImage]:
         """Colours (height, width, 3), and depth (height, width), inf where nothing is rendered."""
-        self._aim(data, T_world_camera, intrinsics, width, height)
         rgb, z = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
-        self.draw(rgb, z, mujoco.MjrRect(0, 0, width, height))
+        rect = mujoco.MjrRect(0, 0, width, height)
+        self._aim(data, T_world_camera, intrinsics, width, height)
+        self.draw(rgb, z, rect)
+        if self._glass >= 0:  # a pane writes its own depth
+            self._aim(data, T_world_camera, intrinsics, width, height, hidden=self._glass)
+            self.draw(None, z, rect)
         rgb, depth = np.ascontiguousarray(rgb[::-1]), _metric_depth(z)
         if self._sky is not None:
             self._sky.paint(rgb, depth, np.asarray(T_world_camera, float), intrinsics)
         return rgb, depth
 
     def _aim(
-        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int
-    ) -> None:
-        """Copies the poses of visible bodies and points the camera."""
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int,
+        hidden: int | None = None,
+    ) -> None:  # fmt: skip
+        """Copies the poses of visible bodies, without a hidden geom, and points the camera."""
         shown = self.model.geom_group.copy()
+        if hidden is not None:
+            self.model.geom_group[hidden] = _HIDDEN_GROUP
         if not self._shadows:  # what is out of view may cast a shadow into it
             seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
             self.model.geom_group[~seen] = _HIDDEN_GROUP

@@ -16,6 +16,7 @@ import numpy as np
 
 from stridetwin.sim.config import Thing
 from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip, profile_height
+from stridetwin.sim.world.scenery import GLASS
 from stridetwin.sim.world.solids import Solid, corners
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -48,7 +49,16 @@ class ObstacleParameters:
 
 
 _M = ObstacleParameters()
-LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "mat": 0.90, "table": 0.70, "chair": 0.45, "crate": 0.40, "wall": 0.15}
+LENGTHS_M = {
+    "stripe": 0.30,
+    "shadow": 1.20,
+    "mat": 0.90,
+    "table": 0.70,
+    "chair": 0.45,
+    "crate": 0.40,
+    "wall": 0.15,
+    "glass": 0.02,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,6 +325,10 @@ def _wall(at: _Frame) -> Iterator[Landmark]:
     yield at.box("plaster", LENGTHS_M["wall"], _M.wall_width, at.z, at.z + _M.wall_height)
 
 
+def _pane(at: _Frame) -> Iterator[Landmark]:
+    yield at.box(GLASS, LENGTHS_M["glass"], _M.wall_width, at.z, at.z + _M.wall_height)
+
+
 def _long_table(at: _Frame) -> Iterator[Landmark]:
     """A board on two sides."""
     below, side = at.z + _M.table_height - _M.board, _M.table_width / 2 - 0.1
@@ -337,7 +351,7 @@ def _crate(at: _Frame) -> Iterator[Landmark]:
 
 
 _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
-    "wall": _wall, "table": _long_table, "chair": _chair, "crate": _crate
+    "wall": _wall, "glass": _pane, "table": _long_table, "chair": _chair, "crate": _crate
 }  # fmt: skip
 
 

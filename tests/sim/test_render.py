@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim.config import Level, Ramp, Route, Stairs
+from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
 from stridetwin.sim.rendering import renderer as render
 from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, camera_pose, swap_camera_convention
 from stridetwin.sim.world.terrain import Terrain
@@ -265,3 +265,20 @@ def test_a_film_has_smooth_edges_and_ground_up_to_the_horizon(world):
     green = image[..., 1] - image[..., 2] > 20
     assert green[93, :20].all()  # the horizon is at half the height; two pixels below it are 2 km away
     assert not green[:88, :20].any()
+
+
+def test_colour_and_depth_show_what_is_behind_glass():
+    things = (Thing(kind="glass", at_m=1.5, left_m=2.2), Thing(kind="table", at_m=2.5, left_m=2.2))
+    spec = mujoco.MjSpec()
+    Terrain.from_route(Route(segments=(Level(length_m=6.0),), things=things)).add_to(spec)
+    model, data = compiled(spec)
+    seen = []
+    with SensorView(model, 640, 480) as view:
+        for group in (0, 5):
+            model.geom("scenery_glass").group = group
+            seen.append(view.frame(data, looking([0.0, 0.0, 1.5], 10.0, 45.0), OFF_CENTRE))
+    (through, depth), (clear, bare) = seen
+    np.testing.assert_array_equal(depth, bare)
+    tinted = np.abs(through.astype(int) - clear).max(axis=-1) > 3
+    assert 0.1 < tinted.mean() < 0.9
+    assert np.corrcoef(through[tinted].mean(axis=-1), clear[tinted].mean(axis=-1))[0, 1] > 0.95

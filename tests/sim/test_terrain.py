@@ -326,6 +326,14 @@ def test_things_lie_flat_or_stand_clear_of_the_walker():
     assert all(model.mesh_vertnum[i] == 4 for i in painted)
 
 
+def test_a_pane_of_glass_reflects_sound_and_is_no_ground():
+    full = Terrain.from_route(
+        Route(segments=(Level(length_m=3.0),), things=(Thing(kind="glass", at_m=1.0, left_m=2.2),))
+    )
+    assert full.ray_cast([[0.0, 2.2, 1.0]], [[1.0, 0.0, 0.0]]) == pytest.approx([1.0])
+    assert full.height([1.01, 2.2]) == pytest.approx(-0.05)  # the lawn
+
+
 def test_a_chair_and_a_crate_stand_beside_the_way():
     things = (Thing(kind="chair", at_m=1.0, left_m=1.0), Thing(kind="crate", at_m=2.0, left_m=-1.2))
     full = Terrain.from_route(Route(segments=(Level(length_m=3.0),), things=things))
@@ -342,7 +350,7 @@ def test_a_chair_and_a_crate_stand_beside_the_way():
         ("stripe", 3.5, "on one level of the way"),
         ("chair", 2.0, "0.4 m clear"),
         ("crate", 2.0, "0.4 m clear"),
-        ("puddle", 2.0, "stripe, shadow, mat, table, chair, crate, wall"),
+        ("puddle", 2.0, "stripe, shadow, mat, table, chair, crate, wall, glass"),
     ],
 )
 def test_things_that_cannot_be_there_are_refused(kind, at_m, valid):
