@@ -116,7 +116,7 @@ def roll_out(
     near, far, beside = (np.array([of_kind[i] for of_kind in made]) for i in range(3))
     first = stance[:, None, :] * weight
     mass = float(first.sum())
-    first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * mass)
+    first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
     chances = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
     steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=chances)
     density, on, flow, last, joined, evidence = _chain(first, weight, even, over, steps, p.density_min)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.habits import HABITS, Habit, Habits
-from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, moments, roll_out
+from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, mixed, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import heights, surface_along
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from tests.estimators.locomotion_mode.test_next_steps import RATIOS, S, foot_at, ground
@@ -129,6 +129,16 @@ def test_a_step_that_all_habits_take_is_no_evidence(habit):
     segments = ground((3.2, 0.17), (3.5, 0.17))
     usual, other = (roll_out(stance, S, segments, [0.5], 0.03, RATIOS, P, h) for h in (Habit(), habit))
     assert other.evidence == pytest.approx(usual.evidence)
+
+
+def test_a_habit_without_any_walker_gives_no_evidence_and_no_prediction():
+    segments = ground(*((edge, 0.17) for edge in EDGES))
+    nobody, somebody = (
+        roll_out(share * np.stack([foot_at(1.1), np.zeros(len(S))]), S, segments, [0.5] * 2, 0.03, RATIOS, P)
+        for share in (0.0, 1.0)
+    )
+    assert nobody.evidence == 0.0
+    np.testing.assert_allclose(mixed([nobody, somebody], np.array([0.0, 1.0])).density, somebody.density)
 
 
 @pytest.mark.parametrize(("tread", "favoured"), [(1, Habit()), (2, Habit(treads=2))])
