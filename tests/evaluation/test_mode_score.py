@@ -160,7 +160,8 @@ def test_the_lead_counts_from_when_a_prediction_stays_right(modes: tuple[str, ..
     assert step.lead_s == pytest.approx(lead_s)
 
 
-def test_beyond_a_turn_places_count_along_the_way() -> None:
+@pytest.mark.parametrize(("off_m", "found"), [(-0.03, True), (0.39, True), (0.41, False), (-0.41, False)])
+def test_beyond_a_turn_places_count_along_the_way(off_m: float, found: bool) -> None:
     turned = layout(
         Level(length_m=3), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=2),
         Ramp(angle_rad=0.2, rise_m=0.5), Level(length_m=3),
@@ -175,7 +176,7 @@ def test_beyond_a_turn_places_count_along_the_way() -> None:
     estimate = SimpleNamespace(
         t_ns=prints[-1].t_ns - 1_600_000_000, steps=(),
         change=SimpleNamespace(
-            mode="RA", p_in_world=turned.way.point(change.s - 0.03), distance_sd=0.01, riser=math.nan,
+            mode="RA", p_in_world=turned.way.point(change.s + off_m), distance_sd=0.01, riser=math.nan,
             riser_sd=math.nan, tread=math.nan, tread_sd=math.nan, slope=0.2, slope_sd=0.01,
         ),
     )  # fmt: skip
@@ -183,8 +184,8 @@ def test_beyond_a_turn_places_count_along_the_way() -> None:
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
     scores = score_modes(prints, [estimate], MovingAlignment(still, still), turned, 0.27)
     approach = next(a for a in scores.approaches if a.mode == "RA")
-    assert approach.found
-    assert approach.distance_m == pytest.approx(-0.03)
+    assert approach.found == found
+    assert approach.distance_m == pytest.approx(off_m if found else math.nan, nan_ok=True)
     assert [s.straddles for s in scores.steps] == [False] * (len(scores.steps) - 2) + [True, False]
 
 

@@ -13,8 +13,10 @@ from stridetwin.estimators.dvio.feet import Feet, LegParameters
 from stridetwin.estimators.dvio.level import LevelGround, Slope
 from stridetwin.estimators.dvio.nav_state import Inertial, blank_nav_state
 from stridetwin.estimators.dvio.parameters import PlausibleState
-from stridetwin.estimators.dvio.state import LevelParameters, PlaneParameters, blank_preintegration
-from stridetwin.streams.rig import ImuCalibration, Mount
+from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.state import LevelParameters, PlaneParameters, blank_preintegration, blank_window
+from stridetwin.estimators.dvio.tracker import Lens
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount
 from stridetwin.streams.samples import Imu
 from tests.estimators.dvio.scenes import NOISE
 from tests.estimators.from_python import from_python
@@ -323,3 +325,45 @@ def test_the_covariance_of_some_states_is_a_block_of_the_inverse():
     L = np.zeros((10, 10))
     L[:8, :8] = np.linalg.cholesky(H)
     np.testing.assert_allclose(level.covariance_of(which, L, 8), np.linalg.inv(H)[np.ix_(which, which)], rtol=1e-9)
+
+
+def window_of_points(rng, count):
+    """A window of three frames, and points that the first one hosts."""
+    camera = CameraCalibration(
+        topic="/head/color", part="", rate_hz=30.0, mount=Mount(body="head"), width=640, height=360,
+        intrinsics=(465.0, 465.0, 319.5, 179.5), distortion=(0.0,) * 4,
+    )  # fmt: skip
+    T_imu_camera = np.eye(4)
+    T_imu_camera[:3, :3], T_imu_camera[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.1, 0.1, 3)
+    window = blank_window(3, count, T_imu_camera, 0.0, 0)
+    marks = window.landmarks
+    marks.host[:], marks.measured[:], marks.inverse_depth[:] = 0, 1, rng.uniform(0.2, 1.0, count)
+    marks.at[:, 0] = rng.uniform([-0.5, -0.3], [0.5, 0.3], (count, 2))
+    return SimpleNamespace(window=window, lens=Lens(camera), parameters=DvioParameters())
+
+
+def test_points_agree_that_one_pose_explains_wherever_it_is():
+    rng, count, wrong = np.random.default_rng(3), 60, 18
+    part = window_of_points(rng, count)
+    marks, lens = part.window.landmarks, part.lens
+    points = np.column_stack([marks.at[:, 0], np.ones(count)]) / marks.inverse_depth[:, None]  # in the first camera
+    moved = Rotation.from_rotvec([0.05, -0.1, 0.08]).apply(points) + [0.3, -0.1, 0.2]
+    there = lens.pixels(moved[:, :2] / moved[:, 2:]).astype(np.float32)
+    there[:wrong] += rng.uniform(20.0, 60.0, (wrong, 2)).astype(np.float32)
+    good = np.ones(count, bool)
+    good[-3:] = False
+    agree = Core._agree(part, np.arange(count), there, good)
+    np.testing.assert_array_equal(agree, (np.arange(count) >= wrong) & good)
+
+
+@pytest.mark.parametrize(
+    ("moved_px", "common", "after_s", "key"),
+    [(0.0, 50, 0.1, False), (40.0, 50, 0.1, True), (0.0, 10, 0.1, True), (0.0, 50, 30.0, True)],
+)
+def test_a_frame_is_a_keyframe_if_it_moved_or_shares_few_points_or_is_late(moved_px, common, after_s, key):
+    part = window_of_points(np.random.default_rng(4), 60)
+    marks, frames = part.window.landmarks, part.window.frames
+    frames.t_ns[:] = 0, round(after_s * 1e9), round(after_s * 1e9)
+    marks.seen[:, 0], marks.seen[:common, 1] = 1, 1
+    marks.at[:, 1] = marks.at[:, 0] + np.array([moved_px / part.lens.focal_px, 0.0])
+    assert Core._is_key(part, 1) == key
