@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.rendering.sky import Sky, endless_planes
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
-from stridetwin.sim.world.scenery import GLASS
+from stridetwin.sim.world.obstacles import GLASS
 from stridetwin.sim.world.textures import PERIOD_M
 from stridetwin.streams.compiled import cached
 from stridetwin.streams.rig import CameraCalibration

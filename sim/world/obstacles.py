@@ -16,7 +16,6 @@ import numpy as np
 
 from stridetwin.sim.config import Thing
 from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip, profile_height
-from stridetwin.sim.world.scenery import GLASS
 from stridetwin.sim.world.solids import Solid, corners
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -49,6 +48,8 @@ class ObstacleParameters:
 
 
 _M = ObstacleParameters()
+GLASS = "glass"
+"""Material that cameras look through."""
 LENGTHS_M = {
     "stripe": 0.30,
     "shadow": 1.20,

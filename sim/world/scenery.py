@@ -15,6 +15,7 @@ from functools import cache
 import mujoco
 import numpy as np
 
+from stridetwin.sim.world.obstacles import GLASS
 from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.sim.world.textures import FINISHES, PERIOD_M, SIZE, TEXTURES, Pixels
 from stridetwin.streams.samples import Array
@@ -81,7 +82,7 @@ _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
 _COLOURS = {_NOSING: (0.93, 0.87, 0.68), "white_paint": (0.92, 0.92, 0.90), "black_paint": (0.02, 0.02, 0.02)}
-GLASS, _GLASS_RGBA = "glass", (0.72, 0.84, 0.82, 0.18)
+_GLASS_RGBA = (0.72, 0.84, 0.82, 0.18)
 _SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the remaining light
 _NOSING_M = 0.03
 _RISER_M = 0.019
