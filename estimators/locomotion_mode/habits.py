@@ -57,9 +57,11 @@ class Habits:
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
         others = 1.0 - p.joiners - p.two_at_a_time
-        shares = {_BOTH: p.joiners, _BY_LENGTH: others * (1.0 - p.one_per_tread), _ONE: others * p.one_per_tread}
-        self.prior: Array = np.array([shares.get(habit, p.two_at_a_time) for habit in range(HABITS)])
-        self.chances: Array = np.array([p.joiner_joins if habit == _BOTH else p.other_joins for habit in range(HABITS)])
+        self.prior: Array = np.empty(HABITS)
+        self.prior[_BOTH], self.prior[_TWO] = p.joiners, p.two_at_a_time
+        self.prior[_ONE], self.prior[_BY_LENGTH] = others * p.one_per_tread, others * (1.0 - p.one_per_tread)
+        self.chances: Array = np.full(HABITS, p.other_joins)
+        self.chances[_BOTH] = p.joiner_joins
 
     def joint(self, density: Array, habits: Array) -> Array:
         """Joint density of a foot with (S,) density whose step crossed no edge, and (HABITS,) probabilities."""

@@ -99,14 +99,15 @@ def roll_out(
     """
     habit = habit or Habit()
     weight = foothold_weights(ground, s, p) + p.weight_floor
-    even, over = step_weights(ground, habit, p)
+    plain = step_weights(ground, Habit(), p)
+    even, over = plain if habit.usual else step_weights(ground, habit, p)
     level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES
     band = round(p.longest_step_m / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
     made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]
-    usual = _found(weight, *step_weights(ground, Habit(), p), made)
+    usual = _found(weight, *plain, made)
     scale = np.ones_like(usual) if habit.usual else usual / np.maximum(_found(weight, even, over, made), _LEAST)
     share = usual / np.maximum([_found_beside(kernels.beside, even @ weight) for kernels in made], _LEAST)
     if landing is not None:  # the last step has its own kind

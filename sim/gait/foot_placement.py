@@ -199,11 +199,14 @@ def footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.ra
         ConfigError: A strip too short for a foot.
     """
     found: list[Foothold] = []
-    profile = layout.profile
-    passed = [gait.stairs == "two_at_a_time" and _passed_over(profile, k, size) for k in range(len(profile))]
-    for k in np.flatnonzero(~np.array(passed)).tolist():
+    passed = _passed_over(layout.profile, size) if gait.stairs == "two_at_a_time" else [False] * len(layout.profile)
+    for k in range(len(layout.profile)):
+        if passed[k]:
+            continue
         new = _on_strip(layout, k, size, gait, tempo, rng, len(found))
-        found += [replace(hold, treads=2) for hold in new[:1]] + new[1:] if k and passed[k - 1] else new
+        if k and passed[k - 1]:
+            new[0] = replace(new[0], treads=2)
+        found += new
     last = found[-1]
     return [*found, Foothold(foot=_foot(len(found)), s=last.s, strip=last.strip)]
 
@@ -295,13 +298,16 @@ def _on_tread(strip: Strip, rising: bool, heel: float, toe: float) -> float:
     return strip.s0 + max(free, PLACEMENT.behind_on_tread_m) + heel
 
 
-def _passed_over(profile: Sequence[Strip], k: int, size: Wearer) -> bool:
-    """Whether a walker who takes two treads at a time on the way up places no foot on strip k."""
-    before, strip, leg = profile[k - 1], profile[k], leg_length(size)
-    if k == 0 or strip.terrain != "stair" or strip.z0 <= before.z1 or _passed_over(profile, k - 1, size):
-        return False
-    low = strip.z1 < profile[k + 1].z0 <= before.z1 + PLACEMENT.two_rise * leg
-    return low and 2.0 * (strip.s1 - strip.s0) <= PLACEMENT.two_treads * leg
+def _passed_over(profile: Sequence[Strip], size: Wearer) -> list[bool]:
+    """Whether a walker who takes two treads at a time on the way up places no foot on a strip, for each."""
+    leg, passed = leg_length(size), [False] * len(profile)
+    for k in range(1, len(profile) - 1):
+        before, strip, beyond = profile[k - 1 : k + 2]
+        up = before.z1 < strip.z0 and strip.z1 < beyond.z0
+        low = beyond.z0 <= before.z1 + PLACEMENT.two_rise * leg
+        short = 2.0 * (strip.s1 - strip.s0) <= PLACEMENT.two_treads * leg
+        passed[k] = strip.terrain == "stair" and not passed[k - 1] and up and low and short
+    return passed
 
 
 def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:

@@ -48,18 +48,12 @@ class ObstacleParameters:
 
 
 _M = ObstacleParameters()
+LENGTHS_M = {
+    "stripe": 0.30, "shadow": 1.20, "mat": 0.90, "table": 0.70, "chair": 0.45, "crate": 0.40, "wall": 0.15,
+    "glass": 0.02,
+}  # fmt: skip
 GLASS = "glass"
 """Material that cameras look through."""
-LENGTHS_M = {
-    "stripe": 0.30,
-    "shadow": 1.20,
-    "mat": 0.90,
-    "table": 0.70,
-    "chair": 0.45,
-    "crate": 0.40,
-    "wall": 0.15,
-    "glass": 0.02,
-}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,8 +81,13 @@ def _clip(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
 _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
-_COLOURS = {_NOSING: (0.93, 0.87, 0.68), "white_paint": (0.92, 0.92, 0.90), "black_paint": (0.02, 0.02, 0.02)}
-_GLASS_RGBA = (0.72, 0.84, 0.82, 0.18)
+_COLOURS = {
+    _NOSING: (0.93, 0.87, 0.68),
+    "white_paint": (0.92, 0.92, 0.90),
+    "black_paint": (0.02, 0.02, 0.02),
+    GLASS: (0.72, 0.84, 0.82),
+}
+_ALPHA = {GLASS: 0.18}
 _SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the remaining light
 _NOSING_M = 0.03
 _RISER_M = 0.019
@@ -195,12 +200,9 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
 def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMaterial:
     full = f"scenery_{name}"
     material = spec.add_material(name=full, specular=0.0, shininess=0.0)
-    if name == GLASS:
-        material.rgba = _GLASS_RGBA
-        return material
     if name in _COLOURS:
         strip = np.array([[_COLOURS[name]]]) * 255
-        material.rgba = (*(FINISHES[finish](strip.astype(np.uint8))[0, 0] / 255.0).tolist(), 1.0)
+        material.rgba = (*(FINISHES[finish](strip.astype(np.uint8))[0, 0] / 255.0).tolist(), _ALPHA.get(name, 1.0))
         return material
     texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
     texture.data = FINISHES[finish](_texture("concrete" if name == _SHADOW else name)).tobytes()
