@@ -30,6 +30,8 @@ _SMOOTHED = 2
 """Pixels of the camera's image per pixel of the smoothed image."""
 _GAP = np.ones((7, 7), np.uint8)
 """Columns of a plane that may lie between two pixels' columns: pixels are 10 cm apart at the end of the range."""
+_FRAGMENTS = 4 * CAPACITY
+"""Parts of the image that blocks can cover: Open3D casts rays in parts of 128 px, and a block touches up to four."""
 
 
 class Open3dVolume:
@@ -59,6 +61,7 @@ class Open3dVolume:
         )
         self._T_grid_camera = np.eye(4)
         self._in_view: Any = None
+        self._has_room = False
 
     @property
     def origin(self) -> NDArray[np.int64]:
@@ -103,12 +106,20 @@ class Open3dVolume:
 
     def smoothed(self) -> NDArray[np.float32]:
         """(H / 2, W / 2) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
-        if self._in_view is None:
+        if self._in_view is None or not len(self._in_view):
             return np.zeros(self._shape, np.float32)
+        if not self._has_room:
+            blocks = self._in_view.numpy()  # a cast with too little room leaves out rays, and makes room for the next
+            self._cast(self._o3d.core.Tensor(np.tile(blocks, (_FRAGMENTS // len(blocks) + 1, 1))))
+            self._has_room = True
+        return self._cast(self._in_view)
+
+    def _cast(self, blocks: Any) -> NDArray[np.float32]:
+        """(H / 2, W / 2) m: depth of the surface in (N, 3) blocks."""
         p, extrinsic = self._p, self._tensor(np.asarray(np.linalg.inv(self._T_grid_camera), float))
         with self._quiet():
             cast = self._grid.ray_cast(
-                self._in_view, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],
+                blocks, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],
                 ["depth"], 1.0, p.range_min_m, p.range_max_m, 1.0, self._band,
             )  # fmt: skip
         return np.asarray(cast["depth"].numpy()[..., 0], np.float32)

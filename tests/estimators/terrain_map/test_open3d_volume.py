@@ -78,11 +78,22 @@ def test_ground_that_left_the_view_stays_and_memory_is_bounded():
     assert max(held[-10:]) < 1.3 * max(held[15:25])
 
 
-def test_two_runs_agree_to_a_millimetre():  # not to the bit: Open3D casts its rays in parallel, without an order
-    one, other = (approach(FLOOR, start=2.0, end=1.6, frames=4, terrain_map=published_map())[1] for _ in range(2))
-    place = np.array([0.5, 0.0])
-    heights = [[plane.height(place) for plane in run.planes.values()] for run in (one, other)]
-    np.testing.assert_allclose(*heights, atol=1e-3)
+def test_a_view_that_grows_is_cast_whole_at_once():
+    volume = Open3dVolume(DepthCamera(RIG.cameras["/head/color"]), TerrainMapParameters())
+    for i in range(4):
+        eye, R = np.array([0.3 * i, 0.0, EYE_M]), attitude(0.2 * i)
+        T_grid_camera = np.eye(4)
+        T_grid_camera[:3, :3], T_grid_camera[:3, 3] = R.as_matrix(), eye
+        volume.integrate(i * PERIOD_NS, image(FLOOR, eye, R, None), T_grid_camera)
+        np.testing.assert_array_equal(volume.smoothed(), volume.smoothed())
+
+
+def test_two_runs_agree_to_the_bit():
+    images = []
+    for _ in range(2):  # the hash map puts its blocks in another order in each run
+        terrain_map, _ = approach(FLOOR, start=2.0, end=1.6, frames=4, terrain_map=published_map())
+        images.append(terrain_map._volume.smoothed())
+    np.testing.assert_array_equal(*images)
 
 
 def test_the_mesh_lies_on_the_ground():
