@@ -30,6 +30,10 @@ _TICK_S = 0.5
 _LATE_NS = 200_000_000
 _FLOOR_BELOW_M = 0.1
 _STRAIGHT_M = 0.05
+_REACH_M = 6.0
+"""Edges farther away are not ahead."""
+_FACING = 0.5
+"""Cosine of the angle at which an edge of a winding stair is still met from in front."""
 _EVERY = 5
 """Every n-th point is measured."""
 
@@ -44,7 +48,7 @@ class MapScores:
         accuracy_p95_m: 95th percentile of it.
         completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
         edge_errors: (E,) m, of every edge ahead with a standard deviation below 3 cm, each half second: estimated minus
-            true position along the route, to the nearest true edge at any distance; inf if the route has none.
+            true position straight ahead, to the nearest true edge; inf if there is none within 6 m.
     """
 
     changes: tuple[ScoredChange, ...]
@@ -290,13 +294,24 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
 
 def _edge_errors(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
     """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
-    jumps = np.array([s for s, _, _ in edges(layout.profile)])
     changes = _ahead(mapper, here, alignment, layout).changes
-    known = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
+    known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
     heading = float(layout.way.heading(here))
-    ahead = layout.way.point(here) + (known - here)[:, None] * [math.cos(heading), math.sin(heading)]
-    straight = np.linalg.norm(layout.way.point(known) - ahead, axis=1) < _STRAIGHT_M  # before the route turns away
-    known = known[straight]
-    if not len(jumps):
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    ahead = layout.way.point(here) + known[:, None] * forward
+    straight = np.linalg.norm(layout.way.point(here + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
+    known, true = known[straight], _edges_along(here, forward, layout)
+    if not len(true):
         return np.full(len(known), math.inf)
-    return np.asarray(known - jumps[np.argmin(np.abs(known[:, None] - jumps), axis=1)])
+    return np.asarray(known - true[np.argmin(np.abs(known[:, None] - true), axis=1)])
+
+
+def _edges_along(here: float, forward: Array, layout: Layout) -> Array:
+    """(E,) m, from a place on the route to the true edges near it, along a line in the direction `forward` (2,)."""
+    jumps = np.array([s for s, _, _ in edges(layout.profile)])
+    jumps = jumps[np.abs(jumps - here) < _REACH_M]
+    heading = layout.way.heading(jumps)
+    across = np.stack([np.cos(heading), np.sin(heading)], -1)
+    facing = across @ forward
+    away = ((layout.way.point(jumps) - layout.way.point(here)) * across).sum(axis=-1)
+    return np.asarray(away[facing > _FACING] / facing[facing > _FACING])

@@ -64,13 +64,13 @@ class _Model(BaseModel):
 
 
 class _UnevenStairs(_Model):
-    """A straight stair with risers of different heights.
+    """A stair with risers of different heights.
 
     Attributes:
         risers_mm: Height of each riser, in walking order.
         tread_m: Depth of a tread.
         down: Direction of the stair, as the walker takes it.
-        nosing_m, open_risers, tread_slope_rad, edge_radius_m: As of `Stairs`.
+        nosing_m, open_risers, tread_slope_rad, edge_radius_m, turn_rad: As of `Stairs`.
     """
 
     risers_mm: Annotated[tuple[Riser, ...], Field(min_length=1)]
@@ -80,13 +80,14 @@ class _UnevenStairs(_Model):
     open_risers: bool = Stairs.open_risers
     tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = Stairs.tread_slope_rad
     edge_radius_m: Annotated[float, number(0, 40, key="edge_radius_mm", scale=MM)] = Stairs.edge_radius_m
+    turn_rad: Annotated[float, number(-270, 270, key="turn_deg", scale=DEG)] = Stairs.turn_rad
 
     def build(self) -> Stairs:
         """The stair."""
         return Stairs(
             risers=len(self.risers_mm), riser_m=self.risers_mm, tread_m=self.tread_m, down=self.down,
             nosing_m=self.nosing_m, open_risers=self.open_risers, tread_slope_rad=self.tread_slope_rad,
-            edge_radius_m=self.edge_radius_m,
+            edge_radius_m=self.edge_radius_m, turn_rad=self.turn_rad,
         )  # fmt: skip
 
 

@@ -86,7 +86,7 @@ Riser = Annotated[float, number(20, 250, scale=MM)]
 
 @dataclass(frozen=True, kw_only=True)
 class Stairs:
-    """Straight stair.
+    """Stair, straight or winding.
 
     The first riser is where the segment begins. There are `risers` risers with `risers - 1` treads between them, so the
     next segment is the landing.
@@ -100,6 +100,8 @@ class Stairs:
         open_risers: Treads are planks without risers between them.
         tread_slope_rad: By which a tread falls towards its edge, so that rain runs off.
         edge_radius_m: Of the rounded edge of every tread and of the upper level.
+        turn_rad: By which the flight turns, left positive; 0 is straight. Its treads are wedges around one pole, as
+            deep as `tread_m` in the middle of the way.
     """
 
     risers: Annotated[int, whole(1, 60)]
@@ -110,6 +112,7 @@ class Stairs:
     open_risers: bool = False
     tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = 0.0
     edge_radius_m: Annotated[float, number(0, 40, key="edge_radius_mm", scale=MM)] = 0.0
+    turn_rad: Annotated[float, number(-270, 270, key="turn_deg", scale=DEG)] = 0.0
 
     @property
     def heights_m(self) -> tuple[float, ...]:

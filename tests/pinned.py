@@ -14,6 +14,8 @@ import numpy as np
 
 SAME = {"rtol": 1e-6, "atol": 1e-9}
 """Tolerance between processors, whose libraries of linear algebra differ in the last digits."""
+SAME_POINTS = {"rtol": 1e-4, "atol": 5e-5}
+"""The same where points are selected: one on a limit is kept or not, as it is rounded."""
 SAME_WALK = {"rtol": 1e-4, "atol": 1e-6}
 """The same where the twin walks: the fit of its postures iterates until a threshold."""
 SAME_IMAGES = {"rtol": 1e-3, "atol": 5e-4}

@@ -173,6 +173,7 @@ class TerrainMapParameters:
         kerb_m: A plane with less rise from side to side is not a ramp: a kerb is 40 mm.
         hidden_m: Length of ground that a riser may occlude: the longest shadow of a riser of 0.2 m.
         parallel_rad: Largest difference in direction between edges of one flight.
+        winding_rad: Mean difference from edge to edge above which a flight winds.
         cell_angle_rad: Largest angle between neighbouring cells of one plane.
         slope_prior_sd_rad: Prior standard deviation of the ground's slope.
         shared_columns: Number of columns that share their error: a pixel's neighbourhood, and one pose.
@@ -231,6 +232,7 @@ class TerrainMapParameters:
     kerb_m: float = 0.04
     hidden_m: float = 0.30
     parallel_rad: float = math.radians(20.0)
+    winding_rad: float = math.radians(8.0)
     cell_angle_rad: float = math.radians(7.0)
     slope_prior_sd_rad: float = math.radians(6.0)
     shared_columns: float = 16.0

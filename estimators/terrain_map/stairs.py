@@ -40,7 +40,10 @@ def angle_between(a: Array, b: Array) -> float:
 
 
 def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
-    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next."""
+    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next.
+
+    The risers of a flight that winds are rows of their own, each with its own direction.
+    """
     above: dict[int, list[Riser]] = {}
     for r in risers:
         above.setdefault(r.lower, []).append(r)
@@ -59,8 +62,17 @@ def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
         row = [r]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
-        rows.append(row)
+        rows += [[one] for one in row] if _winds(row, p) else [row]
     return rows
+
+
+def _winds(row: list[Riser], p: TerrainMapParameters) -> bool:
+    """Whether each edge of three or more is turned against the one before, all to one side."""
+    if len(row) < 3:
+        return False
+    x, y = np.array([r.down for r in row]).T
+    turns = np.arctan2(x[:-1] * y[1:] - y[:-1] * x[1:], x[:-1] * x[1:] + y[:-1] * y[1:])
+    return bool(abs(turns.sum()) > p.winding_rad * len(turns) and np.all(turns * turns.sum() > 0.0))
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:

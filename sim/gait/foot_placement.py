@@ -152,6 +152,7 @@ class PlacementParameters:
     before_riser_m: float = 0.012  # going up, least distance of the toes from the next riser
     heel_from_riser_m: float = 0.03
     behind_on_tread_m: float = 0.022  # going down, the heel stays clear of the riser and the toes overhang the edge
+    inner_edge_m: float = 0.15  # from the way to the inner edge of the inner foot, at its toes, in a bend
     one_pace: float = 1.25  # tread that is crossed in one pace, level steps
     two_paces_m: float = 0.2  # least room on a tread for a second footprint
     two_rise: float = 0.36  # highest rise of a step over two treads, leg lengths
@@ -229,8 +230,10 @@ def _on_strip(
     if strip.terrain == "stair" and strip.s1 - strip.s0 < max(
         PLACEMENT.one_pace * float(tempo.step(strip.s0)), heel + toe + PLACEMENT.two_paces_m
     ):
-        s = _on_tread(strip, strip.z0 > profile[k - 1].z1, heel, toe)
-        return [Foothold(foot=_foot(first + i), s=s, strip=strip) for i in range(2 if both else 1)]
+        rising, bend = strip.z0 > profile[k - 1].z1, float(layout.way.curvature(0.5 * (strip.s0 + strip.s1)))
+        feet = [_foot(first + i) for i in range(2 if both else 1)]
+        s = _on_tread(strip, rising, heel, toe, min(_narrower(f, bend) for f in feet))
+        return [Foothold(foot=f, s=s, strip=strip) for f in feet]
 
     def step(s: Array) -> Array:
         steeper = max(abs(strip.slope) - PLACEMENT.steep_rad, 0)
@@ -287,11 +290,18 @@ def _on_strip(
     return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
 
 
-def _on_tread(strip: Strip, rising: bool, heel: float, toe: float) -> float:
+def _narrower(foot: str, curvature: float) -> float:
+    """Depth of a tread at the inner edge of a foot, relative to the middle of the way, where the stair winds."""
+    toward = curvature if foot == "l" else -curvature
+    return 1.0 - max(toward, 0.0) * PLACEMENT.inner_edge_m
+
+
+def _on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
     """Arc length of a foot that stays clear of the riser, the one in front going up, the one behind going down.
 
     A foot longer than the tread overhangs the free edge.
     """
+    heel, toe = heel / narrower, toe / narrower
     free = PLACEMENT.tread_share * (strip.s1 - strip.s0 - heel - toe)
     if rising:
         return strip.s1 - max(free, PLACEMENT.before_riser_m) - toe

@@ -146,7 +146,7 @@ def lay_out(route: Route) -> Layout:
                 _lay_landing(pen, segment, before, after, route.width_m)
             case _:
                 _lay(pen, segment, half)
-    _refuse_conflicts(pen.slabs, pen.owners, len(route.segments))
+    _refuse_conflicts(pen, len(route.segments))
     return Layout(way=joined(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
 
 
@@ -165,6 +165,7 @@ class _Pen:
     strips: list[Strip] = field(default_factory=list)
     slabs: list[Slab] = field(default_factory=list)
     owners: list[int] = field(default_factory=list)
+    flights: list[range] = field(default_factory=list)  # treads of each winding flight, by index of the slab
 
     def beside(self, left: float) -> _Pen:
         """An empty pen on the same line, to the left."""
@@ -195,6 +196,23 @@ class _Pen:
                      z1=self.z, terrain="level")
             )  # fmt: skip
         self._go(radius * abs(angle), math.copysign(1.0 / radius, angle))
+
+    def winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
+        """Lays a tread on an arc. Its lower edge is radial; its other end lies under the next higher tread."""
+        radius, curvature = length / abs(angle), angle / length
+        reach = (radius + half) * math.sin(abs(angle))
+        inner = radius - (radius - half) * math.cos(angle)  # as far as the next edge begins
+        left, right = (inner, half) if angle > 0.0 else (half, inner)
+        x, y, heading = self.x, self.y, self.heading
+        if down:
+            way = Way(segments=(CurveSegment(s0=0.0, s1=length, x=x, y=y, heading=heading, curvature=curvature),))
+            (x, y), heading = way.point(length).tolist(), float(way.heading(length))
+            x, y = x - reach * math.cos(heading), y - reach * math.sin(heading)
+        self._slab(
+            Slab(x=x, y=y, heading=heading, length=reach, left=left, right=right, z0=self.z, z1=self.z,
+                 terrain="stair", recess=recess)
+        )  # fmt: skip
+        self._go(length, curvature, "stair")
 
     def crossing(self, length: float, aside: float, left: float, right: float) -> None:
         """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
@@ -257,23 +275,27 @@ class _Pen:
 
 
 def _lay(pen: _Pen, segment: Segment, half: float) -> None:
-    """Lays one straight segment."""
+    """Lays one segment of level ground, stairs or a ramp."""
     match segment:
         case Level(length_m=length, cross_slope_rad=cross):
             pen.straight(length, "level", half, half, cross_slope=cross)
         case Ramp(angle_rad=angle, rise_m=rise, down=down):
             pen.straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
         case Stairs(heights_m=heights, tread_m=tread, down=down):
-            way = -1.0 if down else 1.0
+            way, first = -1.0 if down else 1.0, len(pen.slabs)
             recess, rise = tread if segment.open_risers else segment.nosing_m, tread * math.tan(segment.tread_slope_rad)
             for i, height in enumerate(heights):
-                if i:
+                if i and segment.turn_rad:
+                    pen.winder(tread, segment.turn_rad / (len(heights) - 1), half, way * recess, down)
+                elif i:
                     pen.straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
                 if down:
                     pen.rounded(segment.edge_radius_m)
                 else:
                     pen.edge_radius = segment.edge_radius_m
                 pen.z += way * height
+            if segment.turn_rad:
+                pen.flights.append(range(first, len(pen.slabs)))
 
 
 def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
@@ -319,14 +341,23 @@ def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
     return (group.walk + 0.5) * width + aside, (len(group.lanes) - group.walk - 0.5) * width - aside
 
 
-def _refuse_conflicts(slabs: Sequence[Slab], owners: Sequence[int], count: int) -> None:
-    """Rejects ground that overlaps other ground at another height: a way cannot pass under or through it."""
-    for slab, owner in zip(slabs, owners):
+def _in_flight(treads: range, i: int, k: int) -> bool:
+    """Whether one of two slabs is a tread of a flight, and the other one, too, or the ground before or after it."""
+    near = range(treads.start - 1, treads.stop + 1)
+    return (i in treads or k in treads) and i in near and k in near
+
+
+def _refuse_conflicts(pen: _Pen, count: int) -> None:
+    """Rejects ground that overlaps other ground at another height: a way cannot pass under or through it.
+
+    Treads of a winding flight lie partly under higher ones and under the upper landing.
+    """
+    for i, (slab, owner) in enumerate(zip(pen.slabs, pen.owners)):
         along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
         across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
         points = slab.point(*np.meshgrid(along, across)).reshape(-1, 3)
-        for other, its_owner in zip(slabs, owners):
-            if other is slab:
+        for k, (other, its_owner) in enumerate(zip(pen.slabs, pen.owners)):
+            if k == i or any(_in_flight(flight, i, k) for flight in pen.flights):
                 continue
             u, v = other.local(points[:, :2])
             inside = (u > 0.01) & (u < other.length - 0.01) & (v > 0.01 - other.right) & (v < other.left - 0.01)

@@ -24,6 +24,9 @@ from stridetwin.streams.errors import ConfigError
 
 RISER_RANGE_M = (0.02, 0.25)
 TREAD_MIN_M = 0.2
+WINDING_MAX_RAD = math.radians(270.0)
+WINDER_MAX_RAD = math.radians(30.0)
+POLE_MIN_M = 0.1
 RAMP_MAX_RAD = math.radians(20.0)
 CROSS_SLOPE_MAX_RAD = math.radians(5.0)
 TURN_RADIUS_MIN_M = 1.0
@@ -59,6 +62,8 @@ def check_segments(route: Route) -> None:
         if isinstance(segment, Turn):
             for k, other in neighbours:
                 _check_beside_turn(f"segments[{k}]", other)
+        if isinstance(segment, Stairs) and segment.turn_rad:
+            _check_winding(segment, f"segments[{i}]", route.width_m)
         if isinstance(segment, Lanes):
             for k, other in neighbours:
                 level = isinstance(other, Level) and other.cross_slope_rad == 0.0
@@ -98,6 +103,7 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                         if isinstance(part, Stairs):
                             radius = part.edge_radius_m
                             _demand(f"{at}.lanes[{k}][{m}].edge_radius_m", radius, radius == 0, "0 m")
+                            _demand(f"{at}.lanes[{k}][{m}].turn_rad", part.turn_rad, part.turn_rad == 0, "0 rad")
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:
@@ -111,6 +117,20 @@ def _check_stairs(stairs: Stairs, at: str) -> None:
     radius, whole = stairs.edge_radius_m, not (stairs.nosing_m or stairs.open_risers)
     _demand(f"{at}.edge_radius_m", radius, 0 <= radius <= min(heights) + _TINY, "0 m up to the lowest riser")
     _demand(f"{at}.edge_radius_m", radius, whole or radius == 0, "0 m with nosings or open risers")
+
+
+def _check_winding(stairs: Stairs, at: str, width: float) -> None:
+    turn, treads = abs(stairs.turn_rad), stairs.risers - 1
+    _demand(f"{at}.risers", stairs.risers, treads >= 2, "3 or more risers of a stair that winds")
+    _demand(f"{at}.turn_rad", stairs.turn_rad, turn <= WINDING_MAX_RAD + _TINY, "up to 4.7124 rad (270 deg) either way")
+    valid = f"up to {WINDER_MAX_RAD:.4f} rad (30 deg) per tread"
+    _demand(f"{at}.turn_rad", stairs.turn_rad, turn <= treads * WINDER_MAX_RAD + _TINY, valid)
+    _demand(f"{at}.open_risers", stairs.open_risers, not stairs.open_risers, "false on a stair that winds")
+    slope = stairs.tread_slope_rad
+    _demand(f"{at}.tread_slope_rad", slope, slope == 0.0, "0 rad on a stair that winds")
+    widest = 2.0 * (treads * stairs.tread_m / turn - POLE_MIN_M)
+    valid = f"up to {widest:.2f} m, so that the treads of {at} do not meet at the pole"
+    _demand("width_m", width, bool(width <= widest + _TINY), valid)
 
 
 def _check_beside_turn(at: str, segment: Segment) -> None:

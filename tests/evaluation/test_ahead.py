@@ -32,7 +32,7 @@ from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.samples import Depth, Footprint, Odometry
 from stridetwin.streams.trajectory import Trajectory
-from tests.pinned import assert_pinned, columns
+from tests.pinned import SAME_POINTS, assert_pinned, columns
 from tests.plots import figure
 
 LAYOUT = lay_out(Route(segments=(Level(length_m=3), Stairs(risers=3, riser_m=0.15, tread_m=0.3), Level(length_m=3))))
@@ -302,4 +302,4 @@ def test_pinned_numbers(ahead, num_regression):
         estimates.append(replace(estimate, steps=tuple(steps)))
     modes = score_modes(footprints, estimates, ahead.alignment, LAYOUT, 0.27)
     rows = [*modes.steps, *modes.approaches, mode_figures([modes, ahead.modes]), mode_scores(modes)]
-    assert_pinned(num_regression, columns(rows))
+    assert_pinned(num_regression, columns(rows), SAME_POINTS)

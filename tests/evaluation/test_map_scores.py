@@ -205,6 +205,17 @@ def test_an_edge_straight_ahead_of_a_route_that_turns_is_not_scored():
     np.testing.assert_allclose(found, [here + 0.9 - last, here + 1.3 - last], atol=1e-9)
 
 
+def test_edges_of_a_winding_stair_are_compared_straight_ahead():
+    stairs = Stairs(risers=6, tread_m=0.28, turn_rad=math.radians(60.0))
+    winding = lay_out(Route(segments=(Level(length_m=3), stairs, Level(length_m=3)), width_m=1.2))
+    here, radius, part = 2.8, 5 * 0.28 / math.radians(60.0), math.radians(12.0)
+    true = 0.2 + np.array([0.0, radius * math.tan(part)])  # a straight line meets the second edge later than the arc
+    changes = tuple(Change(kind="edge", s=float(s), sd=0.01, drop=0.1, bend=0.0) for s in true)
+    scorer = MapScorer(winding, np.array([[10**12, 0.0]]))
+    scorer.look(0, KnownMap(here=here, changes=changes), ALIGNMENT, here)
+    np.testing.assert_allclose(scorer.scores().edge_errors, 0.0, atol=1e-9)
+
+
 def test_an_edge_where_the_route_has_none_is_infinitely_wrong():
     level = lay_out(Route(segments=(Level(length_m=6),)))
     scorer = MapScorer(level, np.array([[10**12, 0.0]]))

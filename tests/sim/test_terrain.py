@@ -155,6 +155,49 @@ def test_edges_are_rounded(down, risers):
 
 
 @pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("turn_deg", [-180.0, 90.0])
+def test_edges_of_a_winding_stair_are_radial(turn_deg, down):
+    turn, risers, width = math.radians(turn_deg), 9, 1.1
+    stairs = Stairs(risers=risers, riser_m=0.17, tread_m=0.27, down=down, turn_rad=turn)
+    terrain = Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=1.0)), width_m=width))
+    radius, side = (risers - 1) * 0.27 / abs(turn), math.copysign(1.0, turn)
+    angle = (np.arange(400) + 0.5) / 400 * abs(turn)
+    for r in (radius - 0.49 * width, radius, radius + 0.49 * width):
+        xy = np.column_stack([2.0 + r * np.sin(angle), side * (radius - r * np.cos(angle))])
+        tread = np.floor(angle / abs(turn) * (risers - 1)) + 1
+        np.testing.assert_allclose(terrain.height(xy), (-1 if down else 1) * 0.17 * tread, atol=1e-9)
+        assert set(terrain.terrain_class(xy)) == {"stair"}
+    last = terrain.profile[-1]
+    assert (last.s0, last.z0) == pytest.approx((2.0 + 8 * 0.27, (-1 if down else 1) * 9 * 0.17))
+    assert float(terrain.layout.way.heading(last.s0)) == pytest.approx(turn)
+    middle = terrain.layout.way.point(2.0 + 0.27 * np.arange(risers))
+    assert terrain.edge_distance(middle) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "width", "valid"),
+    [
+        ({"risers": 2}, 1.0, "3 or more risers of a stair that winds"),
+        ({"turn_rad": 5.0}, 1.0, "270 deg"),
+        ({"turn_rad": 2.4}, 1.0, "30 deg. per tread"),
+        ({"open_risers": True}, 1.0, "false on a stair that winds"),
+        ({"tread_slope_rad": 0.02}, 1.0, "0 rad on a stair that winds"),
+        ({}, 2.4, "up to 1.33 m, so that the treads of segments.1. do not meet at the pole"),
+    ],
+)
+def test_a_winding_stair_that_cannot_be_built_is_refused(changes, width, valid):
+    stairs = Stairs(**{"risers": 5, "tread_m": 0.3, "turn_rad": math.radians(90.0), **changes})
+    with pytest.raises(ConfigError, match=valid):
+        Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=1.0)), width_m=width))
+
+
+def test_a_spiral_that_leads_over_its_own_start_is_refused():
+    stairs = Stairs(risers=11, tread_m=0.26, turn_rad=math.radians(225.0))
+    with pytest.raises(ConfigError, match=r"segments\[2\]: invalid .*over the start.* expected no overlap"):
+        Terrain.from_route(Route(segments=(Level(length_m=2.5), stairs, Level(length_m=2.5)), width_m=0.9))
+
+
+@pytest.mark.parametrize("down", [False, True])
 def test_a_rounded_edge_is_painted_within_its_solid(down):
     stairs = Stairs(risers=2, riser_m=0.15, tread_m=0.3, edge_radius_m=0.02, down=down)
     terrain = Terrain.from_route(Route(segments=(Level(length_m=2.0), stairs, Level(length_m=2.0))))

@@ -70,6 +70,37 @@ def slope(angle: float, start: float, rise: float) -> Callable[[np.ndarray, np.n
     return depth
 
 
+def winders(
+    riser: float, part: float, treads: int, radius: float, half: float
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Treads around a pole on the left of the origin, at `radius`, by `part` rad each, as something that rays meet.
+
+    The first riser is at the origin, across x; behind the last tread there is a landing of a quarter turn.
+    """
+    pole = np.array([0.0, radius, 0.0])
+
+    def depth(eye: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        nearest = np.full(len(rays), np.inf)
+
+        def meet(t: np.ndarray, low: float, high: float, first: float, last: float) -> None:
+            x, y, z = (eye + t[:, None] * rays - pole).T
+            angle, away = np.arctan2(x, -y), np.hypot(x, y)
+            on = (t > 0) & (np.abs(away - radius) < half) & (angle > first - 1e-9) & (angle < last + 1e-9)
+            on &= (z > low - 1e-9) & (z < high + 1e-9)
+            nearest[on] = np.minimum(nearest[on], t[on])
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for k in range(treads + 1):
+                edge, top = k * part, (k + 1) * riser
+                end = edge + (part if k < treads else math.pi / 2)
+                meet((top - eye[2]) / rays[:, 2], top, top, edge, end)
+                facing = np.array([math.cos(edge), math.sin(edge), 0.0])
+                meet((pole - eye) @ facing / (rays @ facing), top - riser, top, edge - 1e-6, edge + 1e-6)
+        return nearest
+
+    return depth
+
+
 def cast(boxes: Sequence[Box], eye: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """(N,) where rays first meet a box, in lengths of a ray; inf where none is met."""
     nearest = np.full(len(rays), np.inf)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import Box, approach, flight, slope
 
-from tests.pinned import assert_pinned, columns
+from tests.pinned import SAME_POINTS, assert_pinned, columns
 
 DOWN = [*flight(-0.15, 0.28, 4, landing=3.0)[1:], Box(x=(-9, 0), z=(-2, 0))]
 FLOOR = flight(0.16, 0.30, 1, start=20.0)
@@ -34,4 +34,4 @@ def test_the_map_and_the_ground_ahead(name: str, num_regression: Any) -> None:
     }
     found = columns([{kind: part} for kind, those in parts.items() for part in those])
     found |= {"s": profile.s[::10], "height": profile.height[::10]}
-    assert_pinned(num_regression, found)
+    assert_pinned(num_regression, found, SAME_POINTS)
