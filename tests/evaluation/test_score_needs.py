@@ -18,6 +18,7 @@ def test_names_of_estimators_parts_and_scores_mean_the_estimator_and_those_that_
     assert estimators_of(["foot_ins"]) == {"foot_ins"}
     assert estimators_of(["foot_ins_l", "foot_ins_r.end_error_m"]) == {"foot_ins"}
     assert estimators_of(["terrain_map.completeness_pct"]) == {"terrain_map", "dvio"}
+    assert estimators_of(["locomotion_mode"]) == {"locomotion_mode", "dvio"}
     with pytest.raises(StrideTwinError, match="invalid 'foot_inz': expected contact_terrain, dvio, foot_ins"):
         estimators_of(["foot_inz"])
 

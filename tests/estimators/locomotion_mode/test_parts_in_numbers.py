@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stridetwin.estimators.locomotion_mode import LocomotionModeParameters, segments
+from stridetwin.estimators.locomotion_mode import LocomotionModeParameters, changes, segments
+from stridetwin.estimators.locomotion_mode.foothold import Line
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between, published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, StepFilter
 from stridetwin.estimators.locomotion_mode.segments import Flight, Segment
@@ -251,6 +252,36 @@ def test_the_last_flight_is_the_longest_that_is_well_known():
     assert last(stairs(2), stairs(5, riser_sd=1.01 * P.known_riser_sd_m)) == pytest.approx(0.12)
     assert last(stairs(2), stairs(5, tread_sd=1.01 * P.known_tread_sd_m)) == pytest.approx(0.12)
     assert last(stairs(1)) == 9.0
+
+
+def test_the_sizes_of_stairs_are_those_of_the_flight_with_an_edge_there():
+    segment = Segment(
+        start=1.0, start_sd=0.01, end=2.0, end_sd=0.01, drop=-0.17, drop_sd=0.02, slope=0.1, slope_sd=0.01,
+        mapped_slope=0.1, mode="LG",
+    )  # fmt: skip
+
+    def stairs(steps, *, up=1.0, off=0.0):
+        return Stairs(
+            id=1, planes=(), steps=steps, riser=0.1 + 0.02 * steps, tread=0.3, heading=0.0 if up > 0 else math.pi,
+            start=0.0, base=0.0, covariance=np.diag([0.002**2, 0.004**2, 0, 0, 0]),
+            edges=up * 1.0 + off + 0.3 * np.arange(steps), risers=np.zeros(steps), across=np.zeros(2),
+        )  # fmt: skip
+
+    def sizes(mode, *flights):
+        estimate = TerrainEstimate(t_ns=0, planes={}, terrains=flights, p_camera_in_world=np.zeros(3))
+        line = Line(origin=np.zeros(2), forward=np.array([1.0, 0.0]))
+        return changes._sizes(mode, segment, estimate, np.array([1.0, 0.2]), line, P)
+
+    riser_sd, tread_sd = math.hypot(0.002, P.flight_riser_sd_m), P.tread_sd_share * 0.004
+    known = {"riser": 0.16, "riser_sd": riser_sd, "tread": 0.3, "tread_sd": tread_sd}
+    assert sizes("SA", stairs(2), stairs(3), stairs(5, up=-1.0)) == pytest.approx(known)
+    assert sizes("SA", stairs(1)) == pytest.approx({"riser": 0.12, "riser_sd": riser_sd})
+    down = known | {"riser": -0.16, "tread_sd": P.tread_down_factor * tread_sd}
+    assert sizes("SD", stairs(3, up=-1.0), stairs(5)) == pytest.approx(down)
+    unknown = {"riser": -0.17, "riser_sd": math.hypot(P.riser_sd_m, 0.02)}
+    assert sizes("SD", stairs(1, up=-1.0, off=1.01 * P.flight_match_m)) == pytest.approx(unknown)
+    assert sizes("RD") == {"slope": 0.1, "slope_sd": 0.01}
+    assert sizes("LG", stairs(3)) == {}
 
 
 def test_the_step_filter_is_a_kalman_filter_that_distrusts_outliers():

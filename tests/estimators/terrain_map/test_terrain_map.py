@@ -47,6 +47,13 @@ def test_one_image_is_enough(seen):
     assert ours.riser == pytest.approx(0.16, abs=0.01)
 
 
+def test_planes_are_extracted_once_per_period():
+    terrain_map, estimate = approach([Box(x=(-5, 40), y=(-5, 5))], start=2.0, end=2.0, frames=1)
+    assert estimate.t_ns == 0
+    period_ns = round(terrain_map.parameters.period_s * 1e9)
+    assert [terrain_map.due(t_ns) for t_ns in (period_ns - 1, period_ns)] == [False, True]
+
+
 def test_an_estimated_pose_of_the_camera_replaces_its_mount(seen):
     """A nominal mount 5 degrees off makes the floor slope; the estimated one, the identity, mends it."""
     tilted = np.eye(4)

@@ -1,0 +1,133 @@
+"""Visual-inertial odometry from starts of other kinds than two seconds at rest.
+
+`python -m benchmarks.vio_starts [--seeds FIRST COUNT] [--starts NAME ...] [--methods NAME ...] [--json]`. The same walk
+round a room begins at rest for two seconds or for a minute, in the middle of a step, with a head that sways on the spot
+(as a hovering drone does), or in the middle of a step with a shaken camera (as one held in the hand). The scale is the
+factor on the estimated path, turned about the vertical, that fits the true one best.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import dropwhile
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import answer, command
+from stridetwin.evaluation.path_scores import compare
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.scenarios.record import record
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import Gait, Gaze
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Sample
+from stridetwin.studies.zhao2023.odometry_walks import (
+    METHODS,
+    SENSORS,
+    OdometryRun,
+    figures,
+    follow,
+    mean,
+    odometer,
+    odometry_samples,
+    true_path,
+)
+
+FIGURES = ("first_pose_s", "ape_rmse_m", "rpe_5m_pct", "loop_drift_m", "scale", "nees_within_95_pct")
+_SWAYING = Gaze(sway_yaw_rad=np.radians(20.0), sway_pitch_rad=np.radians(10.0), sway_hz=0.4)
+_SHAKEN = Gaze(sway_yaw_rad=np.radians(9.0), sway_pitch_rad=np.radians(4.0), sway_hz=2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """How a recording begins: the walker's gait, and the time of its first sample, s."""
+
+    gait: Gait
+    from_s: float = 0.0
+
+
+STARTS = {
+    "two_seconds_at_rest": Start(gait=Gait()),
+    "a_minute_at_rest": Start(gait=Gait(stand_s=60.0)),
+    "in_motion": Start(gait=Gait(), from_s=5.3),
+    "swaying_on_the_spot": Start(gait=Gait(stand_s=12.0, gaze=_SWAYING), from_s=1.5),
+    "shaken_in_motion": Start(gait=Gait(gaze=_SHAKEN), from_s=5.3),
+}
+
+
+def samples_from(recording: Recording, from_s: float) -> Iterator[Sample]:
+    """The samples of the head's camera and IMU from a time on."""
+    return dropwhile(lambda sample: sample.t_ns < from_s * 1e9, odometry_samples(recording, "head"))
+
+
+def scale_of(run: OdometryRun, truth: TruePath) -> float:
+    """Factor on the estimated path that fits the true one best."""
+    fitted = compare(run.odometry.path[run.odometry.healthy], truth, "yaw")
+    true, estimated = (p - p.mean(axis=0) for p in (fitted.truth.p_frame_in_world, fitted.estimate.p_frame_in_world))
+    return float((true * estimated).sum() / (estimated * estimated).sum())
+
+
+def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
+    """Figures by method of a walk."""
+    config = load_scenario("dvio_walk").config
+    twin = Twin(replace(config, sensors=SENSORS, gait=start.gait, physics="kinematic"), seed)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "walk.mcap"
+        record(twin, path, lambda stage, share: None)
+        recording = Recording(path)
+        truth, found = true_path(recording, "head"), {}
+        for method in methods:
+            run = follow(odometer(method, recording.rig, "head"), samples_from(recording, start.from_s))
+            own = figures(run, truth)
+            if own["failure"] not in ("silent", "not finite"):
+                first = float(run.odometry.path.t_ns[run.odometry.healthy.argmax()]) * 1e-9
+                own |= {"first_pose_s": first - start.from_s, "scale": scale_of(run, truth)}
+            found[method] = own
+    return found
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """Walks every start with every seed."""
+    first, count = arguments.seeds
+    cases = {
+        name: [one_start(STARTS[name], seed, arguments.methods) for seed in range(first, first + count)]
+        for name in arguments.starts
+    }
+    summary = {
+        name: {
+            method: {figure: mean((c[method] for c in own), figure) for figure in FIGURES}
+            | {"failures": sum(bool(c[method]["failure"]) for c in own)}
+            for method in arguments.methods
+        }
+        for name, own in cases.items()
+    }
+    return {"benchmark": "vio_starts", "seeds": [first, count], "summary": summary, "cases": cases}
+
+
+def show(result: dict[str, Any]) -> None:
+    """Prints one line per start and method."""
+    print(f"{'':<22}{'':<12}" + "".join(f"{name:>20}" for name in (*FIGURES, "failures")))
+    for name, methods in result["summary"].items():
+        for method, own in methods.items():
+            cells = ["-" if own[figure] is None else f"{own[figure]:.3f}" for figure in FIGURES]
+            print(f"{name:<22}{method:<12}" + "".join(f"{cell:>20}" for cell in (*cells, str(own["failures"]))))
+
+
+def main() -> int:
+    """Runs the benchmark."""
+    parser = command(__doc__)
+    parser.add_argument("--seeds", type=int, nargs=2, default=[15200, 2], metavar=("FIRST", "COUNT"))
+    parser.add_argument("--starts", nargs="+", choices=list(STARTS), default=list(STARTS))
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["proposed", "vins_mono"])
+    return answer(parser, measure, show)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
