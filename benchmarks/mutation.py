@@ -71,9 +71,11 @@ NEAREST: dict[str, tuple[str, ...]] = {
         "tests/evaluation/test_drift.py", "tests/evaluation/test_footprints.py", "tests/evaluation/test_ahead.py",
         "tests/evaluation/test_score_needs.py", "tests/pipeline/test_terrain_files.py",
         "tests/pipeline/test_feet_and_head.py"),
-    "sim/truth.py": ("tests/sim/test_twin.py", "tests/sim/test_gait.py"),
-    "sim/gait/footsteps.py": ("tests/sim/test_gait.py", "tests/sim/test_gait_style.py", "tests/sim/test_twin.py"),
-    "sim/sensors/exo_sensors.py": ("tests/sim/test_sensors.py", "tests/sim/test_twin.py"),
+    "sim/truth.py": ("tests/sim/test_twin.py", "tests/sim/test_gait.py", "tests/sim/test_walk_pinned.py"),
+    "sim/gait/footsteps.py": ("tests/sim/test_gait.py", "tests/sim/test_gait_style.py", "tests/sim/test_twin.py",
+        "tests/sim/test_walk_pinned.py"),
+    "sim/sensors/exo_sensors.py": ("tests/sim/test_sensors.py", "tests/sim/test_twin.py",
+        "tests/sim/test_walk_pinned.py"),
 }  # fmt: skip
 """Tests of a file or of a folder's files; the longest name that fits a module counts."""
 EQUIVALENT = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from stridetwin.scenarios.built_in import catalogue as catalogue
 from stridetwin.scenarios.scenario_model import ScenarioFile
 from stridetwin.sim.config import PHYSICS as PHYSICS
-from stridetwin.sim.config import Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Level, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.faults.faults import check_faults
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
@@ -127,6 +128,10 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
         if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
             valid = "level, ramp (stairs must end at a landing)"
             raise ConfigError(path, f"terrain[{i}]", kind, valid)
+    last = segments[-1]
+    if isinstance(last, Level) and last.cross_slope_rad != 0.0:
+        at = f"terrain[{len(segments) - 1}].level.cross_slope_deg"
+        raise ConfigError(path, at, round(math.degrees(last.cross_slope_rad), 6), "0 (a walk ends on level ground)")
 
 
 def _check_exo_groups(path: Path, config: TwinConfig, paths: dict[str, str]) -> None:

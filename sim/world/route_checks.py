@@ -129,7 +129,7 @@ def _check_winding(stairs: Stairs, at: str, width: float) -> None:
     slope = stairs.tread_slope_rad
     _demand(f"{at}.tread_slope_rad", slope, slope == 0.0, "0 rad on a stair that winds")
     widest = 2.0 * (treads * stairs.tread_m / turn - POLE_MIN_M)
-    valid = f"up to {widest:.2f} m, so that the treads of {at} do not meet at the pole"
+    valid = f"up to {widest:.2f} m, so that the treads of its winding stairs do not meet at the pole"
     _demand("width_m", width, bool(width <= widest + _TINY), valid)
 
 

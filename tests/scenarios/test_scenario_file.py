@@ -186,6 +186,11 @@ def test_patterns_and_manners_of_walking(tmp_path):
          "terrain[1].lanes.walk: invalid 3", "1-2"),
         (lambda n: n["terrain"].insert(1, {"level": {"length_m": 2, "cross_slope_deg": 9}}),
          "terrain[1].level.cross_slope_deg: invalid 9", "-5 to 5"),
+        (lambda n: n["terrain"].append({"level": {"length_m": 2, "cross_slope_deg": 3}}),
+         "terrain[3].level.cross_slope_deg: invalid 3.0", "0 (a walk ends on level ground)"),
+        (lambda n: stairs(n).update(turn_deg=300), "terrain[1].stairs.turn_deg: invalid 300", "-270 to 270"),
+        (lambda n: stairs(n).update(risers=6, turn_deg=90), "width_m: invalid 2.4",
+         "so that the treads of its winding stairs do not meet"),
         (lambda n: n.update(terrian=1), "'terrian'", "did you mean 'terrain'?"),
     ],
 )  # fmt: skip

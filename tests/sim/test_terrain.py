@@ -182,7 +182,7 @@ def test_edges_of_a_winding_stair_are_radial(turn_deg, down):
         ({"turn_rad": 2.4}, 1.0, "30 deg. per tread"),
         ({"open_risers": True}, 1.0, "false on a stair that winds"),
         ({"tread_slope_rad": 0.02}, 1.0, "0 rad on a stair that winds"),
-        ({}, 2.4, "up to 1.33 m, so that the treads of segments.1. do not meet at the pole"),
+        ({}, 2.4, "up to 1.33 m, so that the treads of its winding stairs do not meet at the pole"),
     ],
 )
 def test_a_winding_stair_that_cannot_be_built_is_refused(changes, width, valid):
