@@ -48,7 +48,7 @@ def test_a_walk_is_made_once(stridetwin_scenario):
 def test_a_walk_may_be_given_in_other_ways(stridetwin_scenario):
     level = {"terrain": [{"level": {"length_m": 6}}], "sensors": {"foot_imu": "my_imu.yaml"}}
     assert stridetwin_scenario(level).metadata["scenario"] == "scenario"
-    assert stridetwin_scenario(level).metadata["seed"] == 0
+    assert stridetwin_scenario(level).metadata["seed"] == "0"
     config = TwinConfig(name="mine", route=Route(segments=(Level(length_m=5.0),)))
     assert stridetwin_scenario(config).metadata["scenario"] == "mine"
 """
