@@ -70,9 +70,9 @@ def _winds(row: list[Riser], p: TerrainMapParameters) -> bool:
     """Whether each edge of three or more is turned against the one before, all to one side."""
     if len(row) < 3:
         return False
-    x, y = np.array([r.down for r in row]).T
-    turns = np.arctan2(x[:-1] * y[1:] - y[:-1] * x[1:], x[:-1] * x[1:] + y[:-1] * y[1:])
-    return bool(abs(turns.sum()) > p.winding_rad * len(turns) and np.all(turns * turns.sum() > 0.0))
+    down = np.array([complex(*r.down) for r in row])
+    turns = np.angle(down[1:] / down[:-1])
+    return bool(abs(turns.mean()) > p.winding_rad and (turns * turns.mean() > 0.0).all())
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:

@@ -199,20 +199,19 @@ class _Pen:
 
     def winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
         """Lays a tread on an arc. Its lower edge is radial; its other end lies under the next higher tread."""
-        radius, curvature = length / abs(angle), angle / length
+        radius = length / abs(angle)
         reach = (radius + half) * math.sin(abs(angle))
         inner = radius - (radius - half) * math.cos(angle)  # as far as the next edge begins
         left, right = (inner, half) if angle > 0.0 else (half, inner)
         x, y, heading = self.x, self.y, self.heading
+        self._go(length, angle / length, "stair")
         if down:
-            way = Way(segments=(CurveSegment(s0=0.0, s1=length, x=x, y=y, heading=heading, curvature=curvature),))
-            (x, y), heading = way.point(length).tolist(), float(way.heading(length))
-            x, y = x - reach * math.cos(heading), y - reach * math.sin(heading)
+            heading = self.heading
+            x, y = self.x - reach * math.cos(heading), self.y - reach * math.sin(heading)
         self._slab(
             Slab(x=x, y=y, heading=heading, length=reach, left=left, right=right, z0=self.z, z1=self.z,
                  terrain="stair", recess=recess)
         )  # fmt: skip
-        self._go(length, curvature, "stair")
 
     def crossing(self, length: float, aside: float, left: float, right: float) -> None:
         """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
