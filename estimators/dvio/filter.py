@@ -256,6 +256,12 @@ class Dvio:
         """Estimated ratio of true to measured depth."""
         return float(self._core.window.calibration.scale[0])
 
+    @property
+    def imu_noise_factors(self) -> tuple[float, float]:
+        """Estimated noise of the gyroscope and of the accelerometer over that of their data sheet."""
+        rate, force = self._parameters.imu_noise_factor * self._core.inflation.factor
+        return float(rate), float(force)
+
     def _sense(self, sample: Imu) -> DvioEstimate | None:
         core = self._core
         if not core.inertial.take(sample):

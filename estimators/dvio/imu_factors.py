@@ -242,6 +242,13 @@ def motion(
 
 
 @njit(error_model="numpy", **INSIDE)
+def increment_residual(window: Window, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
+    """IMU residual (9,) of a window from frame k to the next, and its Jacobian (9, 30); see `motion`."""
+    z = preintegration_at(window.preintegrations, k)
+    motion(window.frames, z, k, factors.gravity, r, J, factors.first_estimates)
+
+
+@njit(error_model="numpy", **INSIDE)
 def add_motion(
     frames: Frames, zs: Preintegration, k: int, factors: FactorParameters, shared: int, H: Array, b: Array
 ) -> float:  # fmt: skip

@@ -20,7 +20,7 @@ from stridetwin.estimators.dvio import (
 _called = cached(Path(__file__).parent, error_model="numpy")
 
 inverse = _called(matrices.inverse)
-integrate = _called(imu_factors.integrate)
+integrate, increment_residual = _called(imu_factors.integrate), _called(imu_factors.increment_residual)
 add_increment, plausible = _called(nav_state.add_increment), _called(nav_state.plausible)
 pose_and_covariance = _called(nav_state.pose_and_covariance)
 view, add_inertial = _called(projection.view), _called(imu_factors.add_inertial)

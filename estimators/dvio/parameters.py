@@ -8,14 +8,32 @@ from typing import Any, NamedTuple
 from stridetwin.estimators.base import PROPOSED, current_name
 from stridetwin.estimators.dvio.feet import LegParameters
 from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
-from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, LevelParameters, PlaneParameters
+from stridetwin.estimators.dvio.state import (
+    FactorParameters,
+    ImuNoise,
+    InflationParameters,
+    LevelParameters,
+    PlaneParameters,
+)
 from stridetwin.estimators.dvio.structure_from_motion import StructureParameters
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 
 HOST_DEPTHS = ("none", "fixed", "factor")
-_GROUPS = ("tracking", "start", "recovery", "depth", "plane", "level", "legs", "imu", "plausible", "structure")
+_GROUPS = (
+    "tracking",
+    "start",
+    "recovery",
+    "depth",
+    "plane",
+    "level",
+    "legs",
+    "imu",
+    "inflation",
+    "plausible",
+    "structure",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +205,8 @@ class DvioParameters:
         depth_scale_sd: Of the depth camera.
         focal_sd: Of the focal lengths, relative.
         gravity_mps2: m/s².
-        imu_noise_factor: Actual over nominal noise of the IMU, for scale errors, misalignment and vibration.
+        imu_noise_factor: Actual over nominal noise of the IMU, for scale errors, misalignment and vibration ...
+        imu_noise_from_images: ... which becomes larger if the images show that it is.
         walk_factor: The same for the random walk of its biases.
         rate_share_rts: Gyroscope scale and axis errors, as noise proportional to the rate, √s: 0.56 % over a second.
         gyro_bias_sd_radps: Turn-on bias, rad/s, if the calibration has a smaller one.
@@ -220,6 +239,7 @@ class DvioParameters:
         level: Of level ground.
         legs: Of the legs' velocity.
         imu: Of the IMU's samples.
+        inflation: Of the noise that images show.
         plausible: Limits of the state.
         structure: Of the structure from motion of a start.
     """
@@ -260,6 +280,7 @@ class DvioParameters:
     focal_sd: float = 2e-3
     gravity_mps2: float = NOMINAL_GRAVITY_MPS2
     imu_noise_factor: float = 5.6
+    imu_noise_from_images: bool = True
     walk_factor: float = 4.2
     rate_share_rts: float = 5.6e-3
     gyro_bias_sd_radps: float = 0.01
@@ -292,6 +313,7 @@ class DvioParameters:
     level: LevelParameters = field(default_factory=LevelParameters)
     legs: LegParameters = field(default_factory=LegParameters)
     imu: ImuParameters = ImuParameters()
+    inflation: InflationParameters = field(default_factory=InflationParameters)
     plausible: PlausibleState = field(default_factory=PlausibleState)
     structure: StructureParameters = field(default_factory=StructureParameters)
 
@@ -348,6 +370,7 @@ _PUBLISHED: dict[str, Any] = {
     "host_depth_in_prior": False,
     "first_estimates": False,
     "zero_velocity_updates": False,
+    "imu_noise_from_images": False,
     "extrinsic_position_sd_m": 0.0,
     "extrinsic_rotation_sd_rad": 0.0,
     "time_offset_sd_s": 0.0,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import LegMeasurement
+from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
@@ -55,6 +56,7 @@ class Core:
         self, camera: CameraCalibration, imu: ImuCalibration, T_imu_camera: Array, parameters: DvioParameters
     ) -> None:
         self.parameters, self.noise = parameters, parameters.noise(imu)
+        self.inflation = ImuInflation(self.noise, parameters.inflation)
         turn_on = [
             max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd_radps),
             max(imu.accelerometer_bias_sd, parameters.accel_bias_sd_mps2),
@@ -119,6 +121,7 @@ class Core:
         own = slice(w.shared, w.shared + FRAME)
         w.prior.H[own, own] = np.linalg.inv(covariance)
         self._level.restart()
+        self.inflation.restart()
         self.nav.covariance[:] = covariance
         self._save_previous()
         self.tracker.reset()
@@ -175,6 +178,9 @@ class Core:
             if self._mount.adapts:
                 self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
             self._observe_ground(frame, slot)
+            if p.imu_noise_from_images:
+                self.inflation.follow(w, self.factors, self._work.factor)
+                self.noise = self.inflation.noise
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)

@@ -76,6 +76,23 @@ class LevelParameters(NamedTuple):
     spacing_m: float = 1.0
 
 
+class InflationParameters(NamedTuple):
+    """When and how fast the noise of the IMU follows the residuals; hand-chosen on tuning seeds.
+
+    Attributes:
+        share: RMS of the residuals, of the expected one, that is taken as consistent: below 1, because one increment
+            does not show errors that last for several; parts as calibrated have 0.3 (rates) and 0.45 (forces).
+        memory: Increments that are remembered.
+        doubt: Redundancy of earlier consistent increments, before the first one.
+        largest: Ratio of squared residuals to their expectation that counts at most: one bad image is no noise.
+    """
+
+    share: float = 0.6
+    memory: float = 30.0
+    doubt: float = 10.0
+    largest: float = 4.0
+
+
 class FactorParameters(NamedTuple):
     """Noise model of the factors, and which factors are used.
 

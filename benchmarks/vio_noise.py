@@ -1,0 +1,131 @@
+"""Visual-inertial odometry whose IMU is worse than its data sheet says.
+
+`python -m benchmarks.vio_noise [--seeds FIRST COUNT] [--parts NAME ...] [--json]`. The samples of the head's IMU on a
+walk round a room get more white noise, or errors of axes and scale that calibration has not removed. The odometry runs
+with the noise that images show, and with the fixed multiple of the data sheet's. `found` is the estimated multiple at
+the end, of gyroscope and accelerometer.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import answer, command
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.dvio import Dvio, DvioParameters
+from stridetwin.scenarios.record import record
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Imu, Sample
+from stridetwin.studies.zhao2023.odometry_walks import SENSORS, figures, follow, mean, odometry_samples, true_path
+
+FIGURES = ("ape_rmse_m", "rpe_5m_pct", "nees_within_95_pct", "found_rate", "found_force")
+NOISE_FROM = {"images": True, "data_sheet": False}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Errors beyond the simulated part's own.
+
+    Attributes:
+        noise: White noise added, of a multiple of the data sheet's density.
+        axes_sd: Standard deviation of each entry added to the matrix of axes and scale.
+    """
+
+    noise: float = 0.0
+    axes_sd: float = 0.0
+
+
+PARTS = {
+    "as_its_data_sheet": Part(),
+    "ten_times_the_noise": Part(noise=10.0),
+    "thirty_times_the_noise": Part(noise=30.0),
+    "axes_and_scale_1_pct": Part(axes_sd=0.01),
+    "axes_and_scale_2_pct": Part(axes_sd=0.02),
+}
+
+
+def worse(recording: Recording, part: Part, seed: int) -> Iterator[Sample]:
+    """The samples of the head's camera and IMU, the IMU's with the errors of a part."""
+    rng, imu = np.random.default_rng(seed), recording.rig.imus["/head/imu"]
+    of_rate, of_force = np.eye(3) + part.axes_sd * rng.normal(size=(2, 3, 3))
+    rate_sd, force_sd = (
+        part.noise * density * np.sqrt(imu.rate_hz)
+        for density in (imu.gyroscope_noise_density, imu.accelerometer_noise_density)
+    )
+    for sample in odometry_samples(recording, "head"):
+        if isinstance(sample, Imu) and part != Part():
+            sample = replace(
+                sample,
+                angular_rate=of_rate @ sample.angular_rate + rate_sd * rng.normal(size=3),
+                specific_force=of_force @ sample.specific_force + force_sd * rng.normal(size=3),
+            )
+        yield sample
+
+
+def one_walk(seed: int, parts: list[str]) -> dict[str, Any]:
+    """Figures of a walk by part and origin of the noise."""
+    config = load_scenario("dvio_walk").config
+    twin = Twin(replace(config, sensors=SENSORS, physics="kinematic"), seed)
+    found: dict[str, Any] = {}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "walk.mcap"
+        record(twin, path, lambda stage, share: None)
+        recording = Recording(path)
+        truth = true_path(recording, "head")
+        for part in parts:
+            found[part] = {}
+            for origin, from_images in NOISE_FROM.items():
+                odometry = Dvio(
+                    recording.rig, parameters=DvioParameters(imu_noise_from_images=from_images),
+                    options=Options(mount="head"),
+                )  # fmt: skip
+                own = figures(follow(odometry, worse(recording, PARTS[part], seed)), truth)
+                rate, force = odometry.imu_noise_factors
+                found[part][origin] = own | {"found_rate": rate, "found_force": force}
+    return found
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """Walks every seed with every part."""
+    first, count = arguments.seeds
+    cases = [one_walk(seed, arguments.parts) for seed in range(first, first + count)]
+    summary = {
+        part: {
+            origin: {figure: mean((c[part][origin] for c in cases), figure) for figure in FIGURES}
+            | {"failures": sum(bool(c[part][origin]["failure"]) for c in cases)}
+            for origin in NOISE_FROM
+        }
+        for part in arguments.parts
+    }
+    return {"benchmark": "vio_noise", "seeds": [first, count], "summary": summary, "cases": cases}
+
+
+def show(result: dict[str, Any]) -> None:
+    """Prints one line per part and origin of the noise."""
+    print(f"{'':<24}{'noise from':<12}" + "".join(f"{name:>20}" for name in (*FIGURES, "failures")))
+    for part, origins in result["summary"].items():
+        for origin, own in origins.items():
+            cells = ["-" if own[figure] is None else f"{own[figure]:.3f}" for figure in FIGURES]
+            print(f"{part:<24}{origin:<12}" + "".join(f"{cell:>20}" for cell in (*cells, str(own["failures"]))))
+
+
+def main() -> int:
+    """Runs the benchmark."""
+    parser = command(__doc__)
+    parser.add_argument("--seeds", type=int, nargs=2, default=[15400, 4], metavar=("FIRST", "COUNT"))
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
+    return answer(parser, measure, show)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
