@@ -8,8 +8,10 @@ import pytest
 from benchmarks import vio_starts
 from stridetwin.evaluation.path_scores import Odometry
 from stridetwin.evaluation.truth import TruePath
+from stridetwin.streams.samples import Depth
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.zhao2023.odometry_walks import OdometryRun
+from tests.estimators.dvio.wall import rig as wall_rig
 
 
 @pytest.mark.parametrize("scale", [0.97, 1.0, 1.02])
@@ -29,3 +31,20 @@ def test_a_recording_that_begins_later_has_no_earlier_samples(monkeypatch):
     samples = [SimpleNamespace(t_ns=round(t * 1e9)) for t in (0.0, 1.0, 1.5, 2.0)]
     monkeypatch.setattr(vio_starts, "odometry_samples", lambda recording, mount: iter(samples))
     assert list(vio_starts.samples_from(SimpleNamespace(), 1.5)) == samples[2:]
+
+
+def test_the_method_without_depth_gets_none(monkeypatch):
+    rig = wall_rig()
+    samples = [Depth(t_ns=k, topic="/head/depth", depth=np.ones((2, 2), np.uint16)) for k in range(3)]
+    made = []
+    monkeypatch.setattr(vio_starts, "odometry_samples", lambda recording, mount: iter([*samples, "image"]))
+    monkeypatch.setattr(vio_starts, "odometer", lambda method, rig, mount: made.append((method, rig)))
+    monkeypatch.setattr(vio_starts, "follow", lambda odometry, samples: list(samples))
+    assert rig.cameras["/head/color"].depth_topic
+    recording = SimpleNamespace(rig=rig)
+    monkeypatch.setattr(vio_starts, "dropwhile", lambda before, samples: samples)
+    assert vio_starts.run_of("proposed", recording, 0.0) == [*samples, "image"]
+    assert vio_starts.run_of(vio_starts.WITHOUT_DEPTH, recording, 0.0) == ["image"]
+    assert [method for method, _ in made] == ["proposed", "proposed"]
+    assert made[0][1] == rig
+    assert not made[1][1].cameras["/head/color"].depth_topic
