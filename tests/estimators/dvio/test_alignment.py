@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio import DvioParameters, initializer, kernel
 from stridetwin.estimators.dvio import structure_from_motion as sfm
-from stridetwin.estimators.dvio.initializer import Priors, aligned, gyro_bias
+from stridetwin.estimators.dvio.initializer import Initializer, Priors, aligned, gyro_bias
 from stridetwin.estimators.dvio.optimiser import preintegrate
+from stridetwin.estimators.dvio.sliding_window import Core
 from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_of_bearings, structure_with_depth
+from stridetwin.estimators.dvio.tracker import CameraFrame
+from stridetwin.streams.samples import Image, Imu
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
+from tests.estimators.dvio.wall import Wall, rig, swaying
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 PERIOD_NS, IMAGES, BETWEEN, POINTS = 5_000_000, 8, 20, 80
@@ -179,3 +183,29 @@ def test_state_covariance_turns_with_the_heading():
 def test_products_are_summed_over_both_directions_and_the_depth():
     products = np.random.default_rng(1).normal(size=(2, 5, 3, 6, 3))
     np.testing.assert_allclose(sfm._summed(products), products.sum(axis=2))
+
+
+def test_a_later_start_uses_what_is_known_of_lens_and_depth(monkeypatch):
+    """After a loss, the window's focal lengths and depth scale correct the observations."""
+
+    def observations(focal: list[float], scale: float) -> Observations:
+        made = []
+        monkeypatch.setattr(initializer, "structure_with_depth", lambda s: made.append(s))
+        wall = Wall(lambda t: swaying(t + 3.0), 0.7, seed=7)
+        core = Core(rig().cameras["/head/color"], rig().imus["/head/imu"], np.eye(4), DvioParameters())
+        core.window.calibration.focal[:], core.window.calibration.scale[0] = focal, scale
+        found = Initializer(core)
+        for sample in wall.samples():
+            if isinstance(sample, Imu):
+                core.inertial.take(sample)
+            elif isinstance(sample, Image):
+                grey, t_ns = sample.pixels, sample.t_ns
+            elif core.inertial.reaches_back(t_ns):
+                found.take(CameraFrame(t_ns=t_ns, grey=grey, depth=sample.depth))
+        return made[0]
+
+    nominal, corrected = observations([0.0, 0.0], 1.0), observations([0.01, -0.02], 1.05)
+    seen = nominal.seen
+    assert seen.sum() > 100
+    assert corrected.at[seen] == pytest.approx(nominal.at[seen] * [1.01, 0.98])
+    assert corrected.rho[seen] == pytest.approx(nominal.rho[seen] / 1.05)
