@@ -19,7 +19,7 @@ from stridetwin.streams.samples import Array
 
 # Rows of the IMU residual (7): its rotation is the gyroscope's, its position and velocity are the accelerometer's.
 _BY_SENSOR = (np.array([3, 4, 5]), np.array([0, 1, 2, 6, 7, 8]))
-# An increment is judged once two later keyframes have measured its velocities.
+# An increment is compared after two more keyframes, which measure its velocities.
 _INCREMENTS = 3
 
 
@@ -65,7 +65,7 @@ class ImuInflation:
         kept = 1.0 - 1.0 / p.memory
         self._squared = kept * self._squared + factor**2 * squared
         self._expected = kept * self._expected + expected
-        ratio = (p.doubt * p.share**2 + self._squared) / (p.doubt + self._expected)
+        ratio = (p.prior_redundancy * p.share**2 + self._squared) / (p.prior_redundancy + self._expected)
         self.factor = np.sqrt(np.maximum(ratio / p.share**2, 1.0))
 
 

@@ -83,13 +83,13 @@ class InflationParameters(NamedTuple):
         share: RMS of the residuals, of the expected one, that is taken as consistent: below 1, because one increment
             does not show errors that last for several; parts as calibrated have 0.3 (rates) and 0.45 (forces).
         memory: Increments that are remembered.
-        doubt: Redundancy of earlier consistent increments, before the first one.
+        prior_redundancy: Redundancy of earlier consistent increments, before the first one.
         largest: Ratio of squared residuals to their expectation that counts at most: one bad image is no noise.
     """
 
     share: float = 0.6
     memory: float = 30.0
-    doubt: float = 10.0
+    prior_redundancy: float = 10.0
     largest: float = 4.0
 
 
