@@ -12,21 +12,18 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from benchmarks.command import answer, command
+from benchmarks.vio_starts import print_table, recorded_walk, summarised
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio, DvioParameters
-from stridetwin.scenarios.record import record
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.twin import Twin
+from stridetwin.sim.config import Gait
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Imu, Sample
-from stridetwin.studies.zhao2023.odometry_walks import SENSORS, figures, follow, mean, odometry_samples, true_path
+from stridetwin.studies.zhao2023.odometry_walks import figures, follow, odometry_samples, true_path
 
 FIGURES = ("ape_rmse_m", "rpe_5m_pct", "nees_within_95_pct", "found_rate", "found_force")
 NOISE_FROM = {"images": True, "data_sheet": False}
@@ -74,13 +71,8 @@ def worse(recording: Recording, part: Part, seed: int) -> Iterator[Sample]:
 
 def one_walk(seed: int, parts: list[str]) -> dict[str, Any]:
     """Figures of a walk by part and origin of the noise."""
-    config = load_scenario("dvio_walk").config
-    twin = Twin(replace(config, sensors=SENSORS, physics="kinematic"), seed)
     found: dict[str, Any] = {}
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "walk.mcap"
-        record(twin, path, lambda stage, share: None)
-        recording = Recording(path)
+    with recorded_walk(seed, Gait()) as recording:
         truth = true_path(recording, "head")
         for part in parts:
             found[part] = {}
@@ -99,24 +91,13 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     """Walks every seed with every part."""
     first, count = arguments.seeds
     cases = [one_walk(seed, arguments.parts) for seed in range(first, first + count)]
-    summary = {
-        part: {
-            origin: {figure: mean((c[part][origin] for c in cases), figure) for figure in FIGURES}
-            | {"failures": sum(bool(c[part][origin]["failure"]) for c in cases)}
-            for origin in NOISE_FROM
-        }
-        for part in arguments.parts
-    }
+    summary = {part: summarised([case[part] for case in cases], FIGURES) for part in arguments.parts}
     return {"benchmark": "vio_noise", "seeds": [first, count], "summary": summary, "cases": cases}
 
 
 def show(result: dict[str, Any]) -> None:
     """Prints one line per part and origin of the noise."""
-    print(f"{'':<24}{'noise from':<12}" + "".join(f"{name:>20}" for name in (*FIGURES, "failures")))
-    for part, origins in result["summary"].items():
-        for origin, own in origins.items():
-            cells = ["-" if own[figure] is None else f"{own[figure]:.3f}" for figure in FIGURES]
-            print(f"{part:<24}{origin:<12}" + "".join(f"{cell:>20}" for cell in (*cells, str(own["failures"]))))
+    print_table(result["summary"], FIGURES, "noise from")
 
 
 def main() -> int:

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import dropwhile
 from pathlib import Path
@@ -87,14 +88,20 @@ def scale_of(run: OdometryRun, truth: TruePath) -> float:
     return float((true * estimated).sum() / (estimated * estimated).sum())
 
 
-def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
-    """Figures by method of a walk."""
+@contextmanager
+def recorded_walk(seed: int, gait: Gait) -> Iterator[Recording]:
+    """A recording of the walk round a room, for as long as it is needed."""
     config = load_scenario("dvio_walk").config
-    twin = Twin(replace(config, sensors=SENSORS, gait=start.gait, physics="kinematic"), seed)
+    twin = Twin(replace(config, sensors=SENSORS, gait=gait, physics="kinematic"), seed)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "walk.mcap"
         record(twin, path, lambda stage, share: None)
-        recording = Recording(path)
+        yield Recording(path)
+
+
+def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
+    """Figures by method of a walk."""
+    with recorded_walk(seed, start.gait) as recording:
         truth, found = true_path(recording, "head"), {}
         for method in methods:
             run = run_of(method, recording, start.from_s)
@@ -106,6 +113,24 @@ def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
     return found
 
 
+def summarised(cases: list[dict[str, Any]], names: Sequence[str]) -> dict[str, Any]:
+    """Means of the named figures over walks, by method, and how many walks failed."""
+    return {
+        method: {name: mean((c[method] for c in cases), name) for name in names}
+        | {"failures": sum(bool(c[method]["failure"]) for c in cases)}
+        for method in (cases[0] if cases else ())
+    }
+
+
+def print_table(summary: dict[str, Any], names: Sequence[str], heading: str = "method") -> None:
+    """Prints one line per case and method of a summary; the methods' column has a heading."""
+    print(f"{'':<24}{heading:<24}" + "".join(f"{name:>20}" for name in (*names, "failures")))
+    for case, methods in summary.items():
+        for method, own in methods.items():
+            cells = ["-" if own[name] is None else f"{own[name]:.3f}" for name in names]
+            print(f"{case:<24}{method:<24}" + "".join(f"{cell:>20}" for cell in (*cells, str(own["failures"]))))
+
+
 def measure(arguments: Namespace) -> dict[str, Any]:
     """Walks every start with every seed."""
     first, count = arguments.seeds
@@ -113,24 +138,13 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         name: [one_start(STARTS[name], seed, arguments.methods) for seed in range(first, first + count)]
         for name in arguments.starts
     }
-    summary = {
-        name: {
-            method: {figure: mean((c[method] for c in own), figure) for figure in FIGURES}
-            | {"failures": sum(bool(c[method]["failure"]) for c in own)}
-            for method in arguments.methods
-        }
-        for name, own in cases.items()
-    }
+    summary = {name: summarised(own, FIGURES) for name, own in cases.items()}
     return {"benchmark": "vio_starts", "seeds": [first, count], "summary": summary, "cases": cases}
 
 
 def show(result: dict[str, Any]) -> None:
     """Prints one line per start and method."""
-    print(f"{'':<22}{'':<24}" + "".join(f"{name:>20}" for name in (*FIGURES, "failures")))
-    for name, methods in result["summary"].items():
-        for method, own in methods.items():
-            cells = ["-" if own[figure] is None else f"{own[figure]:.3f}" for figure in FIGURES]
-            print(f"{name:<22}{method:<24}" + "".join(f"{cell:>20}" for cell in (*cells, str(own["failures"]))))
+    print_table(result["summary"], FIGURES)
 
 
 def main() -> int:
