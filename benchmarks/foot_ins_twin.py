@@ -19,8 +19,8 @@ import numpy as np
 from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.evaluation.path_scores import Comparison, Scores, compare, score
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.path.scores import Comparison, Scores, compare, score
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig

@@ -3,7 +3,7 @@
 Run as `python -m benchmarks.gait_norms [--json] [--plots DIR] [--speeds 0.8 1.1 1.3] [--terrain level stairs ramps]`.
 On the level three bodies walk 20 m at each speed, as planned and as simulated, without exoskeleton and with it; the
 mean of the strides in the middle is compared over the gait cycle with Schwartz, Rozumalski & Trost 2008 (the speed
-group nearest by v / sqrt(g leg)). The other bands are in evaluation/reference/gait_norms.yaml.
+group nearest by v / sqrt(g leg)). The other bands are in reference/gait_norms.yaml.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.svg_plot import SvgPlot
-from stridetwin.evaluation.norms import level_norm, reference, speed_group
-from stridetwin.report.plot import data_range
+from stridetwin.pages.plot import data_range
+from stridetwin.reference.norms import level_norm, reference, speed_group
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat

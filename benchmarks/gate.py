@@ -34,11 +34,11 @@ from stridetwin.estimators import foot_ins
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import ContactTerrain
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.evaluation.evaluate import evaluate, summary
-from stridetwin.evaluation.gate.compare import Comparison, Rules, compare_scores
-from stridetwin.evaluation.gate.metric_policy import OVERALL
-from stridetwin.evaluation.gate.score_table import ScoreTable, document_of, table_of
-from stridetwin.evaluation.step_scores import evaluate_steps
+from stridetwin.gate.compare import Comparison, Rules, compare_scores
+from stridetwin.gate.metric_policy import OVERALL
+from stridetwin.gate.score_table import ScoreTable, document_of, table_of
+from stridetwin.outputs.path.evaluate import evaluate, summary
+from stridetwin.outputs.steps.scores import evaluate_steps
 from stridetwin.scenarios.campaign.generate import Options as Campaign
 from stridetwin.scenarios.campaign.generate import generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED

@@ -21,7 +21,7 @@ from benchmarks.command import answer, command
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.estimators.foot_to_foot.parameters import PublishedParameters
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin

@@ -34,7 +34,8 @@ from benchmarks.command import answer, command
 from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
-from stridetwin.evaluation.map_scores import (
+from stridetwin.outputs.terrain.files import given_poses
+from stridetwin.outputs.terrain.scores import (
     FAR_M,
     NEAR_M,
     cells_ahead,
@@ -43,7 +44,6 @@ from stridetwin.evaluation.map_scores import (
     on_the_way_ahead,
     true_heights,
 )
-from stridetwin.pipeline.terrain_files import given_poses
 from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario

@@ -38,7 +38,7 @@ from benchmarks.mutants import Mutant, is_change, mutants
 from stridetwin.streams.errors import StrideTwinError
 
 ROOT = Path(__file__).parents[1]
-SCOPES = ("estimators", "evaluation", "sim/truth.py", "sim/gait/footsteps.py", "sim/sensors/exo_sensors.py")
+SCOPES = ("estimators", "outputs", "gate", "sim/truth.py", "sim/gait/footsteps.py", "sim/sensors/exo_sensors.py")
 """Folders and files into which bugs are inserted."""
 _SET = "tests/estimators/test_parameter_set.py"
 NEAREST: dict[str, tuple[str, ...]] = {
@@ -51,7 +51,7 @@ NEAREST: dict[str, tuple[str, ...]] = {
         "tests/estimators/test_foot_to_foot.py", "tests/estimators/test_foot_pinned.py",
         "tests/estimators/test_gyro_scale.py",
         "tests/estimators/test_left_right.py", "tests/estimators/test_board_tracking.py",
-        "tests/pipeline/test_feet_and_head.py"),
+        "tests/outputs/test_feet_and_head.py"),
     "estimators/checkerboard": (_SET, "tests/estimators/test_board_pattern.py", "tests/estimators/test_board_pose.py",
         "tests/estimators/test_board_tracking.py", "tests/estimators/test_board.py"),
     "estimators/contact_terrain": (_SET, "tests/estimators/test_contact_terrain_parts.py",
@@ -60,17 +60,17 @@ NEAREST: dict[str, tuple[str, ...]] = {
         "tests/estimators/test_leg_speed.py"),
     "estimators/terrain_map": (_SET, "tests/estimators/terrain_map"),
     "estimators/locomotion_mode": (_SET, "tests/estimators/locomotion_mode"),
-    "estimators/dvio": (_SET, "tests/estimators/dvio", "tests/pipeline/test_odometry.py"),
+    "estimators/dvio": (_SET, "tests/estimators/dvio", "tests/outputs/test_odometry.py"),
     "estimators": ("tests/estimators/test_kernel_algebra.py", "tests/estimators/test_methods.py",
         "tests/estimators/test_compiled.py", "tests/estimators/test_foot_ins.py",
-        "tests/estimators/test_contact_terrain_filter.py", "tests/pipeline/test_example_package.py"),
-    "evaluation/gate": ("tests/evaluation/gate",),
-    "evaluation/norms.py": ("tests/report/test_report.py",),
-    "evaluation": ("tests/evaluation/test_map_scores.py", "tests/evaluation/test_scoring.py",
-        "tests/evaluation/test_steps.py", "tests/evaluation/test_step_scores.py", "tests/evaluation/test_mode_score.py",
-        "tests/evaluation/test_drift.py", "tests/evaluation/test_footprints.py", "tests/evaluation/test_ahead.py",
-        "tests/evaluation/test_score_needs.py", "tests/pipeline/test_terrain_files.py",
-        "tests/pipeline/test_feet_and_head.py"),
+        "tests/estimators/test_contact_terrain_filter.py", "tests/run/test_example_package.py"),
+    "gate": ("tests/gate",),
+    "reference/norms.py": ("tests/report/test_report.py",),
+    "outputs": ("tests/outputs/test_map_scores.py", "tests/outputs/test_scoring.py",
+        "tests/outputs/test_steps.py", "tests/outputs/test_step_scores.py", "tests/outputs/test_mode_score.py",
+        "tests/outputs/test_drift.py", "tests/outputs/test_footprints.py", "tests/outputs/test_ahead.py",
+        "tests/outputs/test_score_needs.py", "tests/outputs/test_terrain_files.py",
+        "tests/outputs/test_feet_and_head.py"),
     "sim/truth.py": ("tests/sim/test_twin.py", "tests/sim/test_gait.py", "tests/sim/test_walk_pinned.py"),
     "sim/gait/footsteps.py": ("tests/sim/test_gait.py", "tests/sim/test_gait_style.py", "tests/sim/test_twin.py",
         "tests/sim/test_walk_pinned.py"),
@@ -79,7 +79,7 @@ NEAREST: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Tests of a file or of a folder's files; the longest name that fits a module counts."""
 EQUIVALENT = {
-    ("evaluation/alignment.py", "truth.p_frame_in_world - mean_t", "truth.p_frame_in_world"):
+    ("outputs/alignment.py", "truth.p_frame_in_world - mean_t", "truth.p_frame_in_world"):
         "the other factor has the mean 0, so a constant adds nothing to the sum of the products",
     ("estimators/so3.py", "s > 1e-7", "s >= 1e-7"): "both branches agree at their limit to the last digits",
     ("estimators/foot_ins/kalman.py", "n = P.shape[0]", "n = P.shape[1]"): "P is square",
@@ -101,7 +101,7 @@ EQUIVALENT = {
         "explained[i, j] + explained[i, j]"): "the matrix is symmetric but for rounding errors",
     ("estimators/locomotion_mode/rhythm.py", "elapsed < self._p.bounce_share", "elapsed <= self._p.bounce_share"):
         "no step takes just that share",
-    ("evaluation/terrain_ahead.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
+    ("outputs/terrain_ahead.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
         "no cell's middle is just there",
     ("evaluation/gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):
         "it keeps the logarithm of 0 finite; no score is as small",

@@ -21,8 +21,8 @@ from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
-from stridetwin.evaluation.path_scores import CHI2_3_95
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.path.scores import CHI2_3_95
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin

@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.report.plot import INK, MUTED, Range
+from stridetwin.pages.plot import INK, MUTED, Range
 from stridetwin.streams.samples import Array
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 12.0, 28.0, 40.0

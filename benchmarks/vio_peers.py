@@ -5,7 +5,7 @@ environment of their own (`--environment`), run as separate programs, and read t
 ORB-SLAM3 (GPL) gets a vocabulary learnt from other walks of the twin, and the IMU's noise times `--imu-noise`, as its
 authors advise. An unavailable peer is listed with the reason.
 Every path is aligned with the truth at its first valid pose, including tilt, which favours peers without an IMU. Errors
-are those of `evaluation.path_scores`. ORB-SLAM3 closes loops, unlike an odometry: its pose counts as estimated when the
+are those of `outputs.path.scores`. ORB-SLAM3 closes loops, unlike an odometry: its pose counts as estimated when the
 frame arrives.
 """
 
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from benchmarks.command import answer, command
 from benchmarks.peers.vocabulary import write_vocabulary
-from stridetwin.evaluation.path_scores import Odometry, drift_figures
+from stridetwin.outputs.path.scores import Odometry, drift_figures
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command
-from stridetwin.evaluation.path_scores import compare
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.path.scores import compare
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze

@@ -159,8 +159,8 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     """`live`."""
     from stridetwin.cli.estimate import goes_with, options_of
     from stridetwin.estimators import registry
-    from stridetwin.pipeline.live import LiveRequest, run_live
-    from stridetwin.pipeline.live_chain import Request
+    from stridetwin.run.live import LiveRequest, run_live
+    from stridetwin.run.live_chain import Request
     from stridetwin.streams.live.wire import parse_address
 
     name = arguments.estimator

@@ -26,7 +26,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from stridetwin.cli.bridge import LiveOptions
-    from stridetwin.pipeline.run import Found
+    from stridetwin.outputs.feeding import Found
     from stridetwin.streams.samples import Block, Imu
 
 
@@ -155,9 +155,9 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
 
 def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.cli.table_imu import AUTO, described, rig_of_table
-    from stridetwin.pipeline.live_chain import part_file
-    from stridetwin.pipeline.path_files import write_path
-    from stridetwin.pipeline.run import paths
+    from stridetwin.outputs.feeding import paths
+    from stridetwin.outputs.path.files import write_path
+    from stridetwin.run.live_chain import part_file
     from stridetwin.streams.formats.opening import recognise
 
     about: list[str] = []
@@ -197,8 +197,8 @@ def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
 
 
 def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.pipeline.run import steps
-    from stridetwin.pipeline.step_files import write_steps
+    from stridetwin.outputs.feeding import steps
+    from stridetwin.outputs.steps.files import write_steps
 
     progress("estimate", 0.0)
     made = steps(found, imported(arguments), options)
@@ -207,9 +207,9 @@ def _steps(arguments: EstimateOptions, found: Found, options: Options, progress:
 
 
 def _terrain(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.pipeline.poses import chosen_poses
-    from stridetwin.pipeline.run import mapped
-    from stridetwin.pipeline.terrain_files import document, write_terrain
+    from stridetwin.outputs.chosen_poses import chosen_poses
+    from stridetwin.outputs.feeding import mapped
+    from stridetwin.outputs.terrain.files import document, write_terrain
 
     progress("estimate", 0.0)
     recording = imported(arguments)
@@ -224,9 +224,9 @@ def _terrain(arguments: EstimateOptions, found: Found, options: Options, progres
 
 
 def _modes(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.pipeline.poses import chosen_poses
-    from stridetwin.pipeline.run import predicted
-    from stridetwin.pipeline.step_files import predicted_steps, write_modes
+    from stridetwin.outputs.chosen_poses import chosen_poses
+    from stridetwin.outputs.feeding import predicted
+    from stridetwin.outputs.steps.files import predicted_steps, write_modes
 
     progress("estimate", 0.0)
     recording = imported(arguments)

@@ -76,7 +76,7 @@ def export(
     Raises:
         StrideTwinError: The recording lacks what the format needs, or the output exists.
     """
-    from stridetwin.evaluation.evaluate import true_path
+    from stridetwin.outputs.path.evaluate import true_path
     from stridetwin.scenarios.files import staged
     from stridetwin.streams.formats.euroc_export import write_euroc
     from stridetwin.streams.formats.mcap_export import write_rosbag2
@@ -232,8 +232,8 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
         return play_command(arguments, progress)
     if arguments.seed is not None:
         raise ConfigError("view", "--seed", arguments.seed, "no --seed, as a recording has its own")
-    from stridetwin.evaluation.evaluate import evaluate, true_frames
-    from stridetwin.evaluation.terrain_ahead import all_estimates
+    from stridetwin.outputs.path.evaluate import evaluate, true_frames
+    from stridetwin.outputs.terrain_ahead import all_estimates
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.streams.files import whole_file
     from stridetwin.streams.formats.opening import opened

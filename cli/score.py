@@ -28,10 +28,10 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stridetwin.evaluation.gate.compare import Comparison, Rules
-    from stridetwin.evaluation.gate.formatting import Failure
-    from stridetwin.evaluation.gate.own_estimators import OwnEstimator
-    from stridetwin.evaluation.path_scores import Scores
+    from stridetwin.gate.compare import Comparison, Rules
+    from stridetwin.gate.formatting import Failure
+    from stridetwin.gate.own_estimators import OwnEstimator
+    from stridetwin.outputs.path.scores import Scores
 
 _FRAME = "foot_l/imu"
 _SHOWN_STEPS = {
@@ -141,13 +141,13 @@ class HistoryOptions(Options):
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
-    from stridetwin.evaluation.evaluate import summary
-    from stridetwin.evaluation.gate.compare import check_level, compare_scores
-    from stridetwin.evaluation.gate.formatting import failures, junit, markdown
-    from stridetwin.evaluation.gate.score_table import document_of, read_table, table_of
-    from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
-    from stridetwin.evaluation.score_needs import estimators_of
+    from stridetwin.gate.compare import check_level, compare_scores
+    from stridetwin.gate.formatting import failures, junit, markdown
+    from stridetwin.gate.score_table import document_of, read_table, table_of
+    from stridetwin.gate.walk_scores import jobs_of, score_walks
+    from stridetwin.outputs.path.evaluate import summary
     from stridetwin.report.history import append_history, history_line
+    from stridetwin.scenarios.score_needs import estimators_of
     from stridetwin.streams.files import whole_file
 
     _check_options(arguments)
@@ -184,7 +184,7 @@ def printed(
     means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
 ) -> list[str | Table]:
     """What `score` prints: means over some walks, failures, and the changes from the baseline."""
-    from stridetwin.evaluation.gate.formatting import failed_lines
+    from stridetwin.gate.formatting import failed_lines
 
     lines = score_tables(means)
     if walks > 1:
@@ -195,7 +195,7 @@ def printed(
 
 def _check_options(arguments: ScoreOptions) -> None:
     """Refuses options that would have no effect, and a label that no file can hold."""
-    from stridetwin.evaluation.gate.score_table import is_text
+    from stridetwin.gate.score_table import is_text
 
     for name in ("least", "false_alarms", "tolerance", "junit", "markdown"):
         if getattr(arguments, name) is not None and arguments.baseline is None:
@@ -212,7 +212,7 @@ def _check_options(arguments: ScoreOptions) -> None:
 
 def _rules(arguments: ScoreOptions) -> Rules:
     """The rules of the comparison, with the defaults where an option is not given."""
-    from stridetwin.evaluation.gate.compare import Rules
+    from stridetwin.gate.compare import Rules
 
     given = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
     shares = {name: value / 100.0 for name, value in given.items() if value is not None}
@@ -233,7 +233,7 @@ def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
 
 def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     """Estimators that replace the built-in ones; an invalid one is reported before anything is scored."""
-    from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, TumFile
+    from stridetwin.gate.own_estimators import Program, PythonClass, TumFile
 
     frame = arguments.frame or _FRAME
     own: list[OwnEstimator] = []
@@ -277,7 +277,7 @@ def _score_table(scores: dict[str, Scores], shown: dict[str, str]) -> Table:
 
 def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:
     """The scores that differ from the baseline, regressions first."""
-    from stridetwin.evaluation.gate.formatting import HEAD, cells, changed, verdict
+    from stridetwin.gate.formatting import HEAD, cells, changed, verdict
 
     rows = [cells(line) for line in changed(comparison)]
     head = f"against the baseline: {comparison.words}"

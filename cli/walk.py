@@ -188,8 +188,8 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
     off = set(CAMERAS if arguments.no_cameras else ())
     if arguments.only:
-        from stridetwin.evaluation.score_needs import estimators_of, sensors_of
         from stridetwin.scenarios.campaign.extremes import base_scenarios
+        from stridetwin.scenarios.score_needs import estimators_of, sensors_of
 
         asked = estimators_of(arguments.only, "--only")
         off |= set(KIND) - {group for base in base_scenarios(campaign) for group in sensors_of(asked, base.config)}
@@ -234,7 +234,7 @@ def _asked(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scena
     """The scenario with the sensors alone that the estimators of `--only` read."""
     if not arguments.only:
         return scenario
-    from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
+    from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
 
     return with_sensors_for(scenario, estimators_of(arguments.only, "--only"))
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import FEET
-from stridetwin.evaluation.norms import level_norm, speed_group
-from stridetwin.report.figures_path import COLORS
-from stridetwin.report.plot import MUTED, Plot, faint
+from stridetwin.outputs.path.figures import COLORS
+from stridetwin.pages.plot import MUTED, Plot, faint
+from stridetwin.reference.norms import level_norm, speed_group
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint

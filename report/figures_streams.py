@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
-from stridetwin.report.plot import ERROR, PALETTE, Plot, data_range, faint
+from stridetwin.pages.plot import ERROR, PALETTE, Plot, data_range, faint
 from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import (

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.evaluation.gate.compare import Comparison
-from stridetwin.evaluation.gate.formatting import failures, sentence
-from stridetwin.evaluation.gate.metric_policy import scale_of
-from stridetwin.evaluation.gate.score_table import checked_scores, is_text
-from stridetwin.evaluation.path_scores import Scores
-from stridetwin.report.html import multiples, page, section, table
-from stridetwin.report.plot import PALETTE, Plot, data_range
+from stridetwin.gate.compare import Comparison
+from stridetwin.gate.formatting import failures, sentence
+from stridetwin.gate.metric_policy import scale_of
+from stridetwin.gate.score_table import checked_scores, is_text
+from stridetwin.outputs.path.scores import Scores
+from stridetwin.pages.html import multiples, page, section, table
+from stridetwin.pages.plot import PALETTE, Plot, data_range
 from stridetwin.streams.errors import StrideTwinError, Where
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"

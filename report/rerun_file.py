@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.evaluation.alignment import YawAlignment
-from stridetwin.evaluation.evaluate import Result, true_frames
-from stridetwin.evaluation.terrain_ahead import Ahead
-from stridetwin.pipeline.terrain_files import KIND_COLORS, KINDS
-from stridetwin.report.figures_path import outline, part_of
+from stridetwin.outputs.alignment import YawAlignment
+from stridetwin.outputs.path.evaluate import Result, true_frames
+from stridetwin.outputs.path.figures import outline, part_of
+from stridetwin.outputs.terrain.figures import WORDS, ellipse
+from stridetwin.outputs.terrain.files import KIND_COLORS, KINDS
+from stridetwin.outputs.terrain_ahead import Ahead
 from stridetwin.report.figures_streams import curves_of, scalar_topics
-from stridetwin.report.figures_terrain import WORDS, ellipse
 from stridetwin.report.images import camera_topics, images_of, scaled
 from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.sim.world.route import Layout

@@ -10,13 +10,8 @@ from markupsafe import Markup
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import FEET, MAP, MODES, PATH
-from stridetwin.evaluation.evaluate import Result
-from stridetwin.evaluation.norms import reference
-from stridetwin.evaluation.step_scores import StepResult
-from stridetwin.evaluation.terrain_ahead import Ahead
-from stridetwin.evaluation.truth import FOOTPRINTS, true_footprints
-from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
-from stridetwin.report.figures_path import (
+from stridetwin.outputs.path.evaluate import Result
+from stridetwin.outputs.path.figures import (
     by_part,
     error_over_time,
     label_of,
@@ -26,15 +21,20 @@ from stridetwin.report.figures_path import (
     steps_from_above,
     steps_from_aside,
 )
-from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
-from stridetwin.report.figures_terrain import (
+from stridetwin.outputs.steps.scores import StepResult
+from stridetwin.outputs.terrain.figures import (
     ground_errors,
     ground_from_above,
     ground_from_aside,
     lead_times,
     mode_ribbon,
 )
-from stridetwin.report.html import boxes, multiples, page, rendered, section, table
+from stridetwin.outputs.terrain_ahead import Ahead
+from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
+from stridetwin.pages.html import boxes, multiples, page, rendered, section, table
+from stridetwin.reference.norms import reference
+from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
+from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.images import Film, camera_views, data_uri, jpeg_uri
 from stridetwin.scenarios.metadata import injected_faults, terrain_layout
 from stridetwin.sim.config import TwinConfig

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.base import deprecated
-from stridetwin.evaluation.evaluate import evaluate
-from stridetwin.evaluation.path_scores import Scores
-from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
-from stridetwin.evaluation.step_scores import evaluate_every_step
-from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
-from stridetwin.pipeline.step_files import predicted_steps, write_modes, write_steps
-from stridetwin.pipeline.terrain_files import write_terrain
+from stridetwin.outputs.path.evaluate import evaluate
+from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.steps.files import predicted_steps, write_modes, write_steps
+from stridetwin.outputs.steps.scores import evaluate_every_step
+from stridetwin.outputs.terrain.files import write_terrain
+from stridetwin.outputs.terrain_ahead import Ahead, all_estimates
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.recording.reader import Recording
 

@@ -17,14 +17,17 @@ from pathlib import Path
 _ESTIMATORS = "stridetwin.estimators"
 _FOLLOWED = (
     _ESTIMATORS,
-    *(f"stridetwin.{name}" for name in ("scenarios", "pipeline", "evaluation", "report", "studies")),
+    *(
+        f"stridetwin.{name}"
+        for name in ("scenarios", "outputs", "run", "gate", "pages", "reference", "report", "studies")
+    ),
 )
 _WHOLE = (
     ("stridetwin.streams", ""),
     ("stridetwin.sim", ""),
     ("stridetwin.assets", ""),
     ("stridetwin.scenarios", "catalogue"),
-    ("stridetwin.evaluation", "reference"),
+    ("stridetwin.reference", ""),
 )
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
 

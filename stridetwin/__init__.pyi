@@ -6,14 +6,14 @@ from .estimators.base import Options as Options
 from .estimators.base import PathEstimate as PathEstimate
 from .estimators.base import Stream as Stream
 from .estimators.registry import estimator as estimator
-from .evaluation.evaluate import Result as Result
-from .evaluation.evaluate import evaluate as evaluate
+from .outputs.path.evaluate import Result as Result
+from .outputs.path.evaluate import evaluate as evaluate
 from .evaluation.gate.compare import Comparison as Comparison
 from .evaluation.gate.compare import Rules as Rules
 from .evaluation.gate.compare import compare_scores as compare_scores
 from .evaluation.gate.score_table import ScoreTable as ScoreTable
 from .evaluation.gate.score_table import read_table as read_table
-from .pipeline.run import all_paths as all_paths
+from .outputs.feeding import all_paths as all_paths
 from .report.runner import Run as Run
 from .report.runner import run_scenario as run_scenario
 from .scenarios.campaign.campaign_file import load_campaign as load_campaign

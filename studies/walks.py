@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig

@@ -6,7 +6,20 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PRODUCT = ("streams", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli")
+PRODUCT = (
+    "streams",
+    "sim",
+    "estimators",
+    "scenarios",
+    "outputs",
+    "run",
+    "gate",
+    "pages",
+    "reference",
+    "report",
+    "studies",
+    "cli",
+)
 MOST = 10
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from benchmarks.gait_norms import NORM_LEG, SHOE_DROP_DEG
-from stridetwin.evaluation.norms import level_norm
+from stridetwin.reference.norms import level_norm
 from stridetwin.sim.config import Person
 from stridetwin.sim.gait.foot_placement import preferred_step
 from stridetwin.sim.gait.style import LABELS, SIZES, Style

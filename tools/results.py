@@ -17,7 +17,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from stridetwin.evaluation.mode_scores import ModeScores
+from stridetwin.outputs.modes.scores import ModeScores
 from stridetwin.studies.case import Case
 from stridetwin.studies.catalogue import STUDIES, experiment
 from stridetwin.studies.registry import key_of, read_row

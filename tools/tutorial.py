@@ -91,7 +91,7 @@ def here(command: str) -> Said:
             if program == "pytest":
                 import pytest
 
-                plugin = [] if _installed() else ["-p", "stridetwin.evaluation.gate.pytest_plugin"]
+                plugin = [] if _installed() else ["-p", "stridetwin.gate.pytest_plugin"]
                 code = int(pytest.main([*arguments, "-p", "no:dash", "-p", "no:cacheprovider", *plugin]))
             else:
                 code = stridetwin(arguments)
@@ -110,7 +110,20 @@ def in_a_shell(command: str, environment: dict[str, str]) -> Said:
 
 def strangers(folder: Path) -> None:
     """Writes packages with the project's package names into a folder; they raise an error when they are imported."""
-    for name in ("sim", "estimators", "streams", "scenarios", "pipeline", "evaluation", "report", "studies", "cli"):
+    for name in (
+        "sim",
+        "estimators",
+        "streams",
+        "scenarios",
+        "outputs",
+        "run",
+        "gate",
+        "pages",
+        "reference",
+        "report",
+        "studies",
+        "cli",
+    ):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text(_HARM, encoding="utf-8")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exoskeleton
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, ModeEstimate
-from stridetwin.pipeline.run import Led
+from stridetwin.outputs.feeding import Led
 from stridetwin.sim.config import SIDES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample

@@ -11,7 +11,7 @@ import numpy as np
 
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, follow
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.truth import TruePath
 from stridetwin.sim.faults.image_faults import Occlusion
 from stridetwin.sim.faults.sample_faults import ClockJump, Dropout
 from stridetwin.streams.errors import StrideTwinError

@@ -29,7 +29,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.estimators.foot_to_foot import BoardObservation, FootToFoot, RelativePosition
-from stridetwin.evaluation.norms import reference
+from stridetwin.reference.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.evaluation.norms import reference
-from stridetwin.evaluation.truth import FOOTPRINTS
+from stridetwin.outputs.truth import FOOTPRINTS
+from stridetwin.reference.norms import reference
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.studies.case import Case
 from stridetwin.studies.jao2020.two_feet import METHODS, every_method, figures, true_start

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
-from stridetwin.evaluation.alignment import vertical_rotation
-from stridetwin.evaluation.path_scores import CHI2_3_95
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.alignment import vertical_rotation
+from stridetwin.outputs.path.scores import CHI2_3_95
+from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
 from stridetwin.streams.trajectory import Trajectory

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.evaluation.gate.walk_scores import Job, score_walk
-from stridetwin.evaluation.score_needs import estimators_of, sensors_of, with_sensors_for
+from stridetwin.gate.walk_scores import Job, score_walk
 from stridetwin.scenarios.campaign.named_files import SCENARIOS
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
+from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from stridetwin.evaluation.gate.metric_policy import scale_of
+from stridetwin.gate.metric_policy import scale_of
 from stridetwin.streams.fields import DEG, number, refused, text
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from stridetwin.evaluation.gate.bootstrap import Tested, holm, paired
+from stridetwin.gate.bootstrap import Tested, holm, paired
 from stridetwin.streams.samples import Array
 
 LEVEL = 0.05

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exoskeleton
-from stridetwin.evaluation.step_scores import ScoredStep, false_steps, percent, score_steps, step_figures
+from stridetwin.outputs.steps.scores import ScoredStep, false_steps, percent, score_steps, step_figures
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Exo, TwinConfig

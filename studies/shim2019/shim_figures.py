@@ -9,10 +9,10 @@ import numpy as np
 from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
-from stridetwin.evaluation.step_scores import ScoredStep
-from stridetwin.report.figures_path import steps_from_aside
-from stridetwin.report.html import boxes, page, preformatted, section
-from stridetwin.report.plot import INK, PALETTE, Plot
+from stridetwin.outputs.path.figures import steps_from_aside
+from stridetwin.outputs.steps.scores import ScoredStep
+from stridetwin.pages.html import boxes, page, preformatted, section
+from stridetwin.pages.plot import INK, PALETTE, Plot
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.world.route import lay_out
 from stridetwin.studies.shim2019.shim_table5 import CASES, table

@@ -18,8 +18,7 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, Exoskeleton, StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import METADATA_KEY, to_text
-from stridetwin.evaluation.norms import reference, reference_rows
-from stridetwin.evaluation.step_scores import (
+from stridetwin.outputs.steps.scores import (
     ScoredStep,
     displacement_errors,
     false_steps,
@@ -28,6 +27,7 @@ from stridetwin.evaluation.step_scores import (
     step_figures,
     yaw_aligned,
 )
+from stridetwin.reference.norms import reference, reference_rows
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from stridetwin.estimators.locomotion_mode import METHODS
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
-from stridetwin.report.html import page, preformatted, section
+from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
+from stridetwin.pages.html import page, preformatted, section
 from stridetwin.studies.catalogue import STUDIES
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.terrain_zoo.kinds import KINDS

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, transform
-from stridetwin.evaluation.path_scores import compare, score
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.path.scores import compare, score
+from stridetwin.outputs.truth import TruePath
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.wearer.body import wearer

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.evaluation.norms import reference
+from stridetwin.reference.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.studies.case import Case
 from stridetwin.studies.tables import table_lines

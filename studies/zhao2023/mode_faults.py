@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import CAMERA_POSES
 from stridetwin.estimators.locomotion_mode import INSOLES
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
-from stridetwin.evaluation.truth import true_footprints
+from stridetwin.outputs.modes.scores import ModeScores, mode_figures
+from stridetwin.outputs.truth import true_footprints
 from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Insole, Odometry

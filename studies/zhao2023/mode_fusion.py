@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
-from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
-from stridetwin.evaluation.truth import true_footprints
+from stridetwin.outputs.modes.scores import ModeScores, mode_figures
+from stridetwin.outputs.truth import true_footprints
 from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample

@@ -12,11 +12,11 @@ from markupsafe import Markup
 from scipy.stats import t as student_t
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, reliability
-from stridetwin.evaluation.norms import reference, reference_rows
-from stridetwin.report.html import boxes, page, preformatted, section
-from stridetwin.report.html import table as html_table
-from stridetwin.report.plot import INK, MUTED, PALETTE, Plot
+from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
+from stridetwin.pages.html import boxes, page, preformatted, section
+from stridetwin.pages.html import table as html_table
+from stridetwin.pages.plot import INK, MUTED, PALETTE, Plot
+from stridetwin.reference.norms import reference, reference_rows
 from stridetwin.studies.catalogue import STUDIES
 from stridetwin.studies.zhao2023.mode_walks import EDGES, FORGETFUL, GROUPS, MOUNTS, together
 from stridetwin.studies.zhao2023.zhao_walks import PATTERNS, TERRAINS, TRIALS

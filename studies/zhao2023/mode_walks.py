@@ -22,12 +22,12 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.evaluation.alignment import MovingAlignment
-from stridetwin.evaluation.mode_scores import ModeScores, score_modes
-from stridetwin.evaluation.norms import reference
-from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
-from stridetwin.pipeline.run import Leading, pose_of
-from stridetwin.pipeline.terrain_files import given_poses
+from stridetwin.outputs.alignment import MovingAlignment
+from stridetwin.outputs.feeding import Leading, pose_of
+from stridetwin.outputs.modes.scores import ModeScores, score_modes
+from stridetwin.outputs.terrain.files import given_poses
+from stridetwin.outputs.truth import FOOTPRINTS, TruePath, true_footprints
+from stridetwin.reference.norms import reference
 from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze, TwinConfig

@@ -16,9 +16,9 @@ import numpy as np
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
-from stridetwin.evaluation.path_scores import Odometry, drift_figures
-from stridetwin.evaluation.truth import TruePath
-from stridetwin.pipeline.run import pose_of
+from stridetwin.outputs.feeding import pose_of
+from stridetwin.outputs.path.scores import Odometry, drift_figures
+from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Sample

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.dvio import MOUNTS
-from stridetwin.evaluation.norms import reference
+from stridetwin.reference.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.studies.case import Case

@@ -14,7 +14,7 @@ from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, pa
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
 from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures, _update
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.evaluation.step_scores import score_steps
+from stridetwin.outputs.steps.scores import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
 from tests.pinned import SAME_WALK, assert_pinned, columns

@@ -9,8 +9,8 @@ import pytest
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.evaluation.path_scores import compare, score
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.path.scores import compare, score
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.sensor_config import SensorConfig

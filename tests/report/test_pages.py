@@ -4,7 +4,7 @@ import pytest
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
-from stridetwin.report.html import boxes, multiples, page, rendered, section, table
+from stridetwin.pages.html import boxes, multiples, page, rendered, section, table
 
 
 def test_text_is_escaped_and_html_is_not():

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from stridetwin.evaluation.evaluate import evaluate
-from stridetwin.evaluation.norms import level_norm, reference, speed_group
-from stridetwin.pipeline.run import all_paths
+from stridetwin.outputs.feeding import all_paths
+from stridetwin.outputs.path.evaluate import evaluate
+from stridetwin.pages.plot import library
+from stridetwin.reference.norms import level_norm, reference, speed_group
 from stridetwin.report.figures_gait import level_strides
 from stridetwin.report.images import colour_of_depth, make_film, rendered_part
-from stridetwin.report.plot import library
 from stridetwin.report.rerun_file import recording_id, write_rerun
 from stridetwin.report.run_report import travelled
 from stridetwin.streams.errors import StrideTwinError

@@ -21,10 +21,10 @@ MOST_S, MOST_MIB = 2.0, 500.0
 # One process loads the packages; each command runs in a fork of it, whose time and memory the system counts.
 ZYGOTE = """
 import json, os, resource, sys, traceback
-import stridetwin.scenarios.check, stridetwin.evaluation.evaluate
+import stridetwin.scenarios.check, stridetwin.outputs.path.evaluate
 import stridetwin.estimators.registry
 stridetwin.estimators.registry.estimators()
-import stridetwin.evaluation.gate.walk_scores, stridetwin.streams.formats.mcap_export
+import stridetwin.gate.walk_scores, stridetwin.streams.formats.mcap_export
 from stridetwin.cli.main import main
 from stridetwin.streams.recording.ros_types import typestore
 typestore()

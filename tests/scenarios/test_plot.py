@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from stridetwin.report.html import page, section
-from stridetwin.report.plot import Plot, data_range, joined, thin
+from stridetwin.pages.html import page, section
+from stridetwin.pages.plot import Plot, data_range, joined, thin
 from tests.plots import figure, figures
 
 

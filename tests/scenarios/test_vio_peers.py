@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import vio_peers
 from benchmarks.peers.folder import row
 from benchmarks.peers.vocabulary import BRANCHES, write_vocabulary
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.truth import TruePath
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
 

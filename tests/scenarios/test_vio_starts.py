@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks import vio_starts
-from stridetwin.evaluation.path_scores import Odometry
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.path.scores import Odometry
+from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Depth
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.zhao2023.odometry_walks import OdometryRun

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.registry import estimator
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.evaluation.change_scores import ScoredChange
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, reliability
-from stridetwin.evaluation.norms import reference
-from stridetwin.report.plot import library
+from stridetwin.outputs.modes.change_scores import ScoredChange
+from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
+from stridetwin.pages.plot import library
+from stridetwin.reference.norms import reference
 from stridetwin.sim.config import Turn
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from stridetwin.estimators.contact_terrain import METHODS
-from stridetwin.evaluation.step_scores import ScoredStep
-from stridetwin.report.plot import library
+from stridetwin.outputs.steps.scores import ScoredStep
+from stridetwin.pages.plot import library
 from stridetwin.studies.shim2019 import shim_figures, shim_table5
 from tests.plots import figures
 

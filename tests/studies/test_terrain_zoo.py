@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
-from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode
+from stridetwin.outputs.modes.scores import ModeScores, ScoredMode
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.studies.terrain_zoo import zoo_walk
 from stridetwin.studies.terrain_zoo.kinds import KINDS, drawn, names

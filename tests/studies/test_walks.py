@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootInsPath
-from stridetwin.evaluation.truth import TruePath
+from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Image, Imu
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.case import Case

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.real_walks import data_folder
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.pipeline.run import mapped
+from stridetwin.outputs.feeding import mapped
 from stridetwin.streams.formats.opening import open_any
 
 FOLDER = data_folder("stairs_depth")

@@ -1,1 +1,0 @@
-"""Estimates compared with the truth: alignment, metrics, scores."""

@@ -1,0 +1,285 @@
+"""User-supplied estimators: a Python class, a program that writes a TUM file, or a TUM file.
+
+A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
+order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one.
+An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. The class may declare `topics`, the
+topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import traceback
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stridetwin.outputs.feeding import pose_of
+from stridetwin.outputs.path.evaluate import Estimate
+from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
+from stridetwin.streams.validation import suggest
+
+TRUTH = "/truth/"
+_TAIL = 600  # characters of a program's last output, or of a class's exception
+_HOME = Path(__file__).resolve().parents[1]
+_STANDARD_LIBRARY = sysconfig.get_path("stdlib")
+_WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
+"""Command of a shell whose stdin closes when this process ends for any reason."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnEstimator(ABC):
+    """An estimator that gives a path for a recording.
+
+    Attributes:
+        name: Name in the scores.
+        frame: Frame whose path it estimates.
+    """
+
+    name: str
+    frame: str
+
+    @abstractmethod
+    def path(self, recording: Recording) -> Estimate:
+        """Its path on a recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TumFile(OwnEstimator):
+    """An existing path, in the TUM trajectory `file`."""
+
+    file: Path
+
+    def path(self, recording: Recording) -> Estimate:
+        """The path in the file."""
+        return Estimate(name=self.name, frame=self.frame, path=read_tum(self.file))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PythonClass(OwnEstimator):
+    """A class with `update(sample)`; it may declare its frame itself.
+
+    Attributes:
+        place: `module:Class`, installed or relative to the working folder.
+    """
+
+    place: str
+
+    def load(self) -> type[Any]:
+        """The class.
+
+        Raises:
+            StrideTwinError: There is no such class, or it has no `update`.
+        """
+        module, colon, attribute = self.place.partition(":")
+        if not (module and colon and attribute):
+            raise StrideTwinError(f"--estimator {self.name}: invalid {self.place!r}: expected module:Class")
+        here = str(Path.cwd())
+        if here not in sys.path:
+            sys.path.append(here)  # installed modules take precedence over the working folder
+        with _code_of_others(f"--estimator {self.name}: {self.place}: cannot be imported"):
+            found: Any = importlib.import_module(module)
+            for part in attribute.split("."):
+                found = getattr(found, part)
+            fits, frame = isinstance(found, type), getattr(found, "frame", None)
+            fits = fits and callable(getattr(found, "update", None))
+        if not fits:
+            raise StrideTwinError(f"--estimator {self.name}: {self.place} is not a class with an update(sample) method")
+        if not (frame is None or isinstance(frame, str)):
+            raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
+        return found
+
+    @property
+    def own_frame(self) -> str:
+        """The frame that the class declares, else `frame`."""
+        return getattr(self.load(), "frame", None) or self.frame
+
+    def path(self, recording: Recording) -> Estimate:
+        """The path that the class estimates from a recording.
+
+        Raises:
+            StrideTwinError: As `load` and `estimated_path`, and for any exception of the class or a call of `sys.exit`.
+        """
+        kind = self.load()
+        with _code_of_others(self.place):
+            return Estimate(name=self.name, frame=self.own_frame, path=estimated_path(kind(recording.rig), recording))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program(OwnEstimator):
+    """A program that reads a recording and writes a TUM trajectory.
+
+    Attributes:
+        command: With `{recording}` and `{output}`; split as a shell does, but run without one.
+        timeout_s: Time after which it is stopped.
+    """
+
+    command: str
+    timeout_s: float
+
+    def words(self) -> list[str]:
+        """Program and arguments.
+
+        Raises:
+            StrideTwinError: There is no such program, or a place for recording or output is missing.
+        """
+        try:
+            words = shlex.split(self.command)
+        except ValueError as error:
+            raise StrideTwinError(f"--program {self.name}: {self.command!r}: {error}") from None
+        if not all(any(place in word for word in words) for place in ("{recording}", "{output}")):
+            raise StrideTwinError(
+                f"--program {self.name}: invalid {self.command!r}: expected COMMAND {{recording}} {{output}}"
+            )
+        if shutil.which(words[0]) is None:
+            raise StrideTwinError(f"--program {self.name}: invalid {words[0]!r}: expected an installed program")
+        return words
+
+    def path(self, recording: Recording) -> Estimate:
+        """The path that the program writes.
+
+        Raises:
+            StrideTwinError: It fails, takes too long or writes no trajectory; the message has the end of its output.
+        """
+        with tempfile.TemporaryDirectory(prefix="stridetwin-") as folder:
+            output, log = Path(folder) / "estimate.txt", Path(folder) / "stderr.txt"
+            places = {"{recording}": str(recording.path.absolute()), "{output}": str(output)}
+            words = self.words()
+            for place, file_name in places.items():
+                words = [word.replace(place, file_name) for word in words]
+            with log.open("wb") as file:
+                code = _finished(words, self.timeout_s, file.fileno(), Path(folder))
+            last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
+            printed = f"; stderr: {last}" if last else "; nothing on stderr"
+            if code is None:
+                raise StrideTwinError(f"{words[0]}: stopped after {self.timeout_s:g} s{printed}")
+            if code != 0:
+                raise StrideTwinError(f"{words[0]}: exit code {code}{printed}")
+            if not output.is_file():
+                raise StrideTwinError(f"{words[0]}: has not written {{output}}{printed}")
+            try:
+                path = read_tum(output)
+            except StrideTwinError as error:
+                raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
+        return Estimate(name=self.name, frame=self.frame, path=path)
+
+
+def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
+    """The path that an estimator computes from the samples of a recording.
+
+    Args:
+        estimator: An object with `update(sample)`, see this module.
+        recording: Its truth is withheld from the estimator.
+
+    Raises:
+        StrideTwinError: It is a class, reads a topic that is not there or gives no pose, or its stamps do not increase.
+    """
+    if isinstance(estimator, type):
+        name = estimator.__name__
+        raise StrideTwinError(f"invalid class {name}: expected an object of it, such as {name}(recording.rig)")
+    name = type(estimator).__name__
+    poses: list[Pose] = []
+    sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
+    wanted = getattr(estimator, "topics", None)
+    if wanted is None:
+        wanted = sensors
+    for topic in wanted:
+        if topic.startswith(TRUTH):
+            raise StrideTwinError(f"{name}.topics: invalid {topic}: expected topics of sensors")
+        if topic not in sensors:
+            raise StrideTwinError(f"{name}.topics: invalid {topic!r}: expected {suggest(topic, sensors)}")
+    for sample in recording.samples(wanted):
+        if (pose := pose_of(estimator.update(sample), name)) is None:
+            continue
+        if poses and pose.t_ns <= poses[-1].t_ns:
+            later = f"more than {poses[-1].t_ns}, the stamp of the previous pose"
+            raise StrideTwinError(f"{name}.update: t_ns: invalid {pose.t_ns}: expected {later}")
+        poses.append(pose)
+    if not poses:
+        raise StrideTwinError(f"{name}.update has returned no estimate")
+    return trajectory_of(poses)
+
+
+@contextmanager
+def _code_of_others(where: str) -> Iterator[None]:
+    """Redirects printed output to stderr, as stdout is for scores; any exit but Ctrl-C raises an error."""
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    except KeyboardInterrupt:
+        raise
+    except StrideTwinError as error:
+        if not (place := _place(error)):
+            raise
+        raise StrideTwinError(f"{where}: {error}{place}") from error
+    except BaseException as error:
+        if was_interrupted(error):
+            raise KeyboardInterrupt from error
+        words = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
+        text = f"{where}: {words}{_place(error)}"
+        raise StrideTwinError(text.encode("utf-8", "backslashreplace").decode()) from error
+
+
+def _place(error: BaseException) -> str:
+    """File, line and function of the user's code in which an exception arose, such as ` (mine.py:12, in update)`.
+
+    The user's code is the innermost that belongs neither to this project nor to an installed package.
+    """
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
+    own = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME) and not _is_installed(f.filename)]
+    if not own:
+        return ""
+    file, here = Path(own[-1].filename), Path.cwd()
+    shown = file.relative_to(here) if file.is_relative_to(here) else file
+    return f" ({shown}:{own[-1].lineno}, in {own[-1].name})"
+
+
+def _is_installed(filename: str) -> bool:
+    return "site-packages" in filename or filename.startswith(_STANDARD_LIBRARY)
+
+
+def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:
+    """Exit code of a program; None if it was stopped, with all its child processes.
+
+    If this process is killed, the program ends as well and its folder is removed.
+    """
+    process = subprocess.Popen(
+        words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
+    )
+    try:
+        with _watched(process, folder):
+            return process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@contextmanager
+def _watched(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
+    """A shell in its own session watches a program; signals to this process group do not reach it."""
+    words = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
+    watch = subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        yield
+    finally:
+        watch.kill()  # before its stdin closes
+        watch.communicate()

@@ -1,0 +1,95 @@
+"""A pytest plugin: fixtures for walks, and for the scores of an estimator on them.
+
+```python
+def test_my_filter_stays_close(stridetwin_scenario, stridetwin_score):
+    walk = stridetwin_scenario("level_20m", seed=3)
+    scores = stridetwin_score(walk, MyFilter(walk.rig), frame="foot_l/imu")
+    assert scores["rpe_5m_pct"] < 1.0
+```
+
+Only this file is imported until a test requests a fixture.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from stridetwin.outputs.path.scores import Scores
+    from stridetwin.scenarios.scenario_file import Scenario
+    from stridetwin.sim.config import TwinConfig
+    from stridetwin.streams.recording.reader import Recording
+    from stridetwin.streams.trajectory import Trajectory
+
+
+@pytest.fixture(scope="session")
+def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recording]:
+    """Walks: `stridetwin_scenario(scenario, seed=0, cameras=False)` gives a recording, made once per session.
+
+    The scenario is a name of the catalogue, the path of a YAML file, the content of such a file as a mapping, or a
+    `TwinConfig`. File names in a mapping are relative to the working folder. Cameras, which take most of the time to
+    render, are off by default.
+    """
+    made: dict[tuple[str, int, bool], Recording] = {}
+    folder = tmp_path_factory.mktemp("stridetwin")
+
+    def walk(
+        scenario: str | Path | Mapping[str, Any] | TwinConfig, seed: int = 0, *, cameras: bool = False
+    ) -> Recording:
+        from stridetwin.scenarios.record import make_twin, record, without_cameras
+        from stridetwin.streams.recording.reader import Recording
+
+        walked = _scenario(scenario)
+        walked = walked if cameras else without_cameras(walked)
+        key = (repr(walked.config), seed, cameras)
+        if key not in made:
+            path = folder / f"walk_{len(made)}.mcap"
+            record(make_twin(walked, seed), path, lambda *_: None)
+            made[key] = Recording(path, lenient=bool(walked.config.faults))
+        return made[key]
+
+    return walk
+
+
+@pytest.fixture(scope="session")
+def stridetwin_score() -> Callable[..., Scores]:
+    """Scores: `stridetwin_score(recording, estimator, frame, align="start")`, by the names of `stridetwin score`.
+
+    The estimator is an object with `update(sample)` (see `gate.own_estimators`), a `Trajectory`, or the
+    path of a TUM file.
+    """
+
+    def score(recording: Recording, estimator: object, frame: str = "foot_l/imu", align: str = "start") -> Scores:
+        from stridetwin.outputs.path.evaluate import Estimate, evaluate
+
+        made = Estimate(name="tested", frame=frame, path=_path(recording, estimator))
+        return evaluate(recording, [made], align)[0].scores
+
+    return score
+
+
+def _path(recording: Recording, estimator: Any) -> Trajectory:
+    from stridetwin.gate.own_estimators import estimated_path
+    from stridetwin.streams.formats.tum import read_tum
+    from stridetwin.streams.trajectory import Trajectory
+
+    if isinstance(estimator, Trajectory):
+        return estimator
+    return read_tum(estimator) if isinstance(estimator, (str, Path)) else estimated_path(estimator, recording)
+
+
+def _scenario(given: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+    from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
+    from stridetwin.sim.config import TwinConfig
+
+    if isinstance(given, TwinConfig):
+        return Scenario(description="", config=given)
+    if not isinstance(given, Mapping):
+        return load_scenario(str(given))
+    plain = json.loads(json.dumps({"description": "of a test", **given}))  # JSON turns tuples into lists
+    return scenario_of(plain, Path.cwd() / "scenario.yaml")

@@ -1,0 +1,122 @@
+"""Scores of many walks in the form that `score --json` prints and a later run reads as its baseline."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stridetwin.gate.metric_policy import scale_of
+from stridetwin.outputs.path.evaluate import LARGEST_SCORE
+from stridetwin.outputs.path.scores import Scores
+from stridetwin.streams.errors import StrideTwinError, Where
+
+EVERY = "every estimator"
+"""Name in the failures if the built-in estimators failed together."""
+_SMALLEST = 1e-100  # except 0; a value divided by it stays finite
+_LONGEST_NAME = 400
+_WRITTEN = "what `stridetwin score --json` prints"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreTable:
+    """Scores of some walks.
+
+    Attributes:
+        walks: Scores of each estimator, by the digest of the recording (or a unique word, if that is unknown).
+        failed: By the same key, the estimators that could not be scored, and the reasons.
+        means: Estimator to mean scores.
+    """
+
+    walks: Mapping[str, Mapping[str, Scores]]
+    failed: Mapping[str, Mapping[str, str]]
+    means: Mapping[str, Scores]
+
+
+def table_of(document: object, source: str) -> ScoreTable:
+    """The table in the JSON of a file of scores; `source` is its name in messages.
+
+    Raises:
+        ConfigError: It does not have the form of `score --json`.
+    """
+    top = Where(source=source)
+    if not isinstance(document, dict):
+        raise top.error(document, _WRITTEN)
+    means = checked_scores(document.get("estimators"), top.key("estimators"))
+    entries = document.get("recordings", [])
+    if not isinstance(entries, list):
+        raise top.key("recordings").error(entries, f"a list, {_WRITTEN}")
+    walks, failed = {}, {}
+    for i, entry in enumerate(entries):
+        where = top.key("recordings").item(i)
+        if not isinstance(entry, dict):
+            raise where.error(entry, f"a walk, {_WRITTEN}")
+        if "estimators" not in entry:
+            continue  # from `run`: describes the walk; all scores are in the means
+        digest = entry.get("sha256")
+        if not (digest is None or is_text(digest)):
+            raise where.key("sha256").error(digest, "text in UTF-8")
+        key = digest or f"recording {i}"
+        walks[key] = checked_scores(entry["estimators"], where.key("estimators"))
+        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
+        for name, why in failed[key].items():
+            if not isinstance(why, str):
+                raise where.key("failed").key(name).error(why, "text")
+    return ScoreTable(walks=walks, failed=failed, means=means)
+
+
+def read_table(path: Path) -> ScoreTable:
+    """Reads a baseline: a file of scores with at least one comparable score.
+
+    Raises:
+        StrideTwinError: It is not JSON, does not have the form of `score --json`, or holds no gated score.
+        OSError: It cannot be read.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        table = table_of(document, str(path))
+    except (ValueError, RecursionError) as error:
+        raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_WRITTEN}") from error
+    walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
+    for field, tables in (("estimators", [table.means]), ("recordings", walks)):
+        names = [metric for estimators in tables for scores in estimators.values() for metric in scores]
+        if tables and all(scale_of(name) is None for name in names):
+            raise Where(source=str(path), path=field).error(document[field], "at least one comparable score")
+    return table
+
+
+def checked_scores(node: object, where: Where) -> dict[str, Scores]:
+    """Checks a node of a file as a mapping of estimators to scores.
+
+    Raises:
+        ConfigError: It is not one; the message has the path of the field.
+    """
+    estimators = _named(node, where, f"estimators, each with its scores: {_WRITTEN}")
+    for name, scores in estimators.items():
+        for metric, value in _named(scores, where.key(name), "scores by name").items():
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (number and (value == 0 or _SMALLEST <= abs(value) <= LARGEST_SCORE)):
+                valid = f"a number, 0 or of {_SMALLEST:g} to {LARGEST_SCORE:g} in size"
+                raise where.key(name).key(metric).error(value, valid)
+    return estimators
+
+
+def is_text(value: object) -> bool:
+    """Whether it is text that can be encoded: without unpaired surrogates."""
+    return isinstance(value, str) and value.encode("utf-8", "ignore").decode() == value
+
+
+def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores]) -> dict[str, Any]:
+    """The scores of some walks, ready for JSON."""
+    return {"recordings": list(entries), "estimators": dict(means)}
+
+
+def _named(value: object, where: Where, valid: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise where.error(value, valid)
+    for name in value:
+        if not is_text(name) or len(name) > _LONGEST_NAME:
+            raise where.error(name, f"names in UTF-8, of up to {_LONGEST_NAME} characters")
+    return value

@@ -1,0 +1,174 @@
+"""Scores of one recording, and of many recordings in parallel processes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.estimators import registry
+from stridetwin.gate.own_estimators import OwnEstimator
+from stridetwin.gate.score_table import EVERY
+from stridetwin.outputs.feeding import all_paths
+from stridetwin.outputs.path.evaluate import evaluate
+from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.steps.scores import evaluate_every_step
+from stridetwin.outputs.terrain_ahead import is_map_or_modes_asked, look_ahead, odometry_of
+from stridetwin.scenarios.campaign import manifest
+from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
+from stridetwin.scenarios.files import sha256
+from stridetwin.scenarios.processes import mapped
+from stridetwin.scenarios.record import Progress
+from stridetwin.streams.errors import StrideTwinError, was_interrupted
+from stridetwin.streams.formats.opening import opened
+from stridetwin.streams.recording.reader import Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """A recording to be scored.
+
+    Attributes:
+        name: Name in the table.
+        path: Recording, or anything that can be imported.
+        sha256: Digest of the recording, if known.
+        lenient: Reads a damaged recording up to the damage.
+        alignment: See `alignment.align`.
+        own: Estimators that replace the built-in ones.
+        only: Names of the built-in estimators to run, see `score_needs.estimators_of`; None runs all.
+        strict: A failing estimator aborts the job; else the others continue, and the table gives the reason.
+    """
+
+    name: str
+    path: Path
+    sha256: str | None = None
+    lenient: bool = False
+    alignment: str = "start"
+    own: Sequence[OwnEstimator] = ()
+    only: frozenset[str] | None = None
+    strict: bool = False
+
+
+def jobs_of(sources: Sequence[Path], **settings: Any) -> list[Job]:
+    """The jobs of some sources: recordings, and every accepted walk of campaigns.
+
+    Raises:
+        StrideTwinError: A campaign's folder has no accepted walk, its recordings differ from its list, or a folder
+            holds campaigns instead of being one.
+    """
+    jobs: list[Job] = []
+    for source in sources:
+        if (source / manifest.NAME).is_file():
+            jobs += _of_campaign(source, settings)
+        elif inside := sorted(source.glob(f"*/{manifest.NAME}")):
+            here = inside[0].parent
+            raise StrideTwinError(f"{source}: no campaign: expected a folder that generate has written, such as {here}")
+        else:
+            jobs.append(Job(name=source.stem, path=source, **settings))
+    return [replace(jobs[0], strict=True)] if len(jobs) == 1 else jobs
+
+
+def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
+    path = folder / manifest.NAME
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document["format"] != manifest.FORMAT:
+            raise ValueError(f"format {document['format']!r}")
+        rows = [w for w in document["walks"] if w["status"] == ACCEPTED]
+        jobs = []
+        for row in rows:
+            faulty = bool(row["findings"] or row["expected_findings"])
+            own = {**settings, "lenient": settings["lenient"] or faulty}
+            jobs.append(Job(name=row["walk"], path=folder / row["recording"], sha256=row["sha256"], **own))
+            size = jobs[-1].path.stat().st_size if jobs[-1].path.is_file() else 0
+            if size != row["bytes"]:
+                raise StrideTwinError(f"{jobs[-1].path}: {size} bytes, but {row['bytes']} in {path}; generate it again")
+    except (KeyError, TypeError, ValueError) as error:
+        raise StrideTwinError(
+            f"{path}: invalid manifest of a campaign ({error}): expected one written by generate"
+        ) from None
+    if not jobs:
+        raise StrideTwinError(f"{folder}: contains no accepted walk")
+    unlisted = {file.name for file in (folder / RECORDINGS).glob("*.mcap")} - {job.path.name for job in jobs}
+    if unlisted:
+        words = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
+        print(f"stridetwin: warning: {folder / RECORDINGS}: {words}", file=sys.stderr)
+    return jobs
+
+
+def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
+    """One walk's row: `name`, `sha256`, `metadata`, `estimators`, and `failed` if an estimator failed.
+
+    Raises:
+        StrideTwinError: The recording cannot be read; in a strict job, any error.
+    """
+    recording = opened(job.path, job.lenient)
+    scores: dict[str, Scores] = {}
+    failed: dict[str, str] = {}
+    row = {
+        "name": job.name,
+        "sha256": job.sha256 or _digest(job.path),
+        "metadata": {k: recording.metadata[k] for k in ("scenario", "seed", "physics") if k in recording.metadata},
+        "estimators": scores,
+    }
+    if job.own:
+        for own in job.own:
+            try:
+                scores |= {own.name: evaluate(recording, [own.path(recording)], job.alignment)[0].scores}
+            except StrideTwinError as error:
+                _record_failure(job, failed, own.name, error)
+    else:
+        try:
+            _built_in(recording, job, scores, progress)
+        except Exception as error:
+            if was_interrupted(error):
+                raise KeyboardInterrupt from error
+            _record_failure(job, failed, EVERY, error)
+    return {**row, "failed": failed} if failed else row
+
+
+def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
+    """Runs the estimators that the recording feeds; `scores` keeps those that finished before a failure."""
+    made = all_paths(recording, only=job.only)
+    scores |= {r.estimate.name: r.scores for r in evaluate(recording, made, job.alignment)}
+    scores |= {name: result.scores for name, result in evaluate_every_step(recording, job.only).items()}
+    if not scores:
+        asked = (e.declaration for name, e in registry.estimators().items() if job.only is None or name in job.only)
+        needs = [declaration.needs for declaration in asked if declaration.needs]
+        raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {', or '.join(needs)}")
+    odometry = odometry_of(recording, made) if is_map_or_modes_asked(job.only) else None
+    if odometry is not None:
+        scores |= look_ahead(recording, odometry, progress, only=job.only).scores
+
+
+def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:
+    if job.strict:
+        raise error
+    words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
+    failed[name] = " ".join(words.replace(f"{job.path}: ", "").split())
+
+
+def _digest(path: Path) -> str:
+    """Digest of a file, or of all files of a folder."""
+    if path.is_file():
+        return sha256(path)
+    hashed = hashlib.sha256()
+    for file in sorted(f for f in path.rglob("*") if f.is_file()):
+        hashed.update(f"{file.relative_to(path).as_posix()} {sha256(file)}\n".encode())
+    return hashed.hexdigest()
+
+
+def score_walks(jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[dict[str, Any]]:
+    """Rows of `score_walk`, in the order of the jobs."""
+    if workers == 1 or len(jobs) == 1:
+        for i, job in enumerate(jobs):
+            progress("score", i / len(jobs))
+            yield score_walk(job, progress if len(jobs) == 1 else None)
+        return
+    for i, row in enumerate(mapped(score_walk, jobs, workers)):
+        progress("score", (i + 1) / len(jobs))
+        yield row

@@ -1,0 +1,1 @@
+"""Kinds of output, one folder each: how it is run, its files, scores, figures and live rows."""

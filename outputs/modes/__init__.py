@@ -1,0 +1,1 @@
+"""Predicted locomotion modes of coming steps: run, files, scores, figures."""

@@ -1,0 +1,413 @@
+"""Scores of predicted steps and terrain changes: accuracy, lead time, errors, consistency of the standard deviations.
+
+The true mode of a step is that of the ground from the previous footprint to its own (`Footprint.mode`). A prediction
+is scored at the last update before touch-down; its lead time is how long before that it became right and stayed so.
+A footprint across a ramp's edge, on a slope just below that of a ramp, or beyond a riser of about the least height of a
+stair may count as either of two modes, except in the strict accuracy; the calibration leaves it out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
+from stridetwin.outputs.alignment import MovingAlignment
+from stridetwin.outputs.modes.change_scores import ScoredChange, mode_of, score_approaches
+from stridetwin.outputs.truth import along_way
+from stridetwin.sim.world.route import Layout
+from stridetwin.streams.samples import Footprint
+
+_JUST_LANDED_NS = 150_000_000
+_HEEL_M = 0.045
+_GENTLE_RAD = math.radians(3.49)
+"""Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
+_LOW_RISER_M = (0.065, 0.075)
+"""A stair begins at 70 mm (Zhao et al. 2023); within 5 mm of that, either answer serves the walker."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredMode:
+    """A true step and its prediction.
+
+    Attributes:
+        t_s: Touch-down, s.
+        mode: True mode.
+        before: True mode of the previous step.
+        predicted: The last mode predicted before touch-down; "" if there was no prediction.
+        allowed: Modes that count as right.
+        lead_s: How long before touch-down the predicted mode had become right for good, 0 if it was wrong.
+        probabilities: Of `MODES`, at the last prediction.
+        forward_m: Predicted minus true footprint along the route, when the previous foot had just landed; NaN if there
+            was no prediction.
+        left_m: Likewise across the route.
+        length_m: Distance of the true footprint from the previous one, forward or sideways.
+        slope_rad: Estimated minus true slope of the ground under the foot, at the last prediction; NaN on treads and
+            across edges.
+        slope_sd_rad: Its reported standard deviation.
+    """
+
+    t_s: float
+    mode: str
+    before: str
+    predicted: str
+    allowed: tuple[str, ...]
+    lead_s: float
+    probabilities: tuple[float, ...] = ()
+    forward_m: float = math.nan
+    left_m: float = math.nan
+    length_m: float = math.nan
+    slope_rad: float = math.nan
+    slope_sd_rad: float = math.nan
+
+    @property
+    def right(self) -> bool:
+        """Whether the predicted mode counts as right."""
+        return self.predicted in self.allowed
+
+    @property
+    def strictly_right(self) -> bool:
+        """Whether it is the true mode."""
+        return self.predicted == self.mode
+
+    @property
+    def transition(self) -> bool:
+        """Whether the mode differs from that of the previous step."""
+        return self.mode != self.before
+
+    @property
+    def straddles(self) -> bool:
+        """Whether the step may count as either of two modes."""
+        return len(self.allowed) > 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModeScores:
+    """Scores of one walk: its steps and the terrain changes that were approached, in order."""
+
+    steps: list[ScoredMode] = field(default_factory=list)
+    approaches: list[ScoredChange] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, rows: Mapping[str, Any]) -> ModeScores:
+        """From the result of `rows`, after JSON."""
+        steps = [_known(row) for row in rows["steps"]]
+        for row in steps:
+            row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
+        return cls(
+            steps=[ScoredMode(**row) for row in steps],
+            approaches=[ScoredChange(**_known(row)) for row in rows["approaches"]],
+        )
+
+    def rows(self) -> dict[str, list[dict[str, Any]]]:
+        """`steps` and `approaches` for JSON; NaN is null."""
+        return {"steps": [_row(s) for s in self.steps], "approaches": [_row(a) for a in self.approaches]}
+
+
+def _row(scored: ScoredMode | ScoredChange) -> dict[str, Any]:
+    return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
+
+
+def _known(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: math.nan if v is None else v for k, v in row.items()}
+
+
+def score_modes(
+    footprints: Sequence[Footprint],
+    estimates: Sequence[ModeEstimate],
+    alignment: MovingAlignment,
+    layout: Layout | None,
+    sole_m: float,
+) -> ModeScores:
+    """Every true step and terrain change of a walk, with its prediction.
+
+    Args:
+        footprints: True footprints, in order; the two initial ones come first.
+        estimates: In time order.
+        alignment: Alignment of the estimator's world with the true one.
+        layout: The true terrain; None: nothing straddles and no change is scored.
+        sole_m: Length of the soles.
+    """
+    landed = footprints[2:]
+    by_step = predictions_by_step(landed, estimates)
+    first = _first_predictions(landed, by_step)
+    others: list[tuple[str, ...]] = [() for _ in landed]
+    slopes = [math.nan for _ in landed]
+    approaches: list[ScoredChange] = []
+    if layout is not None:
+        every = along_way([f.p_foot_in_world for f in footprints], layout)
+        places, behind = every[2:], every[1:-1]
+        others = [_other_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
+        slopes = [_slope_under(s, layout, sole_m) for s in places]
+        approaches = score_approaches(landed, places, estimates, alignment, layout)
+    steps = []
+    before = "LG"
+    for i, print_ in enumerate(landed):
+        allowed = (print_.mode, *others[i])
+        own = by_step[i]
+        last = own[-1] if own else None
+        wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
+        since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
+        forward, left = _miss(print_, first[i], alignment)
+        step = last[0].steps[last[1]] if last else None
+        steps.append(
+            ScoredMode(
+                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
+                predicted=step.mode if step else "",
+                lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
+                probabilities=tuple(step.probabilities[m] for m in MODES) if step else (),
+                forward_m=forward, left_m=left,
+                length_m=float(np.linalg.norm((print_.p_foot_in_world - footprints[i + 1].p_foot_in_world)[:2])),
+                slope_rad=step.slope - slopes[i] if step else math.nan,
+                slope_sd_rad=step.slope_sd if step else math.nan,
+            )
+        )  # fmt: skip
+        before = print_.mode
+    return ModeScores(steps=steps, approaches=approaches)
+
+
+def first_steps(
+    footprints: Sequence[Footprint], estimates: Sequence[ModeEstimate]
+) -> list[tuple[ModeEstimate, StepPrediction] | None]:
+    """For each true step the first prediction after the previous foot had landed; None if there was none."""
+    landed = footprints[2:]
+    first = _first_predictions(landed, predictions_by_step(landed, estimates))
+    return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
+
+
+def _first_predictions(
+    landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
+) -> list[tuple[ModeEstimate, int] | None]:
+    """For each step the first estimate that predicts it as the next one."""
+    found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
+    for i in range(1, len(landed)):
+        candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
+        found[i] = next(candidates, None)
+    return found
+
+
+def predictions_by_step(
+    landed: Sequence[Footprint], estimates: Sequence[ModeEstimate]
+) -> list[list[tuple[ModeEstimate, int]]]:
+    """For each step the estimates before its touch-down that predict it, and its index in each.
+
+    An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
+    touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
+    """
+    t_ns = np.array([f.t_ns for f in landed])
+    found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
+    for estimate in estimates:
+        first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
+        next_foot = estimate.steps[0].foot if estimate.steps else ""
+        late = early = False
+        if first > 0 and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS:
+            late = next_foot == landed[first - 1].foot
+        if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
+            early = next_foot not in ("", landed[first].foot)
+        offset = early - late
+        for k in range(late, len(estimate.steps)):
+            if first + k + offset < len(landed):
+                found[first + k + offset].append((estimate, k))
+    return found
+
+
+def _other_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
+    """Other modes that a step between two arc lengths, m, may count as.
+
+    Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
+    for everyone to call it a stair.
+    """
+    behind, s = from_to
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
+    found = ["LG"] if gentle and mode in ("RA", "RD") else []
+    for before, after in pairwise(layout.profile):
+        rise = after.z0 - before.z1
+        if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
+            found += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
+        if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
+            found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
+    return tuple(dict.fromkeys(found))
+
+
+def _slope_under(s: float, layout: Layout, sole_m: float) -> float:
+    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges."""
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    return next(
+        (p.slope for p in layout.profile if p.terrain in ("level", "ramp") and p.s0 <= heel and toe <= p.s1), math.nan
+    )
+
+
+def _miss(
+    print_: Footprint, prediction: tuple[ModeEstimate, int] | None, alignment: MovingAlignment
+) -> tuple[float, float]:
+    """Error of the footprint when it was first predicted as the next one, forward and left, m."""
+    if prediction is None:
+        return math.nan, math.nan
+    estimate, k = prediction
+    p = alignment.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
+    w, x, y, z = print_.q_world_foot
+    forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
+    forward /= np.linalg.norm(forward)
+    off = p - print_.p_foot_in_world[:2]
+    return float(off @ forward), float(off @ [-forward[1], forward[0]])
+
+
+_BINS = 10
+_STEADY = 0.2
+"""Steps in steady walking differ by no more, as a share of the shortest."""
+_SIZES = (
+    ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
+)  # fmt: skip
+_SEEN = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
+"""A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
+
+
+def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
+    """Figures over walks, ready for JSON; None for undefined ones.
+
+    Returns:
+        `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`,
+        `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {predicted: steps}}`, `lead_time_s: {median, p5}`,
+        `transition_lead_time_s` likewise, `footprint_rmse_m: {forward, left}` one step ahead,
+        `footprint_steady_rmse_m` likewise of steps in steady walking (`_steady`), `calibration_error`, `steps`,
+        `transitions`; of the ground `changes` (their number), `changes_found_pct`, `begins_found_pct` (stairs and
+        ramps, not their ends), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`,
+        `slope_rmse_deg` of sizes that were observed, not guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
+        slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `all_rmse` of all
+        estimates including guesses; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
+    """
+    walks = list(walks)
+    steps = [s for w in walks for s in w.steps]
+    approaches = [a for w in walks for a in w.approaches]
+    transitions = [s for s in steps if s.transition]
+    lead = [s.lead_s for s in steps]
+    steady = [s for w in walks for s in _steady(w.steps)]
+    confusion = {m: {t: sum(s.mode == m and s.predicted == t for s in steps) for t in (*MODES, "")} for m in MODES}
+    return {
+        "accuracy_pct": _percent(s.right for s in steps),
+        "strict_accuracy_pct": _percent(s.strictly_right for s in steps),
+        "straddling_pct": _percent(s.straddles for s in steps),
+        "transition_accuracy_pct": _percent(s.right for s in transitions),
+        "accuracy_by_mode_pct": {m: _percent(s.right for s in steps if s.mode == m) for m in MODES},
+        "confusion": confusion,
+        "lead_time_s": {"median": _quantile(lead, 50), "p5": _quantile(lead, 5)},
+        "transition_lead_time_s": {
+            "median": _quantile([s.lead_s for s in transitions], 50),
+            "p5": _quantile([s.lead_s for s in transitions], 5),
+        },
+        "footprint_rmse_m": {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])},
+        "footprint_steady_rmse_m": {
+            "forward": rms([s.forward_m for s in steady]), "left": rms([s.left_m for s in steady])
+        },
+        "calibration_error": _calibration(steps),
+        "steps": len(steps),
+        "transitions": len(transitions),
+        **_change_figures(approaches),
+    }  # fmt: skip
+
+
+def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
+    """Steps of the same mode as their neighbours and nearly as long, without the first three and the last two.
+
+    This excludes pauses and changes of speed.
+    """
+    found = []
+    for i in range(3, len(steps) - 2):
+        around = steps[i - 1 : i + 2]
+        lengths = [s.length_m for s in around]
+        if len({s.mode for s in around}) == 1 and not max(lengths) > (1.0 + _STEADY) * min(lengths):
+            found.append(steps[i])
+    return found
+
+
+def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
+    kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
+    median = {
+        kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
+        for kind, modes in kinds.items()
+    }
+    sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
+    seen = {name: [e for e, sd in sizes[name] if sd < most] for name, most in _SEEN.items()}
+    begins = [a for a in approaches if a.mode != "LG"]
+    return {
+        "changes": len(approaches),
+        "changes_found_pct": _percent(a.found for a in approaches),
+        "begins_found_pct": _percent(a.found for a in begins),
+        "distance_median_mm": median,
+        "riser_rmse_mm": _scaled(rms(seen["riser_m"]), 1e3),
+        "tread_rmse_mm": _scaled(rms(seen["tread_m"]), 1e3),
+        "slope_rmse_deg": _scaled(rms(seen["slope_rad"]), 180.0 / math.pi),
+        "sizes": {
+            size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
+                   for way, mode in zip(("up", "down"), modes)}
+            for size, name, factor, modes in (
+                ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
+                ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
+                ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
+            )
+        },
+        "inside_95_pct": inside_pct([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
+        "distance_inside_95_pct": inside_pct(sizes["distance_m"]),
+    }  # fmt: skip
+
+
+def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> dict[str, float | None]:
+    """For one size: the share of the changes where it was observed, the errors of those, and of all estimates."""
+    sd = name.replace("_", "_sd_")
+    own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
+    return {
+        "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
+        "rmse": _scaled(rms([e for e, d in own if d < _SEEN[name]]), factor),
+        "all_rmse": _scaled(rms([e for e, _ in own]), factor),
+    }
+
+
+def inside_pct(errors: Iterable[tuple[float, float]]) -> float | None:
+    """Share of errors within the reported 95 % interval, %, from pairs of error and standard deviation."""
+    return _percent(abs(e) < 1.96 * sd for e, sd in errors if math.isfinite(e) and math.isfinite(sd))
+
+
+def _calibration(steps: Sequence[ScoredMode]) -> float | None:
+    """Expected calibration error of the predicted modes' probabilities, 0-1."""
+    bins = reliability(steps)
+    if not bins:
+        return None
+    return sum(abs(p - right) * count for p, right, count in bins) / sum(count for _, _, count in bins)
+
+
+def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
+    """By tenths of the predicted mode's probability: its mean, the share of steps that were right, and their number.
+
+    Steps that may count as either of two modes are left out: no one outcome belongs to their probability.
+    """
+    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities and not s.straddles]
+    p, right = np.array([t[0] for t in predicted]), np.array([t[1] for t in predicted], float)
+    bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
+    return [
+        (float(p[bins == b].mean()), float(right[bins == b].mean()), int((bins == b).sum())) for b in np.unique(bins)
+    ]
+
+
+def _percent(right: Iterable[bool]) -> float | None:
+    answers = list(right)
+    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else None
+
+
+def _quantile(values: Sequence[float], percent: float) -> float | None:
+    return float(np.percentile(values, percent)) if len(values) else None
+
+
+def rms(values: Sequence[float]) -> float | None:
+    """Root mean square of the known values; None without any."""
+    known = [v for v in values if math.isfinite(v)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor

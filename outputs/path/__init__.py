@@ -1,0 +1,1 @@
+"""Paths: run, files, scores, figures."""

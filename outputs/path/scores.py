@@ -1,0 +1,265 @@
+"""Scores of an estimated path relative to the true one: vectorised, deterministic, units in the names.
+
+Definitions follow Sturm et al. 2012 (IROS) and Zhang & Scaramuzza 2018 (IROS): absolute pose error (APE)
+after one alignment, relative pose error (RPE) over a distance travelled. NEES: Bar-Shalom et al. 2001, 5.4.
+
+An odometry with gravity cannot observe position and heading, so its path is aligned by a translation and a rotation
+about the vertical. A closed loop hides a wrong scale and wrong extrinsics; the error over 5 m of path reveals both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.outputs.alignment import Rigid, align, vertical_rotation
+from stridetwin.outputs.truth import TruePath
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.samples import Array
+from stridetwin.streams.trajectory import Trajectory
+
+RPE_DISTANCES_M = (1.0, 5.0)
+RPE_SPACING_M = 0.1
+CHI2_3_95 = 7.814727903251179
+_VARIANCE_FLOOR_M2 = 1e-12
+LOST_M = 2.0
+SPAN_M = 5.0
+CLIMB_M = 0.3
+
+Scores = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """An estimate aligned with the truth, at the estimate's stamps.
+
+    Attributes:
+        estimate: N poses in the truth's world.
+        truth: The N true poses.
+        distance_m: (N,) m travelled by the true frame since the truth's first sample.
+        coverage: Share of the truth's duration that the estimate spans, 0-1.
+        transform: Transform from the estimate's own world to the truth's.
+    """
+
+    estimate: Trajectory
+    truth: Trajectory
+    distance_m: Array
+    coverage: float
+    transform: Rigid
+
+    @property
+    def error_m(self) -> Array:
+        """(N, 3) m, estimate minus truth in world axes."""
+        return self.estimate.p_frame_in_world - self.truth.p_frame_in_world
+
+
+def compare(
+    estimate: Trajectory, path: TruePath, alignment: str = "start", transform: Rigid | None = None
+) -> Comparison:
+    """Aligns an estimate with the truth.
+
+    Args:
+        estimate: Poses in any world that differs from the truth's by a translation and a rotation (see `align`).
+        path: The true path of the same frame.
+        alignment: `start`, `yaw` or `se3`.
+        transform: Replaces the alignment, if another frame in the same world has fixed it.
+
+    Raises:
+        RecordingError: The estimate is not finite, or has fewer than two stamps within the truth's span.
+    """
+    finite = np.isfinite(estimate.p_frame_in_world).all(axis=1) & np.isfinite(estimate.q_world_frame).all(axis=1)
+    if not finite.all():
+        at = estimate.t_ns[(~finite).argmax()] / 1e9
+        raise RecordingError(f"the estimate is not finite at t = {at:.3f} s; every pose must be")
+    inside = (estimate.t_ns >= path.t_ns[0]) & (estimate.t_ns <= path.t_ns[-1])
+    if inside.sum() < 2:
+        raise RecordingError(
+            f"{inside.sum()} poses of the estimate lie within the truth's "
+            f"{path.t_ns[0] / 1e9:.3f}-{path.t_ns[-1] / 1e9:.3f} s; at least 2 are needed"
+        )
+    kept = estimate[inside]
+    truth = path.at(kept.t_ns)
+    transform = transform or align(kept, truth, alignment)
+    return Comparison(
+        estimate=transform.apply(kept),
+        truth=truth,
+        distance_m=np.interp(kept.t_ns, path.t_ns, path.distance_m),
+        coverage=float((kept.t_ns[-1] - kept.t_ns[0]) / (path.t_ns[-1] - path.t_ns[0])),
+        transform=transform,
+    )
+
+
+def score(comparison: Comparison, alone: bool = True) -> Scores:
+    """Every score of one estimate.
+
+    Args:
+        comparison: The aligned estimate.
+        alone: Its world is not shared with the estimate of another frame.
+
+    Returns:
+        `ape_{rmse,mean,max}_m`; `rpe_1m_pct`, `rpe_5m_pct` (mean relative error, % of the distance; left out if
+        the walk is shorter); `end_error_m`, `end_error_pct` (% of the distance travelled by the frame);
+        `end_height_error_m` (signed); `armse_2d_m` if `alone`, because it rotates each estimate by itself;
+        `nees_position_mean` (3 for a consistent filter) and `nees_position_within_95_pct` if the estimate has
+        a covariance; `distance_m`, `duration_s`, `coverage_pct`.
+    """
+    error = comparison.error_m
+    norm = np.linalg.norm(error, axis=1)
+    distance = float(comparison.distance_m[-1] - comparison.distance_m[0])
+    t_ns = comparison.truth.t_ns
+    scores = {
+        "ape_rmse_m": float(np.sqrt(np.mean(norm**2))),
+        "ape_mean_m": float(norm.mean()),
+        "ape_max_m": float(norm.max()),
+        "end_error_m": float(norm[-1]),
+        "end_height_error_m": float(error[-1, 2]),
+        "distance_m": distance,
+        "duration_s": float((t_ns[-1] - t_ns[0]) / 1e9),
+        "coverage_pct": 100.0 * comparison.coverage,
+    }
+    if alone:
+        scores["armse_2d_m"] = armse_2d(comparison.estimate.p_frame_in_world, comparison.truth.p_frame_in_world)
+    if distance > 0:
+        scores["end_error_pct"] = 100.0 * scores["end_error_m"] / distance
+    for span in RPE_DISTANCES_M:
+        errors = relative_errors_m(comparison, span)
+        if len(errors):
+            scores[f"rpe_{span:g}m_pct"] = float(100.0 * errors.mean() / span)
+    if comparison.estimate.covariance is not None:
+        nees = nees_position(comparison)
+        scores["nees_position_mean"] = float(nees.mean())
+        scores["nees_position_within_95_pct"] = float(100.0 * np.mean(nees <= CHI2_3_95))
+    return scores
+
+
+def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
+    """Error of the relative translation over every stretch of `span_m` of the true path.
+
+    Stretches start each 0.1 m travelled, so that stationary phases do not count. Each is rotated about the vertical
+    so that the headings agree at its start (Zhang & Scaramuzza 2018: tilt is observable from gravity, heading is
+    not), which makes the result independent of the alignment.
+
+    Returns:
+        (K,) m; empty if the path is shorter than the span.
+    """
+    estimate, truth = comparison.estimate, comparison.truth
+    starts, ends = _stretches(comparison.distance_m, span_m)
+    if not len(starts):
+        return np.empty(0)
+    attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
+    rotation = vertical_rotation((attitudes[0] * attitudes[1].inv()).as_matrix())
+    moved, went = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
+    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", rotation, moved) - went, axis=1))
+
+
+def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last index of every stretch of a path of `span_m`; stretches start each 0.1 m."""
+    s = distance_m
+    starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
+    ends = np.searchsorted(s, s[starts] + span_m)
+    return starts[ends < len(s)], ends[ends < len(s)]
+
+
+def nees_position(comparison: Comparison) -> Array:
+    """Normalised estimation error squared of the position, eᵀ P⁻¹ e; χ² with 3 degrees of freedom if consistent.
+
+    Returns:
+        (N,) values. The alignment removes the error of the first pose, so the value is close to 0 there.
+    """
+    covariance = comparison.estimate.covariance
+    if covariance is None:
+        raise ValueError("the estimate has no covariance")
+    P = covariance[:, :3, :3] + _VARIANCE_FLOOR_M2 * np.eye(3)
+    e = comparison.error_m
+    return np.asarray(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[..., None])[..., 0]))
+
+
+def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
+    """Horizontal error as the pyshoe benchmark defines its "2-D ARMSE".
+
+    Both paths start at 0; the estimate is rotated about z so that its bearing agrees with the truth's where it is
+    first `far_m` from its start; the result is the mean over all samples of sqrt((ex² + ey²) / 2).
+
+    Args:
+        estimate: (N, 2 or 3) m.
+        truth: (N, 2 or 3) m at the same stamps.
+        far_m: Distance that fixes the bearing.
+    """
+    e, g = estimate[:, :2] - estimate[0, :2], truth[:, :2] - truth[0, :2]
+    far = np.linalg.norm(e, axis=1) > far_m
+    i = int(np.argmax(far)) if far.any() else len(e) - 1
+    a = np.arctan2(g[i, 1], g[i, 0]) - np.arctan2(e[i, 1], e[i, 0])
+    rotated = e @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    return float(np.mean(np.sqrt(((rotated - g) ** 2).sum(axis=1) / 2)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Odometry:
+    """The output of an odometry: N poses of the IMU in a world of its own, and whether it reports each as healthy."""
+
+    path: Trajectory
+    healthy: NDArray[np.bool_]
+
+
+def drift_figures(odometry: Odometry, truth: TruePath) -> dict[str, Any]:
+    """The figures of one walk, ready for JSON, from the first healthy pose on; the truth is that of the same frame.
+
+    Returns:
+        `failure`: "" or what went wrong: `silent` (no two healthy poses), `not finite`, `lost` (declared) or `off`
+        (more than 2 m away with start or path aligned). `unhealthy_s`: how long it reported itself lost after its first
+        healthy pose, and `recovered` whether it was healthy at the end. Except after the first two failures also
+        `loop_drift_m` and `loop_drift_xyz_m` (error at the end with the start aligned), `ape_rmse_m` (path aligned),
+        `rpe_5m_pct` (None if the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m`
+        (`climb_errors_m`, the largest; None without climbs), `coverage_pct` of the walk, and with a covariance
+        `nees_mean` and `nees_within_95_pct` of the position.
+    """
+    first = int(odometry.healthy.argmax()) if odometry.healthy.any() else len(odometry.healthy)
+    path, healthy = odometry.path[first:], odometry.healthy[first:]
+    inside = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
+    if inside.sum() < 2:
+        return {"failure": "silent", "unhealthy_s": 0.0, "recovered": False}
+    steps = np.diff(path.t_ns, append=path.t_ns[-1]) * 1e-9
+    states: dict[str, Any] = {"unhealthy_s": float(steps[~healthy].sum()), "recovered": bool(healthy[-1])}
+    if not (np.isfinite(path.p_frame_in_world).all() and np.isfinite(path.q_world_frame).all()):
+        return {"failure": "not finite", **states, "recovered": False}
+    from_start, fitted = compare(path, truth, "start"), compare(path, truth, "yaw")
+    error = from_start.error_m
+    away = np.linalg.norm(fitted.error_m, axis=1)
+    relative, climbs = relative_errors_m(fitted, SPAN_M), climb_errors_m(fitted)
+    off = max(float(away.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M
+    return {
+        "failure": "lost" if not healthy.all() else "off" if off else "",
+        **states,
+        "loop_drift_m": float(np.linalg.norm(error[-1])),
+        "loop_drift_xyz_m": error[-1].tolist(),
+        "ape_rmse_m": float(np.sqrt(np.mean(away**2))),
+        "rpe_5m_pct": 100.0 * float(relative.mean()) / SPAN_M if len(relative) else None,
+        "height_rmse_m": float(np.sqrt(np.mean(error[:, 2] ** 2))),
+        "climb_error_m": float(np.abs(climbs).max()) if len(climbs) else None,
+        "coverage_pct": 100.0 * from_start.coverage,
+        **_consistency(from_start),
+    }
+
+
+def climb_errors_m(comparison: Comparison) -> Array:
+    """Error of the height gain over every 5 m of path that rise or fall by more than 0.3 m.
+
+    Returns:
+        (K,) m, estimated minus true; empty if there are none.
+    """
+    starts, ends = _stretches(comparison.distance_m, SPAN_M)
+    estimated, true = (p.p_frame_in_world[:, 2] for p in (comparison.estimate, comparison.truth))
+    gained = true[ends] - true[starts]
+    error: Array = estimated[ends] - estimated[starts] - gained
+    return error[np.abs(gained) > CLIMB_M]
+
+
+def _consistency(comparison: Comparison) -> dict[str, float]:
+    if comparison.estimate.covariance is None:
+        return {}
+    nees = nees_position(comparison)
+    return {"nees_mean": float(nees.mean()), "nees_within_95_pct": 100.0 * float(np.mean(nees <= CHI2_3_95))}

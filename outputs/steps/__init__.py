@@ -1,0 +1,1 @@
+"""Steps estimated from the legs: run, files, scores, figures."""

@@ -1,0 +1,291 @@
+"""Scores of estimated steps against the true footprints: errors, consistency of the standard deviations, classes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import STEPS
+from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
+from stridetwin.outputs.alignment import vertical_rotation
+from stridetwin.outputs.feeding import Found, fed
+from stridetwin.outputs.feeding import steps as steps_of
+from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Footprint
+
+_EARLY_NS = 100_000_000
+_STANDING = 2  # the first footprints are the initial ones of both feet
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredStep:
+    """A true step and its estimate after its foot had been flat; a missed step has no estimate.
+
+    Attributes:
+        mode: True mode.
+        slope: True slope of the ground in the foot's direction, rad.
+        elevation: True height above the other foot's previous footprint, m.
+        place: True position of the footprint, m.
+        estimated_mode: Estimated mode; "" if the step was missed.
+        estimated_slope: Estimate, rad.
+        estimated_elevation: Estimate, m.
+        estimated_place: Estimate, m, in the estimator's world.
+        slope_sd: rad; None if the method reports none.
+        elevation_sd: m; likewise.
+        probability: Of the mode.
+    """
+
+    mode: str
+    slope: float
+    elevation: float
+    place: tuple[float, ...]
+    estimated_mode: str = ""
+    estimated_slope: float = 0.0
+    estimated_elevation: float = 0.0
+    estimated_place: tuple[float, ...] = ()
+    slope_sd: float | None = None
+    elevation_sd: float | None = None
+    probability: float = 0.0
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is an estimate."""
+        return bool(self.estimated_place)
+
+    @property
+    def slope_error(self) -> float:
+        """Rad."""
+        return self.estimated_slope - self.slope
+
+    @property
+    def elevation_error(self) -> float:
+        """M."""
+        return self.estimated_elevation - self.elevation
+
+    def row(self) -> dict[str, Any]:
+        """For JSON; `ScoredStep(**row)` restores it."""
+        return asdict(self)
+
+
+def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
+    """Every true step of a walk with its estimate, except steps next to a footprint that the truth lacks.
+
+    The two initial footprints come first and are not steps; there is one estimate per step. Both are in order.
+    """
+    every = list(estimates)
+    made = []
+    for i in range(_STANDING, len(footprints)):
+        print_ = footprints[i]
+        # either foot may take the first step, whatever the order of the list: that is not a gap
+        beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
+        before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
+        if before is None or any(p.foot == print_.foot for p in beside):
+            continue
+        made.append(_scored(print_, before, next(iter(_estimates_of(footprints, i, every)), None)))
+    return made
+
+
+def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
+    """Number of false steps: repeated estimates of a footprint, or estimates without any footprint.
+
+    A footprint that the truth lacks between two of the other foot may have an estimate. Arguments as in `score_steps`.
+    """
+    every, right = list(estimates), set[int]()
+    for i, print_ in enumerate(footprints):
+        later = footprints[max(i + 1, _STANDING) :]
+        others = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
+        true = (i >= _STANDING) + max(others - 1, 0)
+        right.update([id(e) for e in _estimates_of(footprints, i, every) if id(e) not in right][:true])
+    return len(every) - len(right)
+
+
+def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[StepEstimate]) -> list[StepEstimate]:
+    """The estimates of a footprint's foot from shortly before it until the foot's next one."""
+    foot = footprints[i].foot
+    since = footprints[i].t_ns - _EARLY_NS
+    until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)
+    return [e for e in estimates if e.foot == foot and since < e.t_ns < until]
+
+
+def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
+    w, x, y, z = print_.q_world_foot
+    true: dict[str, Any] = {
+        "mode": print_.mode,
+        "slope": float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis above the horizontal
+        "elevation": float(print_.p_foot_in_world[2] - before.p_foot_in_world[2]),
+        "place": tuple(print_.p_foot_in_world.tolist()),
+    }
+    if estimate is None:
+        return ScoredStep(**true)
+    return ScoredStep(
+        **true,
+        estimated_mode=estimate.mode,
+        estimated_slope=float(estimate.slope),
+        estimated_elevation=float(estimate.elevation),
+        estimated_place=tuple(np.asarray(estimate.p_sole_in_world).tolist()),
+        slope_sd=_finite(estimate.slope_sd),
+        elevation_sd=_finite(estimate.elevation_sd),
+        probability=float(estimate.probability),
+    )
+
+
+def _finite(sd: float) -> float | None:
+    return float(sd) if math.isfinite(sd) else None
+
+
+def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[float, float, float]]:
+    """Error of the displacement divided by the number of steps, for each run of steps of one mode, m.
+
+    A run begins at the footprint before it (as the paper's walks begin with a standing subject), and goes from the
+    first to the last estimated footprint.
+
+    Args:
+        steps: Steps of a walk.
+        mode: Mode of the runs; "" takes the whole walk.
+
+    Returns:
+        Forward, up and left, for each run.
+    """
+    errors, start = [], 0
+    for end in range(1, len(steps) + 1):
+        inside = not mode or steps[end - 1].mode == mode
+        if inside and end < len(steps) and (not mode or steps[end].mode == mode):
+            continue
+        if inside:
+            run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.seen]
+            if len(run) > 1:
+                (i, first), (j, last) = run[0], run[-1]
+                moved = np.subtract(last.estimated_place, first.estimated_place) - np.subtract(last.place, first.place)
+                forward, left, up = (moved / (j - i)).tolist()
+                errors.append((forward, up, left))
+        start = end
+    return errors
+
+
+def yaw_aligned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
+    """The steps of a walk; estimated positions are rotated about the vertical to fit the true ones best.
+
+    Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
+    """
+    seen = [s for s in steps if s.seen]
+    if len(seen) < 2:
+        return list(steps)
+    true, estimated = (np.array(places) for places in ([s.place for s in seen], [s.estimated_place for s in seen]))
+    R = vertical_rotation((true - true.mean(axis=0)).T @ (estimated - estimated.mean(axis=0)))
+    return [replace(s, estimated_place=tuple((R @ s.estimated_place).tolist())) if s.seen else s for s in steps]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepResult:
+    """Result of a step estimator on one recording: its estimates, the true steps with them, and the scores.
+
+    The scores are those of `step_scores`, and `false_pct`, the share of false steps among the estimated ones.
+    """
+
+    estimates: list[StepEstimate]
+    steps: list[ScoredStep]
+    scores: Scores
+
+
+def evaluate_every_step(recording: Recording, only: Container[str] | None = None) -> dict[str, StepResult]:
+    """Every step estimator that the recording feeds, by name; none without true footprints.
+
+    Args:
+        recording: The recording.
+        only: Names of the estimators to run; None runs all.
+
+    Raises:
+        RecordingError: As `evaluate_steps`.
+    """
+    if FOOTPRINTS not in recording.topics:
+        return {}
+    every = {name: found for name, found in registry.estimators(STEPS).items() if only is None or name in only}
+    return {name: evaluate_steps(recording, found) for name, found in every.items() if fed(found, recording)}
+
+
+def evaluate_steps(recording: Recording, found: Found) -> StepResult:
+    """Runs the default method of a step estimator on a recording that feeds it, and scores it.
+
+    Raises:
+        RecordingError: None of its steps matches a true step.
+    """
+    made = steps_of(found, recording)
+    footprints = true_footprints(recording)
+    steps = score_steps(footprints, made)
+    if not any(s.seen for s in steps):
+        name = found.declaration.name
+        raise RecordingError(f"{recording.path}: {name} matched none of the {len(steps)} true steps")
+    false_pct = 100.0 * false_steps(footprints, made) / len(made)
+    return StepResult(estimates=made, steps=steps, scores={**step_scores(steps), "false_pct": false_pct})
+
+
+def step_scores(steps: Sequence[ScoredStep]) -> Scores:
+    """Every score of one walk with at least one estimated step.
+
+    Returns:
+        `slope_rmse_deg`, `elevation_rmse_mm`, `slope_in_95_pct`, `elevation_in_95_pct`; of all steps including
+        missed ones `classification_accuracy_pct`, `unknown_pct`, `missed_pct`; `{d,h,y}_rmse_mm`, error of the whole
+        displacement divided by the number of steps, along the world's x, z and y; `end_error_m`, `end_error_pct`, from
+        the first estimated footprint to the last; `steps`.
+    """
+    figures = step_figures(steps, displacement_errors(steps, ""))
+    seen = [s for s in steps if s.seen]
+    places, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
+    end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
+    way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+    left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")
+    return {
+        **{k: float(v) for k, v in figures.items() if k not in left_out},
+        "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
+        "missed_pct": percent(not s.seen for s in steps),
+        "end_error_m": end,
+        **({"end_error_pct": 100.0 * end / way} if way > 0.0 else {}),
+    }
+
+
+def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
+    """RMS and mean errors of the steps with estimates, classes of all steps, and RMS of any `displacement_errors`."""
+    seen = [s for s in steps if s.seen]
+    slope = np.degrees([s.slope_error for s in seen])
+    elevation = 1e3 * np.array([s.elevation_error for s in seen])
+    figures = {
+        "slope_rmse_deg": _rms(slope),
+        "slope_mean_deg": float(slope.mean()) if len(slope) else 0.0,
+        "elevation_rmse_mm": _rms(elevation),
+        "elevation_mean_mm": float(elevation.mean()) if len(elevation) else 0.0,
+        **_inside(seen),
+        "classification_accuracy_pct": percent(s.estimated_mode == s.mode for s in steps),
+        "steps": len(steps),
+        "steps_missed": len(steps) - len(seen),
+    }
+    if len(places):
+        d, h, y = (_rms(1e3 * np.array(axis)) for axis in zip(*places))
+        figures |= {"d_rmse_mm": d, "h_rmse_mm": h, "y_rmse_mm": y}
+    return figures
+
+
+def _inside(seen: Sequence[ScoredStep]) -> dict[str, float]:
+    """Share of errors inside the 95 % interval; empty if the method reports none."""
+    slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in seen if s.slope_sd is not None]
+    elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in seen if s.elevation_sd is not None]
+    if not slope or not elevation:
+        return {}
+    return {"slope_in_95_pct": percent(slope), "elevation_in_95_pct": percent(elevation)}
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
+
+
+def percent(right: Iterable[Any]) -> float:
+    """Share of true values, %; 0 for an empty input."""
+    answers = list(right)
+    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0

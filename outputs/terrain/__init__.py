@@ -1,0 +1,1 @@
+"""Terrain maps: run, files, scores, figures."""

@@ -1,0 +1,317 @@
+"""Scores of the terrain map: accuracy and completeness of its surface, and errors of the terrain changes ahead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from stridetwin.outputs.alignment import YawAlignment
+from stridetwin.outputs.modes.change_scores import ScoredChange, TerrainChange, mode_of
+from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.truth import edges, flights, scored_at_ns
+from stridetwin.sim.world.route import Layout, Slab, Strip
+from stridetwin.streams.samples import Array
+
+_HALF_WIDTH_M = 0.5
+NEAR_M, FAR_M = 0.5, 2.5
+"""The range of the ground ahead that is scored."""
+_COMPLETE_M = 0.03
+_CELL_M = 0.05
+_MATCH_M = 0.35
+_KNOWN_M = 0.03
+"""An edge with a larger standard deviation counts as not seen."""
+_SAME_EDGE_M = 0.14
+"""Half of the shortest tread in the scenarios; an edge farther away does not match."""
+_TICK_S = 0.5
+_LATE_NS = 200_000_000
+_FLOOR_BELOW_M = 0.1
+_STRAIGHT_M = 0.05
+_REACH_M = 6.0
+"""Edges farther away are not ahead."""
+_FACING = 0.5
+"""Cosine of the angle at which an edge of a winding stair is still met from in front."""
+_EVERY = 5
+"""Every n-th point is measured."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MapScores:
+    """Scores of one walk's map.
+
+    Attributes:
+        changes: In order along the route.
+        accuracy_m: RMS distance of the map's ground ahead on the route from the true mesh.
+        accuracy_p95_m: 95th percentile of it.
+        completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
+        edge_errors: (E,) m, of every edge ahead with a standard deviation below 3 cm, each half second: estimated minus
+            true position straight ahead, to the nearest true edge; inf if there is none within 6 m.
+    """
+
+    changes: tuple[ScoredChange, ...]
+    accuracy_m: float
+    accuracy_p95_m: float
+    completeness: float
+    edge_errors: Array
+
+
+def mesh_of(slabs: Sequence[Slab]) -> Array:
+    """(T, 3, 3) m, the true ground as triangles: the top of each slab, and its sides down to below the lowest."""
+    tops = [
+        slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left]) for slab in slabs
+    ]
+    floor = min(float(top[:, 2].min()) for top in tops) - _FLOOR_BELOW_M
+    faces = []
+    for top in tops:
+        under = np.column_stack([top[:, :2], np.full(4, floor)])
+        faces += [top, *(np.array([under[i], under[j], top[j], top[i]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)))]
+    return np.array([face[corners] for face in faces for corners in ([0, 1, 2], [0, 2, 3])])
+
+
+def distance_to(triangles: Array, points: Array) -> Array:
+    """(N,) m, distances of (N, 3) points from the surface of (T, 3, 3) triangles.
+
+    A triangle is tested only with the points that are nearer to its bounding box than their smallest distance so far.
+    """
+    nearest = np.full(len(points), np.inf)
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    flat = np.argsort(high[:, 2] - low[:, 2], kind="stable")  # tops first: most points lie on them
+    for i in flat.tolist():
+        apart = np.maximum(np.maximum(low[i] - points, points - high[i]), 0.0)
+        near = np.flatnonzero((apart**2).sum(axis=1) < nearest**2)
+        if len(near):
+            nearest[near] = np.minimum(nearest[near], _from_triangle(triangles[i], points[near]))
+    return nearest
+
+
+def _from_triangle(triangle: Array, points: Array) -> Array:
+    """(N,) m, distances of (N, 3) points from one triangle: from its plane if above or below it, else from a side."""
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    over = np.ones(len(points), bool)
+    sides = []
+    for start, end in ((a, b), (b, c), (c, a)):
+        along, offset = end - start, points - start
+        over &= offset @ np.cross(normal, along) >= 0.0
+        share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+        sides.append(np.linalg.norm(offset - share[:, None] * along, axis=1))
+    return np.where(over, np.abs((points - a) @ normal), np.min(sides, axis=0))
+
+
+def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
+    """Stairs and ramps of a route, in order."""
+    found = [
+        TerrainChange(
+            s=flight.s,
+            mode="SA" if flight.riser > 0 else "SD",
+            riser=flight.riser,
+            tread=flight.tread,
+            risers=flight.risers,
+        )
+        for flight in flights(profile)
+    ]
+    found += [
+        TerrainChange(s=strip.s0, mode=mode_of(strip), slope=strip.slope)
+        for strip in profile
+        if strip.terrain == "ramp"
+    ]
+    return sorted(found, key=lambda change: change.s)
+
+
+class MapScorer:
+    """Samples a map while it is built, and computes its scores; `path` (F, 2): times, ns, and places, m, of feet."""
+
+    def __init__(self, layout: Layout, path: Array) -> None:
+        self._layout = layout
+        self._pending = [(change, scored_at_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
+        self._changes: list[ScoredChange] = []
+        self._points: list[Array] = []
+        self._complete: list[float] = []
+        self._edges: list[Array] = []
+        self._tick_ns = 0
+
+    def look(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, here: float) -> bool:
+        """Samples a map after a depth image, where the camera is `here`, m along the route.
+
+        Returns:
+            Whether its whole ground was sampled, which happens each half second.
+        """
+        for change, at_ns in list(self._pending):
+            if t_ns >= at_ns:
+                self._pending.remove((change, at_ns))
+                late = t_ns >= at_ns + _LATE_NS  # no image at that time: the change counts as not found
+                self._changes.append(
+                    ScoredChange(mode=change.mode, found=False)
+                    if late
+                    else _score_change(change, mapper, here, alignment, self._layout)
+                )
+        if t_ns < self._tick_ns:
+            return False
+        self._tick_ns = t_ns + int(_TICK_S * 1e9)
+        self._points.append(_ground_ahead(mapper, here, alignment, self._layout))
+        self._complete.append(_completeness(mapper, here, alignment, self._layout))
+        self._edges.append(_edge_errors(mapper, here, alignment, self._layout))
+        return True
+
+    def scores(self) -> MapScores:
+        """The scores of all samples."""
+        points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
+        far = distance_to(mesh_of(self._layout.slabs), points)
+        return MapScores(
+            changes=tuple(self._changes),
+            accuracy_m=_rms(far),
+            accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
+            completeness=float(np.nanmean(self._complete)) if np.isfinite(self._complete).any() else math.nan,
+            edge_errors=np.concatenate(self._edges) if self._edges else np.zeros(0),
+        )
+
+
+def map_figures(scores: MapScores) -> Scores:
+    """The scores of one walk's map, in the units of a report; undefined scores are left out.
+
+    Returns:
+        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges within
+        14 cm of a true one, `edge_false_pct`, the share of the others; of the changes `found_pct`, and of those found
+        `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
+    """
+    changes = scores.changes
+    true = scores.edge_errors[np.abs(scores.edge_errors) < _SAME_EDGE_M]
+    found = {
+        "accuracy_rmse_mm": 1e3 * scores.accuracy_m,
+        "accuracy_p95_mm": 1e3 * scores.accuracy_p95_m,
+        "completeness_pct": 100.0 * scores.completeness,
+        "edge_rmse_mm": 1e3 * _rms(true),
+        "edge_mean_mm": 1e3 * float(true.mean()) if len(true) else math.nan,
+        "edge_false_pct": 100.0 * (1.0 - len(true) / len(scores.edge_errors)) if len(scores.edge_errors) else math.nan,
+        "found_pct": 100.0 * float(np.mean([c.found for c in changes])) if changes else math.nan,
+        "begin_rmse_mm": 1e3 * _rms([c.distance_m for c in changes]),
+        "riser_rmse_mm": 1e3 * _rms([c.riser_m for c in changes]),
+        "tread_rmse_mm": 1e3 * _rms([c.tread_m for c in changes]),
+        "slope_rmse_deg": math.degrees(_rms([c.slope_rad for c in changes])),
+    }
+    return {name: float(value) for name, value in found.items() if math.isfinite(value)}
+
+
+def _rms(values: Array | Sequence[float]) -> float:
+    """RMS of the finite values; NaN if there are none."""
+    known = np.asarray(values, float)[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
+
+
+def _ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Profile:
+    """The map's profile straight ahead on the route, corrected for drift."""
+    heading = float(layout.way.heading(here))
+    return mapper.profile(alignment.to_estimated(layout.way.point(here)), heading - alignment.yaw)
+
+
+def _score_change(
+    change: TerrainChange, mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout
+) -> ScoredChange:
+    estimate = mapper.estimate
+    heading = float(layout.way.heading(change.s)) - alignment.yaw
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    place = alignment.to_estimated(layout.way.point(change.s))
+    if estimate is None:
+        return ScoredChange(mode=change.mode, found=False)
+    if change.slope:
+        near = [c for c in _ahead(mapper, here, alignment, layout).changes if c.kind == "slope_break"]
+        edge = min((here + c.s - change.s for c in near), key=abs, default=math.nan)
+        at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
+        if at is None or at[0].slope < math.radians(5):
+            return ScoredChange(mode=change.mode, found=False, distance_m=edge)
+        slope = math.atan(float(at[0].gradient @ forward))
+        return ScoredChange(mode=change.mode, found=True, distance_m=edge, slope_rad=slope - change.slope,
+                            slope_sd_rad=at[0].slope_sd)  # fmt: skip
+    for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
+        sign = math.copysign(1.0, change.riser)
+        if float(flight.up @ forward) * sign < 0.9:
+            continue
+        own = (flight.edges - float(flight.up @ place)) * sign
+        first = min(own[np.isfinite(own)], default=math.nan)
+        if abs(first) < _MATCH_M and flight.steps >= 2:
+            return ScoredChange(
+                mode=change.mode, found=True, distance_m=float(first), riser_m=flight.riser - abs(change.riser),
+                tread_m=flight.tread - change.tread, riser_sd_m=math.sqrt(flight.covariance[0, 0]),
+                tread_sd_m=math.sqrt(flight.covariance[1, 1]),
+            )  # fmt: skip
+    return ScoredChange(mode=change.mode, found=False)
+
+
+def _ground_ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
+    """(N, 3) m, a subset of the map's points ahead on the route, in the true world."""
+    points, plane = mapper.surface_points()
+    return on_the_way_ahead(alignment.to_true(points[plane >= 0][::_EVERY]), here, layout)
+
+
+def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
+    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place (m) on the route, within 0.5 m."""
+    near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
+    s = _places_ahead(here, layout)
+    if not len(s) or not len(near):
+        return np.zeros((0, 3))
+    way, heading = layout.way.point(s), layout.way.heading(s)
+    offset = near[:, None, :2] - way
+    k = np.argmin((offset**2).sum(axis=-1), axis=1)
+    offset = offset[np.arange(len(near)), k]
+    c, s_ = np.cos(heading[k]), np.sin(heading[k])
+    along, aside = offset[:, 0] * c + offset[:, 1] * s_, offset[:, 1] * c - offset[:, 0] * s_
+    return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
+
+
+def _places_ahead(here: float, layout: Layout) -> Array:
+    """(N,) m along the route, where the ground ahead is sampled."""
+    return np.arange(here + NEAR_M, min(here + FAR_M, layout.profile[-1].s1), _CELL_M)
+
+
+def cells_ahead(here: float, layout: Layout) -> tuple[Array, Array]:
+    """(N,) m along the route and (N,) m to its left, every 5 cm of the ground ahead."""
+    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
+    s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(here, layout), across))
+    return s, aside
+
+
+def _completeness(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> float:
+    """Share of the ground ahead whose height the map knows."""
+    s, aside = cells_ahead(here, layout)
+    if not len(s):
+        return math.nan
+    xy = alignment.to_estimated(layout.way.point(s, aside))
+    height = mapper.heights(xy) - alignment.estimated[2] + alignment.true[2]
+    return float(np.mean(np.abs(height - true_heights(layout.profile, s, aside)) < _COMPLETE_M))
+
+
+def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) -> Array:
+    """(N,) m, heights of the ground at (N,) arc lengths and m to the left of the route."""
+    starts = np.array([strip.s0 for strip in profile])
+    strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
+    s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
+    return np.asarray(z0 + slope * (s - s0) + cross * left)
+
+
+def _edge_errors(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
+    """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
+    changes = _ahead(mapper, here, alignment, layout).changes
+    known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
+    heading = float(layout.way.heading(here))
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    ahead = layout.way.point(here) + known[:, None] * forward
+    straight = np.linalg.norm(layout.way.point(here + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
+    known, true = known[straight], _edges_along(here, forward, layout)
+    if not len(true):
+        return np.full(len(known), math.inf)
+    return np.asarray(known - true[np.argmin(np.abs(known[:, None] - true), axis=1)])
+
+
+def _edges_along(here: float, forward: Array, layout: Layout) -> Array:
+    """(E,) m, from a place on the route to the true edges near it, along a line in the direction `forward` (2,)."""
+    jumps = np.array([s for s, _, _ in edges(layout.profile)])
+    jumps = jumps[np.abs(jumps - here) < _REACH_M]
+    heading = layout.way.heading(jumps)
+    across = np.stack([np.cos(heading), np.sin(heading)], -1)
+    facing = across @ forward
+    away = ((layout.way.point(jumps) - layout.way.point(here)) * across).sum(axis=-1)
+    return np.asarray(away[facing > _FACING] / facing[facing > _FACING])

@@ -1,0 +1,75 @@
+"""Self-contained HTML pages without network access. The templates are in `templates/`."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from stridetwin.pages.plot import library
+
+
+def page(title: str, description: str, chips: Sequence[str], sections: Iterable[str], footer: str) -> str:
+    """An HTML page.
+
+    Args:
+        title: Plain text, as are description, chips and footer.
+        description: One line.
+        chips: A few words each.
+        sections: HTML; empty ones are left out.
+        footer: One line.
+    """
+    body = Markup("\n".join(s for s in sections if s))
+    plots = rendered("plots", library=library()) if '<div class="plot"' in body else ""
+    return str(
+        rendered("page", title=title, description=description, chips=chips, sections=body, footer=footer, plots=plots)
+    )
+
+
+def section(title: str, lead: str, body: str, css: str = "card") -> Markup:
+    """A section of a page; title and lead are plain text, body is HTML in a box of that class."""
+    return rendered("section", title=title, lead=lead, body=Markup(body), css=css)
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], numbers: Container[int], *, note: str = "", css: str = ""
+) -> Markup:
+    """A table.
+
+    Args:
+        head: Titles of the columns; plain text like the cells, unless they are `Markup`.
+        rows: Cells of each row.
+        numbers: Which columns are numbers, which are right-aligned.
+        note: Text below it.
+        css: An additional class of its box.
+    """
+    return rendered("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
+
+
+def preformatted(lines: Iterable[str]) -> Markup:
+    """A text table, which scrolls sideways where it is too wide."""
+    return Markup('<pre class="table">{}</pre>').format("\n".join(lines))
+
+
+def boxes(bodies: Iterable[str]) -> Markup:
+    """A box around each HTML body that is not empty."""
+    return Markup("").join(Markup('<div class="card">{}</div>').format(Markup(body)) for body in bodies if body)
+
+
+def multiples(figures: Iterable[str]) -> Markup:
+    """Small figures side by side."""
+    return Markup('<div class="multiples">{}</div>').format(Markup("").join(map(Markup, figures)))
+
+
+def rendered(template: str, **values: Any) -> Markup:
+    """A template filled with values, which are escaped unless they are `Markup`."""
+    return Markup(_environment().get_template(f"{template}.html").render(values))
+
+
+@cache
+def _environment() -> Environment:
+    loader = PackageLoader("stridetwin.pages")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined)

@@ -1,0 +1,1 @@
+"""Estimators of every kind on a recording, or on samples that arrive live."""

@@ -1,0 +1,281 @@
+"""Runs an estimator on samples that arrive over the bridge: one thread, in order of stamps, with measured latency."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.estimators import registry
+from stridetwin.run.latency import Latency
+from stridetwin.run.live_chain import Chain, Fit, Request, chain_of
+from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.kalibr import read_rig
+from stridetwin.streams.live.messages import LiveRecorder
+from stridetwin.streams.live.receiver import Arrival, Receiver, Reorder
+from stridetwin.streams.live.wire import Hello
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Image
+
+WINDOW_S = 0.01
+"""How long a sample waits for older samples of other streams if no estimator runs."""
+_IDLE_S = 0.1
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveRequest:
+    """What to do with incoming samples.
+
+    Attributes:
+        chain: The estimator to run; None only records.
+        address: Address to listen on.
+        rig: Kalibr YAML that takes precedence over the senders' rigs.
+        record: Recording to write; None writes none.
+        budget_s: Latency budget; None uses the estimator's.
+        window_s: Reordering window; None uses the estimator's.
+        skip_images_s: Images that have waited longer are skipped; None skips none.
+    """
+
+    chain: Request | None
+    address: tuple[str, int]
+    rig: Path | None = None
+    record: Path | None = None
+    budget_s: float | None = None
+    window_s: float | None = None
+    skip_images_s: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Result of a live run.
+
+    Attributes:
+        latency: None without an estimator.
+        files: Rows by file.
+        streams: Received traffic by topic.
+        refused: Refused senders, with reasons.
+        refusals: Number of refusals.
+        recorded: Messages in the recording.
+        window_s: Reordering window.
+        duration_s: From the first sample's arrival to the last one's.
+    """
+
+    latency: Latency | None
+    files: dict[Path, int]
+    streams: dict[str, dict[str, int]]
+    refused: list[str]
+    refusals: int
+    recorded: int
+    window_s: float
+    duration_s: float
+
+
+def run_live(request: LiveRequest, say: Say, emit: Say) -> Outcome:
+    """Processes samples until every sender has finished or the user interrupts.
+
+    Args:
+        request: What to run and to record.
+        say: Receives status messages.
+        emit: Receives each estimate as a row of its file.
+
+    Raises:
+        StrideTwinError: The address or a file is unavailable, nothing arrived, or the estimator rejects the input.
+    """
+    files = (request.chain.output if request.chain else None, request.record)
+    for file in files:
+        if file is not None and not file.parent.is_dir():
+            raise StrideTwinError(f"{file}: no folder {file.parent}")
+    return _Live(request, say, emit).run()
+
+
+class _Live:
+    def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
+        self._request, self._say, self._emit = request, say, emit
+        own = registry.estimator(request.chain.estimator).declaration if request.chain else None
+        window_s = request.window_s if request.window_s is not None else own.window_s if own else WINDOW_S
+        self._latency = Latency(request.budget_s if request.budget_s is not None else own.budget_s if own else 0.0)
+        self._window_s, self._reorder = window_s, Reorder(window_s)
+        self._given = Rig() if request.rig is None else read_rig(request.rig)
+        self._rig, self._metadata = self._given, dict[str, str]()
+        self._chain: Chain | None = None
+        self._compiled = False
+        self._recorder: LiveRecorder | None = None
+        self._lacks, self._warned = "", set[tuple[str, str]]()
+        self._span: tuple[int, int] | None = None
+        self._fit = Fit({}, Rig())
+        self._early: Counter[str] = Counter()
+        self._skipped: Counter[str] = Counter()
+        self._refusals_reported = 0
+
+    def run(self) -> Outcome:
+        with ExitStack() as stack:
+            self._compile()
+            if self._request.rig is not None:
+                self._try_chain()
+            if self._request.record is not None:
+                self._recorder = stack.enter_context(LiveRecorder(self._request.record))
+            receiver = stack.enter_context(Receiver(self._request.address))
+            self._say(f"listening at {receiver.address[0]}:{receiver.address[1]}")
+            try:
+                self._follow(receiver)
+                files = self._finish()
+            except BaseException:
+                if self._chain is not None:
+                    self._chain.abandon()
+                raise
+            own = {
+                "late": self._reorder.late, "before_start": self._early if self._chain is not None else Counter(),
+                "other_kind": self._fit.other_kind, "other_size": self._fit.other_size, "skipped": self._skipped,
+            }  # fmt: skip
+            streams = {
+                topic: {**vars(traffic), **{name: counts[topic] for name, counts in own.items()}}
+                for topic, traffic in sorted(receiver.traffic.items())
+            }
+            return Outcome(
+                latency=self._latency if self._chain is not None else None, files=files, streams=streams,
+                refused=receiver.refused, refusals=receiver.refusals, window_s=self._window_s,
+                recorded=self._recorder.count if self._recorder else 0,
+                duration_s=(self._span[1] - self._span[0]) * 1e-9 if self._span else 0.0,
+            )  # fmt: skip
+
+    def _follow(self, receiver: Receiver) -> None:
+        try:
+            while not receiver.ended:
+                due_s = self._reorder.due_s(time.perf_counter_ns())
+                for item in receiver.take(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
+                    if isinstance(item, Hello):
+                        self._know(item)
+                    else:
+                        self._arrive(item)
+                self._process(self._reorder.ready(time.perf_counter_ns()))
+                self._warn(receiver)
+        except KeyboardInterrupt:
+            self._say("stopped")
+        self._process(self._reorder.rest())
+        self._warn(receiver)
+
+    def _finish(self) -> dict[Path, int]:
+        if self._span is None:
+            raise StrideTwinError("no samples arrived")
+        if self._request.chain is not None and self._chain is None:
+            raise StrideTwinError(f"nothing was estimated: {self._lacks}")
+        if self._chain is not None and not self._latency.took_any:
+            raise StrideTwinError(f"nothing was estimated: no samples arrived of {', '.join(self._chain.takes)}")
+        return self._chain.finish() if self._chain is not None else {}
+
+    def _know(self, hello: Hello) -> None:
+        self._rig, differing = _joined(self._rig, hello.calibration)
+        known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
+        for name in differing - known:
+            self._say(f"warning: another sender describes {name} differently; the first description is used")
+        self._metadata = hello.metadata | self._metadata
+        if self._recorder is not None:
+            self._recorder.know(self._rig, self._metadata)
+        self._try_chain()
+
+    def _try_chain(self) -> None:
+        """Starts the estimator once the rig is sufficient; otherwise reports what is missing."""
+        wanted = self._request.chain
+        if wanted is None or self._chain is not None:
+            return
+        self._compile()
+        try:
+            self._chain = chain_of(wanted, self._rig, self._metadata)
+        except StrideTwinError as error:
+            if str(error) != self._lacks:
+                self._lacks = str(error)
+                self._say(f"waiting: {error}")
+            return
+        self._fit = Fit(self._chain.takes, self._rig)
+        self._say(f"{wanted.estimator} reads {', '.join(self._chain.takes)}")
+
+    def _compile(self) -> None:
+        """Feeds synthetic samples to a trial chain once; an exoskeleton estimator without geometry has no chain yet."""
+        wanted = self._request.chain
+        if wanted is None or self._compiled:
+            return
+        try:
+            trial = chain_of(replace(wanted, output=None), synthetic_rig(), self._metadata)
+        except StrideTwinError:
+            return
+        self._say(f"{wanted.estimator} is being compiled, which takes minutes the first time")
+        for sample in synthetic_samples(trial.takes):
+            for _ in trial.update(sample):
+                pass
+        self._compiled = True
+
+    def _arrive(self, arrival: Arrival) -> None:
+        topic = arrival.sample.topic
+        self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
+        if arrival.travel_ns is not None:
+            self._latency.travelled(topic, arrival.travel_ns * 1e-9)
+        if self._recorder is not None:
+            self._recorder.write(arrival.message, arrival.sample.t_ns)
+        if self._chain is None:
+            self._early[topic] += 1
+        elif topic in self._chain.takes:
+            if (wrong := self._fit.wrong(arrival.sample)) is None:
+                self._reorder.add(arrival)
+            else:
+                self._warn_once(topic, *wrong)
+
+    def _process(self, arrivals: Iterable[Arrival]) -> None:
+        for arrival in arrivals:
+            assert self._chain is not None
+            topic, before = arrival.sample.topic, time.perf_counter_ns()
+            if self._is_stale(arrival, before):
+                self._skipped[topic] += 1
+                continue
+            for estimator, line in self._chain.update(arrival.sample):
+                now = time.perf_counter_ns()
+                self._latency.add(
+                    estimator, topic, whole_s=(now - arrival.since_ns) * 1e-9, work_s=(now - before) * 1e-9,
+                    estimated=line is not None,
+                )  # fmt: skip
+                if line:
+                    self._emit(line)
+                before = time.perf_counter_ns()
+
+    def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
+        """Whether an image has waited longer than allowed; other samples are never skipped."""
+        most_s, is_image = self._request.skip_images_s, isinstance(arrival.sample, Image | Depth)
+        return most_s is not None and is_image and now_ns - arrival.since_ns > most_s * 1e9
+
+    def _warn(self, receiver: Receiver) -> None:
+        """Reports each problem of a stream and each refused sender once."""
+        for topic, traffic in list(receiver.traffic.items()):
+            for count, what in (
+                (traffic.lost, "samples are lost: they come faster than they are taken, or the connection breaks"),
+                (traffic.not_increasing, "stamps do not increase: such samples are left out"),
+                (traffic.not_finite, "NaN or infinity: such samples are left out"),
+            ):
+                if count:
+                    self._warn_once(topic, what)
+        for words in receiver.refused[self._refusals_reported :]:
+            self._refusals_reported += 1
+            self._say(f"warning: refused {words}")
+
+    def _warn_once(self, topic: str, what: str, first: str = "") -> None:
+        """Reports a problem of a topic once, with its first case."""
+        if (topic, what) not in self._warned:
+            self._warned.add((topic, what))
+            self._say(f"warning: {topic}: {what}{first and f' ({first})'}")
+
+
+def _joined(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
+    """Both rigs merged, where the first takes precedence, and the names whose entries differ."""
+    parts: dict[str, dict[str, Any]] = {}
+    differing: set[str] = set()
+    for kind in ("imus", "cameras", "boards", "others"):
+        one: Mapping[str, Any] = getattr(first, kind)
+        two: Mapping[str, Any] = getattr(second, kind)
+        parts[kind] = {**two, **one}
+        differing |= {name for name in one.keys() & two.keys() if repr(one[name]) != repr(two[name])}
+    return Rig(**parts), differing

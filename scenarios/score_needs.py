@@ -1,0 +1,82 @@
+"""What scores need: from a score to its estimator, the topics that this reads, and the sensors that give them.
+
+`run`, `score`, campaigns, placement and gate simulate and compute no more than that. A sensor that is left out changes
+no byte of the others, so the scores are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import MAP, MODES, Options
+from stridetwin.outputs.feeding import Found, feeding, leader
+from stridetwin.scenarios import exo_geometry
+from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+
+def estimators_of(names: Iterable[str], source: str = "only") -> frozenset[str]:
+    """The estimators behind some names, and those that feed them.
+
+    Args:
+        names: Estimators (`foot_ins`), their parts (`foot_ins_l`) or scores (`foot_ins_l.end_error_m`).
+        source: Where the names are written, for the message.
+
+    Raises:
+        ConfigError: A name is that of no installed estimator.
+    """
+    found: set[str] = set()
+    for name in names:
+        own = name.partition(".")[0]
+        estimator = next((n for n in (own, own.rpartition("_")[0]) if n in registry.names()), None)
+        if estimator is None:
+            raise ConfigError(source, "estimator", name, ", ".join(registry.names()))
+        found.add(estimator)
+        if registry.estimator(estimator).declaration.kind in (MAP, MODES):
+            found.add(leader().declaration.name)
+    return frozenset(found)
+
+
+def sensors_of(estimators: Iterable[str], config: TwinConfig) -> tuple[str, ...]:
+    """Groups of a walk's sensors that some estimators read, in the walk's order; optional streams included.
+
+    Raises:
+        StrideTwinError: An estimator cannot run with the walk's sensors; the message names it.
+    """
+    worn = sensor_rig(config)
+    topics = {topic for name in estimators for topic in _topics(registry.estimator(name), config, worn)}
+    groups = {
+        sensor.group
+        for topic, sensor in worn.sensors.items()
+        if topic in topics or getattr(sensor.calibration, "depth_topic", "") in topics
+    }
+    return tuple(group for group in config.sensors if group in groups)
+
+
+def with_sensors_for(scenario: Scenario, estimators: Collection[str]) -> Scenario:
+    """The scenario with the sensors alone that some estimators read.
+
+    Raises:
+        StrideTwinError: As `sensors_of`.
+    """
+    return replace(scenario, config=replace(scenario.config, sensors=sensors_of(estimators, scenario.config)))
+
+
+def _topics(found: Found, config: TwinConfig, worn: SensorRig) -> set[str]:
+    """Topics that an estimator reads."""
+    from stridetwin.sim.wearer.body import wearer  # imports the simulator, which `score` does without
+
+    declaration = found.declaration
+    has_links = config.exo is not None and config.exo.own is None
+    metadata = exo_geometry.metadata(wearer(config.person), worn.rig, seed=0) if has_links else {}
+    options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)
+    there = worn.sensors.keys() | {c.depth_topic for c in worn.rig.cameras.values()}
+    topics = {s.topic for _, streams in feeding(found, options, worn.rig, there) for s in streams}
+    if not topics:
+        needs = declaration.needs or "other sensors"
+        raise StrideTwinError(f"{config.name}: {declaration.name} cannot run: expected a walk with {needs}")
+    return topics

@@ -1,9 +1,0 @@
-import pytest
-
-from stridetwin.evaluation.gate import bootstrap
-
-
-@pytest.fixture(autouse=True)
-def few_draws(monkeypatch):
-    """As many as the dozen scores of these tests need."""
-    monkeypatch.setattr(bootstrap, "DRAWS", 5000)
