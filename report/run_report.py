@@ -36,11 +36,12 @@ from stridetwin.reference.norms import reference
 from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.images import Film, camera_views, data_uri, jpeg_uri
-from stridetwin.scenarios.metadata import injected_faults, terrain_layout
+from stridetwin.scenarios.metadata import injected_faults
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.terrain_truth import terrain_layout
 
 _CARDS = (
     ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that foot or camera travelled"),

@@ -16,11 +16,12 @@ from stridetwin.outputs.steps.files import predicted_steps, write_modes, write_s
 from stridetwin.outputs.steps.scores import evaluate_every_step
 from stridetwin.outputs.terrain.files import write_terrain
 from stridetwin.outputs.terrain_ahead import Ahead, all_estimates
-from stridetwin.scenarios.files import json_text, staged
+from stridetwin.scenarios.files import staged
 from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
+from stridetwin.streams.files import json_text
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.recording.reader import Recording
 

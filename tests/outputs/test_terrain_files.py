@@ -13,9 +13,9 @@ from stridetwin.outputs.feeding import mapped
 from stridetwin.outputs.terrain.files import COLORS, KINDS, GroundGrid, kinds_at
 from stridetwin.outputs.terrain.scores import distance_to, mesh_of, true_changes
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
-from stridetwin.sim.world.route import Slab
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.terrain_truth import Slab
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
 RISER, TREAD = 0.15, 0.30
