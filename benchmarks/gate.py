@@ -36,9 +36,10 @@ from stridetwin.estimators.contact_terrain import ContactTerrain
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.gate.compare import Comparison, Rules, compare_scores
 from stridetwin.gate.metric_policy import OVERALL
-from stridetwin.gate.score_table import ScoreTable, document_of, table_of
-from stridetwin.outputs.path.evaluate import evaluate, summary
-from stridetwin.outputs.steps.scores import evaluate_steps
+from stridetwin.gate.score_table import ScoreTable, document_of, mean_scores, table_of
+from stridetwin.outputs.feeding import instance_for
+from stridetwin.outputs.path.evaluate import evaluate
+from stridetwin.outputs.steps.kind import Steps
 from stridetwin.scenarios.campaign.generate import Options as Campaign
 from stridetwin.scenarios.campaign.generate import generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED
@@ -261,7 +262,8 @@ def scores_of(path: Path, how: Regression | None, cached: dict[Path, Recording])
         made = [estimate for foot in "lr" for estimate in kind.follow(asked, Options(foot=foot))]
         found = {r.estimate.name: r.scores for r in evaluate(cached[path], made)}
     if how is None or how.estimator == STEPS:
-        found[STEPS] = evaluate_steps(asked, ContactTerrain).scores
+        (output,) = Steps().run(instance_for(ContactTerrain, asked), asked)
+        found[STEPS] = Steps().evaluate([output], asked)[0].scores
     return found
 
 
@@ -288,7 +290,7 @@ def as_table(rows: Sequence[dict[str, Any]], names: Iterable[str] | None = None)
         {**row, "estimators": {n: s for n, s in row["estimators"].items() if names is None or n in names}}
         for row in rows
     ]
-    return table_of(document_of(rows, summary(row["estimators"] for row in rows)), "")
+    return table_of(document_of(rows, mean_scores(row["estimators"] for row in rows)), "")
 
 
 def walks(folder: Path, seed: int, count: int) -> list[Path]:

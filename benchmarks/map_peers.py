@@ -34,7 +34,7 @@ from benchmarks.command import answer, command
 from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
-from stridetwin.outputs.terrain.files import given_poses
+from stridetwin.outputs.chosen_poses import given_poses
 from stridetwin.outputs.terrain.scores import (
     FAR_M,
     NEAR_M,

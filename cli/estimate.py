@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,30 +21,14 @@ from stridetwin.cli.options import (
 )
 from stridetwin.cli.recording import imported, table_request
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, PathEstimate, current_name
+from stridetwin.estimators.base import Declaration, Options, PathEstimate, current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
     from stridetwin.cli.bridge import LiveOptions
-    from stridetwin.outputs.feeding import Found
+    from stridetwin.outputs.base import AnyKind, Output
+    from stridetwin.outputs.feeding import EstimatorClass
     from stridetwin.streams.samples import Block, Imu
-
-
-@dataclass(frozen=True, kw_only=True)
-class Written:
-    """What an estimator wrote.
-
-    Attributes:
-        files: Its files, the requested one first.
-        rows: Rows in them.
-        lines: Messages about them.
-        poses: The poses that it used; "" if it uses none.
-    """
-
-    files: list[Path]
-    rows: int
-    lines: list[str]
-    poses: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,23 +90,71 @@ class EstimateOptions(ImportableOptions):
 
 def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     """`estimate`."""
-    found = registry.estimator(arguments.estimator)
-    if arguments.mesh and found.declaration.kind != MAP:
-        raise StrideTwinError(f"--mesh goes with {goes_with(lambda d: d.kind == MAP)}")
-    if arguments.poses and found.declaration.kind not in (MAP, MODES):
-        raise StrideTwinError(f"--poses goes with {goes_with(lambda d: d.kind in (MAP, MODES))}")
-    if arguments.imu is not None and found.declaration.kind != PATH:
+    from stridetwin.outputs.base import FileOptions, part_file
+    from stridetwin.outputs.registry import kind_of
+
+    estimator_class = registry.estimator(arguments.estimator)
+    kind = kind_of(estimator_class.declaration)
+    _check_kind_options(arguments, kind)
+    options = options_of(arguments, estimator_class.declaration)
+    outputs, notes = _run(arguments, estimator_class, kind, options, progress)
+    file_options = FileOptions(mesh=arguments.mesh, dead_reckoning=arguments.dead_reckoning)
+    written = [kind.write(output, part_file(arguments.output, output.part), file_options) for output in outputs]
+    files = [str(file) for of_output in written for file in of_output.files]
+    rows = sum(of_output.rows for of_output in written)
+    data: dict[str, Any] = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": rows}
+    if notes.poses:
+        data["poses"] = notes.poses
+    lines = [*notes.before, *(line for of_output in written for line in of_output.lines)]
+    return Outcome(data=data, lines=[*lines, notes.poses] if notes.poses else lines)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Notes:
+    """What to say about the input: lines before those of the files, and the poses that were used; "" without any."""
+
+    before: list[str] = field(default_factory=list)
+    poses: str = ""
+
+
+def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
+    """Refuses options that the kind of output does not take."""
+    given = {"mesh": arguments.mesh, "poses": arguments.poses is not None, "exoskeleton": arguments.exoskeleton}
+    for option_name, is_given in given.items():
+        if is_given and option_name not in kind.options:
+            raise StrideTwinError(f"--{option_name} goes with {_estimators_of_kinds_with(option_name)}")
+    if arguments.imu is not None and "imu" not in kind.options:
         raise StrideTwinError("--imu goes with foot_ins and an IMU table")
-    if arguments.exoskeleton and found.declaration.kind != STEPS:
-        raise StrideTwinError(f"--exoskeleton goes with {goes_with(lambda d: d.kind == STEPS)}")
-    options = options_of(arguments, found.declaration)
-    write = {PATH: _paths, STEPS: _steps, MAP: _terrain, MODES: _modes}[found.declaration.kind]
-    made = write(arguments, found, options, progress)
-    files = [str(file) for file in made.files]
-    data: dict[str, Any] = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": made.rows}
-    if made.poses:
-        data["poses"] = made.poses
-    return Outcome(data=data, lines=[*made.lines, made.poses] if made.poses else made.lines)
+
+
+def _estimators_of_kinds_with(option_name: str) -> str:
+    from stridetwin.outputs.registry import kinds
+
+    names = {name for name, kind in kinds().items() if option_name in kind.options}
+    return goes_with(lambda declaration: declaration.kind in names)
+
+
+def _run(
+    arguments: EstimateOptions, estimator_class: EstimatorClass, kind: AnyKind, options: Options, progress: Progress
+) -> tuple[list[Output[Any]], _Notes]:
+    """The outputs of the estimator on what the arguments name."""
+    from stridetwin.outputs.chosen_poses import choose_poses
+    from stridetwin.outputs.feeding import instance_for
+    from stridetwin.outputs.pose_feed import replay
+
+    if (from_table := _run_on_table(arguments, estimator_class, options)) is not None:
+        return from_table
+    if arguments.imu is not None:
+        raise StrideTwinError("--imu goes with foot_ins and an IMU table")
+    progress("estimate", 0.0)
+    recording = imported(arguments)
+    instance = instance_for(estimator_class, recording, options)
+    if not kind.takes_poses:
+        return kind.run(instance, recording, progress), _Notes()
+    poses = choose_poses(recording, arguments.poses)
+    instances = [(kind, instance.with_poses_of(poses.frame))]
+    ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
+    return outputs, _Notes(poses=poses.description)
 
 
 def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaration) -> Options:
@@ -150,33 +182,28 @@ def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaratio
 
 def goes_with(choose: Callable[[Declaration], bool]) -> str:
     """Names of the chosen estimators."""
-    return ", ".join(name for name, found in registry.estimators().items() if choose(found.declaration))
+    from stridetwin.outputs.registry import estimators
+
+    return ", ".join(name for name, estimator_class in estimators().items() if choose(estimator_class.declaration))
 
 
-def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
+def _run_on_table(
+    arguments: EstimateOptions, estimator_class: EstimatorClass, options: Options
+) -> tuple[list[Output[Any]], _Notes] | None:
+    """The path of an estimator that reads IMU tables, from a table; None if it reads none, or the source is none."""
     from stridetwin.cli.table_imu import AUTO, described, rig_of_table
-    from stridetwin.outputs.feeding import paths
-    from stridetwin.outputs.path.files import write_path
-    from stridetwin.run.live_chain import part_file
+    from stridetwin.outputs.base import Output
     from stridetwin.streams.formats.opening import recognise
 
-    about: list[str] = []
-    follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
-    is_given = bool(arguments.rig or arguments.map or arguments.kind)
-    if follow_block is not None and not is_given and recognise(arguments.source) == "table":
-        block = _table(arguments, options.foot)
-        rig = rig_of_table(arguments.imu or AUTO, block, options.foot)
-        path = follow_block(block, options, rig)
-        made = {arguments.output: PathEstimate(name=arguments.estimator, frame="", path=path)}
-        about = [] if rig is None else [described(imu) for imu in rig.imus.values()]
-    else:
-        if arguments.imu is not None:
-            raise StrideTwinError("--imu goes with foot_ins and an IMU table")
-        estimates = paths(found, imported(arguments), options, progress)
-        made = {part_file(arguments.output, parts.get(e.frame, "")): e for e in estimates}
-    written = [write_path(path, file, dead_reckoning=arguments.dead_reckoning) for file, path in made.items()]
-    lines = [*about, *(line for _, line in written)]
-    return Written(files=list(made), rows=sum(rows for rows, _ in written), lines=lines)
+    follow_block = getattr(estimator_class, "follow_block", None)
+    has_layout = bool(arguments.rig or arguments.map or arguments.kind)
+    if follow_block is None or has_layout or recognise(arguments.source) != "table":
+        return None
+    block = _table(arguments, options.foot)
+    rig = rig_of_table(arguments.imu or AUTO, block, options.foot)
+    path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig))
+    lines = [] if rig is None else [described(imu) for imu in rig.imus.values()]
+    return [Output(name=arguments.estimator, estimates=path)], _Notes(before=lines)
 
 
 def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
@@ -194,45 +221,3 @@ def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
     if (topic := f"/foot_{foot}/imu") not in by_topic:
         raise ConfigError(arguments.source, "sensors", ", ".join(imus), f"one for {topic}: --map NAME={topic}")
     return by_topic[topic]
-
-
-def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.outputs.feeding import steps
-    from stridetwin.outputs.steps.files import write_steps
-
-    progress("estimate", 0.0)
-    made = steps(found, imported(arguments), options)
-    write_steps(made, arguments.output)
-    return Written(files=[arguments.output], rows=len(made), lines=[f"{arguments.output}: {len(made)} steps"])
-
-
-def _terrain(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.outputs.chosen_poses import chosen_poses
-    from stridetwin.outputs.feeding import mapped
-    from stridetwin.outputs.terrain.files import document, write_terrain
-
-    progress("estimate", 0.0)
-    recording = imported(arguments)
-    poses = chosen_poses(found, recording, options, arguments.poses)
-    terrain_map = mapped(found, recording, replace(options, poses_of=poses.frame), poses.path, poses.camera)
-    files = write_terrain(terrain_map, arguments.output, mesh=arguments.mesh)
-    known = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
-    kinds = [t["type"] for t in known["terrains"]]
-    words = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs"))
-    lines = [f"{files[0]}: {len(known['planes'])} planes; {words}"]
-    return Written(files=files, rows=len(known["planes"]), lines=lines, poses=poses.words)
-
-
-def _modes(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.outputs.chosen_poses import chosen_poses
-    from stridetwin.outputs.feeding import predicted
-    from stridetwin.outputs.steps.files import predicted_steps, write_modes
-
-    progress("estimate", 0.0)
-    recording = imported(arguments)
-    poses = chosen_poses(found, recording, options, arguments.poses)
-    own = replace(options, poses_of=poses.frame)
-    rows = predicted_steps(predicted(found, recording, own, poses.path, poses.camera))
-    write_modes(rows, arguments.output)
-    lines = [f"{arguments.output}: {len(rows)} steps"]
-    return Written(files=[arguments.output], rows=len(rows), lines=lines, poses=poses.words)

@@ -76,7 +76,7 @@ def export(
     Raises:
         StrideTwinError: The recording lacks what the format needs, or the output exists.
     """
-    from stridetwin.outputs.path.evaluate import true_path
+    from stridetwin.outputs.truth import true_path
     from stridetwin.scenarios.files import staged
     from stridetwin.streams.formats.euroc_export import write_euroc
     from stridetwin.streams.formats.mcap_export import write_rosbag2
@@ -232,9 +232,9 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
         return play_command(arguments, progress)
     if arguments.seed is not None:
         raise ConfigError("view", "--seed", arguments.seed, "no --seed, as a recording has its own")
-    from stridetwin.outputs.path.evaluate import evaluate, true_frames
-    from stridetwin.outputs.terrain_ahead import all_estimates
+    from stridetwin.outputs.truth import true_frames
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
+    from stridetwin.run.recording import Selection, evaluate_recording
     from stridetwin.streams.files import whole_file
     from stridetwin.streams.formats.opening import opened
 
@@ -242,12 +242,11 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
         raise StrideTwinError("rerun is not installed; the viewer needs it: pip install 'stridetwin[view]'")
     recording = opened(arguments.source, arguments.lenient)
     progress("rerun", 0.0)
-    known = true_frames(recording.topics)
-    made, ahead = all_estimates(recording, progress)
-    results = evaluate(recording, [e for e in made if e.frame in known])
+    selection = Selection(frames=frozenset(true_frames(recording.topics)))
+    of_kinds = list(evaluate_recording(recording, selection, progress=progress, in_two_processes=True))
     target = arguments.output or arguments.source.with_suffix(".rrd")
     with whole_file(target) as file:
-        write_rerun(file, recording, results, ahead)
+        write_rerun(file, recording, of_kinds)
     display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
     if display:
         subprocess.Popen([sys.executable, "-m", "rerun", str(target)])

@@ -31,55 +31,9 @@ if TYPE_CHECKING:
     from stridetwin.gate.compare import Comparison, Rules
     from stridetwin.gate.formatting import Failure
     from stridetwin.gate.own_estimators import OwnEstimator
-    from stridetwin.outputs.path.scores import Scores
+    from stridetwin.outputs.base import AnyKind, Scores
 
 _FRAME = "foot_l/imu"
-_SHOWN_STEPS = {
-    "slope_rmse_deg": "slope °",
-    "elevation_rmse_mm": "elevation mm",
-    "slope_in_95_pct": "slope in 95 %",
-    "elevation_in_95_pct": "elev. in 95 %",
-    "classification_accuracy_pct": "class %",
-    "unknown_pct": "unknown %",
-    "end_error_m": "end m",
-    "end_error_pct": "end %",
-}
-_SHOWN_MODES = {
-    "accuracy_pct": "right %",
-    "strict_accuracy_pct": "strict %",
-    "transition_accuracy_pct": "transitions %",
-    "lead_median_s": "lead s",
-    "lead_p5_s": "lead 5 % s",
-    "changes_found_pct": "changes found %",
-    "riser_rmse_mm": "riser mm",
-    "tread_rmse_mm": "tread mm",
-    "slope_rmse_deg": "slope °",
-}
-_SHOWN_MAP = {
-    "accuracy_rmse_mm": "accuracy mm",
-    "accuracy_p95_mm": "accuracy 95 % mm",
-    "completeness_pct": "complete %",
-    "edge_rmse_mm": "edges mm",
-    "found_pct": "changes found %",
-    "begin_rmse_mm": "begin mm",
-    "riser_rmse_mm": "riser mm",
-    "tread_rmse_mm": "tread mm",
-    "slope_rmse_deg": "slope °",
-}
-_SHOWN = {
-    "end_error_m": "end m",
-    "end_error_pct": "end %",
-    "end_height_error_m": "height m",
-    "ape_rmse_m": "APE RMSE m",
-    "rpe_5m_pct": "RPE 5 m %",
-    "armse_2d_m": "2-D ARMSE m",
-    "nees_position_within_95_pct": "in 95 % bound %",
-}
-_KINDS = (
-    ("elevation_rmse_mm", _SHOWN_STEPS), ("completeness_pct", _SHOWN_MAP), ("strict_accuracy_pct", _SHOWN_MODES),
-    ("", _SHOWN),
-)  # fmt: skip
-"""A score that identifies an estimator's kind, and what is shown of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,9 +97,8 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.gate.compare import check_level, compare_scores
     from stridetwin.gate.formatting import failures, junit, markdown
-    from stridetwin.gate.score_table import document_of, read_table, table_of
+    from stridetwin.gate.score_table import document_of, mean_scores, read_table, table_of
     from stridetwin.gate.walk_scores import jobs_of, score_walks
-    from stridetwin.outputs.path.evaluate import summary
     from stridetwin.report.history import append_history, history_line
     from stridetwin.scenarios.score_needs import estimators_of
     from stridetwin.streams.files import whole_file
@@ -162,7 +115,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
     rows = list(score_walks(jobs, arguments.workers, progress))
-    means = summary(row["estimators"] for row in rows)
+    means = mean_scores(row["estimators"] for row in rows)
     data = document_of(rows, means)
     failed = failures(rows)
     code, comparison = int(bool(failed)), None
@@ -261,18 +214,20 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
 
 
 def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
-    """The main scores, one row per estimator, one table per kind: paths, then steps, map and modes."""
-    by_kind: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
+    """The main scores, one row per output, one table per kind of output."""
+    from stridetwin.outputs.registry import kind_with_scores, kinds
+
+    of_kinds: dict[str, dict[str, Scores]] = {kind.title: {} for kind in kinds().values()}
     for name, values in scores.items():
-        by_kind[next(key for key, _ in _KINDS if not key or key in values)][name] = values
-    shown = dict(_KINDS)
-    blocks = [_score_table(found, shown[key]) for key, found in by_kind.items() if found]
-    return [line for block in blocks for line in ("", block)][1:] or [_score_table({}, _SHOWN)]
+        of_kinds[kind_with_scores(values).title][name] = values
+    blocks = [_score_table(of_kinds[kind.title], kind) for kind in kinds().values() if of_kinds[kind.title]]
+    return [line for block in blocks for line in ("", block)][1:]
 
 
-def _score_table(scores: dict[str, Scores], shown: dict[str, str]) -> Table:
-    rows = [[name, *(f"{values[k]:.3f}" if k in values else "-" for k in shown)] for name, values in scores.items()]
-    return table(rows, ["estimator", *shown.values()])
+def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
+    columns = {score.name: score.heading for score in kind.scores if score.heading}
+    rows = [[name, *(f"{values[c]:.3f}" if c in values else "-" for c in columns)] for name, values in scores.items()]
+    return table(rows, ["estimator", *columns.values()])
 
 
 def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:

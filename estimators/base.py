@@ -2,18 +2,22 @@
 
 A class is an estimator when it has a `declaration`, the class method `streams`, the constructor
 `Estimator(rig, *, options=None, parameters=None)` and `update(sample)`. A package offers it under the entry point group
-`stridetwin.estimators` (`registry`). What an estimator returns depends on the kind that it declares, and so does how it
-is written, scored and drawn:
+`stridetwin.estimators` (`registry`). What `update` returns depends on the kind of output that it declares:
 
-| kind | `update` returns | file | scored against |
-|---|---|---|---|
-| `path` | a `Pose`, or an object whose `pose` is one | TUM trajectory | `/truth/FRAME/odometry` |
-| `steps` | `contact_terrain.StepEstimate` | `.csv`, one row per step | `/truth/footprints` |
-| `map` | `terrain_map.TerrainEstimate`; has the methods of `TerrainMap` | `.json`, `.ply` | the terrain walked on |
-| `modes` | `locomotion_mode.ModeEstimate` | `.csv`, one row per step | `/truth/footprints` |
+| kind | `update` returns |
+|---|---|
+| `path` | a `Pose`, or an object whose `pose` is one |
+| `steps` | `contact_terrain.StepEstimate` |
+| `terrain` | `terrain_map.TerrainEstimate`; the estimator has the methods of `TerrainMap` |
+| `modes` | `locomotion_mode.ModeEstimate` |
+
+How outputs of a kind are written, scored and drawn is in `outputs`, one folder per kind; packages may add kinds.
 
 Before the first real sample `live` feeds an estimator six seconds of synthetic ones, so that it has compiled its
 functions by then.
+
+An estimator that runs other estimators itself may list them in the attribute `inner_estimators`; their output is then
+taken from there, and they are not run a second time.
 
 The estimate of an odometry may also have a `camera_pose`, the estimated `Pose` of its camera in its own frame, a new
 object whenever it changes.
@@ -39,11 +43,12 @@ from stridetwin.streams.trajectory import Trajectory
 
 PROPOSED, _FORMER = "proposed", "stridetwin"
 """Method of an estimator that is not from a paper, and its name up to release 0.1."""
-PATH, STEPS, MAP, MODES = KINDS = ("path", "steps", "map", "modes")
+PATH, STEPS, TERRAIN, MODES = ("path", "steps", "terrain", "modes")
+"""Names of the kinds of output of our estimators."""
 BACKENDS = NUMBA, OPEN3D = ("numba", "open3d")
 """Implementations of the terrain map, the default first."""
 POSES = "/poses"
-"""Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
+"""Topic of the poses, `Odometry`, that an estimator of terrain or modes takes from an odometry."""
 CAMERA_POSES = "/poses/camera"
 """Topic of the estimated pose of the camera in the frame of `POSES`, `Odometry`; without any, the nominal one holds."""
 TRACKING = "tracking"
@@ -87,7 +92,7 @@ class Stream:
     """A stream that an estimator takes.
 
     Attributes:
-        role: What the samples are to the estimator; of the streams of one required role any one suffices.
+        role: Use of the samples. Streams with the same role are alternatives; a required role needs one of them.
         topic: Name of the stream.
         kind: Type of its samples.
         required: Without a stream of this role nothing is estimated in `run` and `score`.
@@ -107,7 +112,8 @@ class Declaration:
 
     Attributes:
         name: In commands, files and scores.
-        kind: One of `KINDS`; decides return type, file, truth and scores.
+        kind: Kind of its output, an entry point of the group `stridetwin.outputs`; decides return type, file, truth and
+            scores.
         description: One line for `list`, where the module of the entry point has no docstring.
         needs: What a recording must hold, in words: "a recording with <needs>".
         order: Place among the estimators of its kind.
@@ -116,7 +122,7 @@ class Declaration:
         per_foot: One instance is the estimator of one foot; both feet are run.
         mounts: Possible mounts of its camera; the first that the streams allow is run.
         parts: Suffix of name and file by frame, for an instance that estimates several paths.
-        leads: Its poses, those of the sensor of its stream `imu`, are fed to the estimators of maps and modes.
+        supplies_poses: Estimators of terrain and modes use its poses, those of the sensor of its stream `imu`.
         smooths: It takes `Options.lag_s`.
         label: How figures call its paths, beside "left", "right" or "camera"; None means its name.
         summary: A sentence for the report.
@@ -135,7 +141,7 @@ class Declaration:
     per_foot: bool = False
     mounts: tuple[str, ...] = ()
     parts: Mapping[str, str] = field(default_factory=dict)
-    leads: bool = False
+    supplies_poses: bool = False
     smooths: bool = False
     label: str | None = None
     summary: str = ""
@@ -181,8 +187,8 @@ class PathEstimate:
         healthy: (N,) whether the estimator considers its pose valid; None if not provided.
         status: (N,) words of the estimator, `TRACKING` among them; None if not provided.
         camera: Estimated poses of the camera in the frame, one per change; None if not estimated.
-        label: As `Declaration.label`.
-        leads: As `Declaration.leads`.
+        label: What figures call the path, beside "left", "right" or "camera"; None means its name.
+        supplies_poses: Whether estimators of terrain and modes use this path.
     """
 
     name: str
@@ -195,7 +201,7 @@ class PathEstimate:
     status: NDArray[np.str_] | None = None
     camera: Trajectory | None = None
     label: str | None = None
-    leads: bool = False
+    supplies_poses: bool = False
 
 
 POSE_STREAM = Stream(role="poses", topic=POSES, kind=Odometry)

@@ -8,10 +8,12 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from typing import Any, cast
 
-from stridetwin.estimators.base import KINDS, Declaration, Estimator
+from stridetwin.estimators.base import Declaration, Estimator
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 GROUP = "stridetwin.estimators"
+OUTPUT_GROUP = "stridetwin.outputs"
+"""Entry point group of the kinds of output; `outputs.registry` loads them."""
 
 
 def names() -> tuple[str, ...]:
@@ -49,7 +51,8 @@ def estimator(name: str) -> type[Estimator]:
     declaration = getattr(found, "declaration", None)
     if not isinstance(declaration, Declaration):
         raise ConfigError(where, "declaration", type(declaration).__name__, "stridetwin.estimators.base.Declaration")
-    for field, value, valid in (("name", declaration.name, (name,)), ("kind", declaration.kind, KINDS)):
+    kinds = tuple(sorted({point.name for point in entry_points(group=OUTPUT_GROUP)}))
+    for field, value, valid in (("name", declaration.name, (name,)), ("kind", declaration.kind, kinds)):
         if value not in valid:
             raise ConfigError(where, f"declaration.{field}", value, ", ".join(valid))
     for method in ("streams", "update"):
@@ -58,19 +61,14 @@ def estimator(name: str) -> type[Estimator]:
     return cast("type[Estimator]", found)
 
 
-def estimators(kind: str | None = None) -> dict[str, type[Estimator]]:
-    """All estimators, or those of one kind, by name: by kind in the order of `KINDS`, then by declared order.
+def estimators(kind: str) -> dict[str, type[Estimator]]:
+    """All estimators of one kind by name, in their declared order.
 
     Raises:
         StrideTwinError: As `estimator`.
     """
-
-    def place(found: type[Estimator]) -> tuple[int, int, str]:
-        declaration = found.declaration
-        return KINDS.index(declaration.kind), declaration.order, declaration.name
-
-    every = sorted(map(estimator, names()), key=place)
-    return {e.declaration.name: e for e in every if kind in (None, e.declaration.kind)}
+    of_kind = (e for e in map(estimator, names()) if e.declaration.kind == kind)
+    return {e.declaration.name: e for e in sorted(of_kind, key=lambda e: (e.declaration.order, e.declaration.name))}
 
 
 def _summary(point: EntryPoint) -> str:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.gate.bootstrap import Tested, holm, paired, unpaired
-from stridetwin.gate.metric_policy import ARITHMETIC, CLAIM, ERROR, OVERALL, Scale, scale_of
+from stridetwin.gate.metric_policy import ARITHMETIC, OVERALL, Scale, scale_of
 from stridetwin.gate.score_table import EVERY, ScoreTable
-from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.base import CLAIM, ERROR, Scores
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 

@@ -11,23 +11,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-ERROR, LEAD, SHARE, BAD_SHARE, CLAIM = "error", "lead", "share", "bad_share", "claim"
+from stridetwin.outputs.base import BAD_SHARE, CLAIM, DESCRIPTIVE, ERROR, LEAD, SHARE
+from stridetwin.outputs.registry import declared_scores
+
 ARITHMETIC, GEOMETRIC = "arithmetic", "geometric"
 OVERALL = "overall"
 """Name of the composite of an estimator's errors."""
 
 # rounding differences between machines, in the unit of the key
 _SLACK = {"_m": 0.002, "_mm": 0.2, "_deg": 0.02, "_pct": 0.02, "_s": 0.05, "_error": 0.02}
-_SHARES = (
-    "nees_position_within_95_pct", "coverage_pct", "classification_accuracy_pct", "slope_in_95_pct",
-    "elevation_in_95_pct", "accuracy_pct", "strict_accuracy_pct", "transition_accuracy_pct", "changes_found_pct",
-    "completeness_pct", "found_pct",
-)  # fmt: skip
-_BAD_SHARES = ("unknown_pct", "missed_pct", "false_pct", "edge_false_pct")
-_LEADS = ("lead_median_s", "lead_p5_s", "transition_lead_median_s")
-_DESCRIPTIVE = ("distance_m", "duration_s", "steps", "transitions", "straddling_pct", "edge_mean_mm")
-_SIGNED = ("end_height_error_m",)
-_CLAIMS = ("nis_", "nees_position_mean")
+_CLAIMS = "nis_"
+"""Prefix of scores that are claims without being declared by name, because each kind of measurement has its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,13 +83,10 @@ class Scale:
 
 
 def scale_of(metric: str) -> Scale | None:
-    """The scale of a score; None if it only describes the walk."""
-    if metric in _DESCRIPTIVE:
+    """The scale of a score, as a kind of output declares it, else that of an error; None if it describes the walk."""
+    declared = declared_scores().get(metric)
+    kind = CLAIM if metric.startswith(_CLAIMS) else ERROR if declared is None else declared.scale
+    if kind == DESCRIPTIVE:
         return None
-    if metric.startswith(_CLAIMS):
-        return Scale(kind=CLAIM)
-    slack = next((s for unit, s in _SLACK.items() if metric.endswith(unit)), 0.0)
-    for kind, names in ((SHARE, _SHARES), (BAD_SHARE, _BAD_SHARES), (LEAD, _LEADS)):
-        if metric in names:
-            return Scale(kind=kind, slack=slack)
-    return Scale(kind=ERROR, slack=slack, signed=metric in _SIGNED)
+    slack = 0.0 if kind == CLAIM else next((s for unit, s in _SLACK.items() if metric.endswith(unit)), 0.0)
+    return Scale(kind=kind, slack=slack, signed=declared is not None and declared.signed)

@@ -1,9 +1,8 @@
 """User-supplied estimators: a Python class, a program that writes a TUM file, or a TUM file.
 
 A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
-order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one.
-An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. The class may declare `topics`, the
-topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
+order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one. The
+class may declare `topics`, the topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stridetwin.outputs.feeding import pose_of
-from stridetwin.outputs.path.evaluate import Estimate
+from stridetwin.estimators.base import PathEstimate
+from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
@@ -54,7 +53,7 @@ class OwnEstimator(ABC):
     frame: str
 
     @abstractmethod
-    def path(self, recording: Recording) -> Estimate:
+    def path(self, recording: Recording) -> PathEstimate:
         """Its path on a recording."""
 
 
@@ -64,9 +63,9 @@ class TumFile(OwnEstimator):
 
     file: Path
 
-    def path(self, recording: Recording) -> Estimate:
+    def path(self, recording: Recording) -> PathEstimate:
         """The path in the file."""
-        return Estimate(name=self.name, frame=self.frame, path=read_tum(self.file))
+        return PathEstimate(name=self.name, frame=self.frame, path=read_tum(self.file))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +107,7 @@ class PythonClass(OwnEstimator):
         """The frame that the class declares, else `frame`."""
         return getattr(self.load(), "frame", None) or self.frame
 
-    def path(self, recording: Recording) -> Estimate:
+    def path(self, recording: Recording) -> PathEstimate:
         """The path that the class estimates from a recording.
 
         Raises:
@@ -116,7 +115,9 @@ class PythonClass(OwnEstimator):
         """
         kind = self.load()
         with _code_of_others(self.place):
-            return Estimate(name=self.name, frame=self.own_frame, path=estimated_path(kind(recording.rig), recording))
+            return PathEstimate(
+                name=self.name, frame=self.own_frame, path=estimated_path(kind(recording.rig), recording)
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +150,7 @@ class Program(OwnEstimator):
             raise StrideTwinError(f"--program {self.name}: invalid {words[0]!r}: expected an installed program")
         return words
 
-    def path(self, recording: Recording) -> Estimate:
+    def path(self, recording: Recording) -> PathEstimate:
         """The path that the program writes.
 
         Raises:
@@ -175,7 +176,7 @@ class Program(OwnEstimator):
                 path = read_tum(output)
             except StrideTwinError as error:
                 raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
-        return Estimate(name=self.name, frame=self.frame, path=path)
+        return PathEstimate(name=self.name, frame=self.frame, path=path)
 
 
 def estimated_path(estimator: Any, recording: Recording) -> Trajectory:

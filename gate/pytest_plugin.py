@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from stridetwin.outputs.path.scores import Scores
+    from stridetwin.outputs.base import Scores
     from stridetwin.scenarios.scenario_file import Scenario
     from stridetwin.sim.config import TwinConfig
     from stridetwin.streams.recording.reader import Recording
@@ -65,10 +65,11 @@ def stridetwin_score() -> Callable[..., Scores]:
     """
 
     def score(recording: Recording, estimator: object, frame: str = "foot_l/imu", align: str = "start") -> Scores:
-        from stridetwin.outputs.path.evaluate import Estimate, evaluate
+        from stridetwin.estimators.base import PathEstimate
+        from stridetwin.outputs.path.evaluate import evaluate
 
-        made = Estimate(name="tested", frame=frame, path=_path(recording, estimator))
-        return evaluate(recording, [made], align)[0].scores
+        estimate = PathEstimate(name="tested", frame=frame, path=_path(recording, estimator))
+        return evaluate(recording, [estimate], align)[0].scores
 
     return score
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from stridetwin.gate.metric_policy import scale_of
+from stridetwin.outputs.base import Scores
 from stridetwin.outputs.path.evaluate import LARGEST_SCORE
-from stridetwin.outputs.path.scores import Scores
 from stridetwin.streams.errors import StrideTwinError, Where
 
 EVERY = "every estimator"
@@ -120,3 +120,16 @@ def _named(value: object, where: Where, valid: str) -> dict[str, Any]:
         if not is_text(name) or len(name) > _LONGEST_NAME:
             raise where.error(name, f"names in UTF-8, of up to {_LONGEST_NAME} characters")
     return value
+
+
+def mean_scores(all_scores: Iterable[dict[str, Scores]]) -> dict[str, Scores]:
+    """Mean of each score over recordings (the largest of the `_max_` ones), per estimator."""
+    gathered: dict[str, dict[str, list[float]]] = {}
+    for recording in all_scores:
+        for name, scores in recording.items():
+            for metric, value in scores.items():
+                gathered.setdefault(name, {}).setdefault(metric, []).append(value)
+    return {
+        name: {m: max(v) if "_max_" in m else sum(v) / len(v) for m, v in metrics.items()}
+        for name, metrics in gathered.items()
+    }

@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.estimators import registry
 from stridetwin.gate.own_estimators import OwnEstimator
 from stridetwin.gate.score_table import EVERY
-from stridetwin.outputs.feeding import all_paths
+from stridetwin.outputs.base import Scores, scores_by_output
 from stridetwin.outputs.path.evaluate import evaluate
-from stridetwin.outputs.path.scores import Scores
-from stridetwin.outputs.steps.scores import evaluate_every_step
-from stridetwin.outputs.terrain_ahead import is_map_or_modes_asked, look_ahead, odometry_of
+from stridetwin.outputs.registry import estimators
+from stridetwin.run.recording import Selection, evaluate_recording
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
@@ -123,7 +121,7 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
                 _record_failure(job, failed, own.name, error)
     else:
         try:
-            _built_in(recording, job, scores, progress)
+            _score_installed(recording, job, scores, progress)
         except Exception as error:
             if was_interrupted(error):
                 raise KeyboardInterrupt from error
@@ -131,18 +129,15 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
     return {**row, "failed": failed} if failed else row
 
 
-def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
+def _score_installed(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
     """Runs the estimators that the recording feeds; `scores` keeps those that finished before a failure."""
-    made = all_paths(recording, only=job.only)
-    scores |= {r.estimate.name: r.scores for r in evaluate(recording, made, job.alignment)}
-    scores |= {name: result.scores for name, result in evaluate_every_step(recording, job.only).items()}
+    selection = Selection(only=job.only)
+    for of_kind in evaluate_recording(recording, selection, alignment=job.alignment, progress=progress):
+        scores |= scores_by_output([of_kind])
     if not scores:
-        asked = (e.declaration for name, e in registry.estimators().items() if job.only is None or name in job.only)
-        needs = [declaration.needs for declaration in asked if declaration.needs]
-        raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {', or '.join(needs)}")
-    odometry = odometry_of(recording, made) if is_map_or_modes_asked(job.only) else None
-    if odometry is not None:
-        scores |= look_ahead(recording, odometry, progress, only=job.only).scores
+        declarations = [e.declaration for name, e in estimators().items() if job.only is None or name in job.only]
+        needs = ", or ".join(declaration.needs for declaration in declarations if declaration.needs)
+        raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {needs}")
 
 
 def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:

@@ -1,4 +1,4 @@
-"""Which poses an estimator of the ground takes from a recording: given ones, an odometry's, or the truth on request."""
+"""Which poses an estimator of terrain or modes takes from a recording: given ones, an odometry's, or the truth."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from stridetwin.estimators.base import Options
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.outputs.feeding import Found, check_topics, fed, leader, paths
+from stridetwin.outputs.feeding import runnable_instances
 from stridetwin.outputs.path.files import reliable
-from stridetwin.outputs.terrain.files import given_poses
+from stridetwin.outputs.path.run import run_paths
+from stridetwin.outputs.pose_feed import default_odometry
 from stridetwin.outputs.upright_poses import upright
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
+from stridetwin.streams.samples import Odometry
 from stridetwin.streams.trajectory import Trajectory
 
 TRUTH = "truth"
@@ -29,23 +30,21 @@ class ChosenPoses:
     Attributes:
         path: The poses.
         frame: Frame that they belong to, such as `head/imu`; "" is the depth camera's optical frame.
-        words: What they are, for a message.
+        description: What they are, for a message.
         camera: `PathEstimate.camera` of an odometry.
     """
 
     path: Trajectory
     frame: str
-    words: str
+    description: str
     camera: Trajectory | None = None
 
 
-def chosen_poses(found: Found, recording: Recording, options: Options, request: str | None) -> ChosenPoses:
-    """The poses that a request selects for an estimator of kind `map` or `modes`.
+def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
+    """The poses that a request selects for an estimator of terrain or modes.
 
     Args:
-        found: Its class.
         recording: With depth and its calibration.
-        options: See `Options`.
         request: `truth` for the true poses of the recording, or a TUM file with poses of the depth camera's optical
             frame. None selects an odometry that the recording can feed, else recorded poses that are not the truth.
 
@@ -55,23 +54,47 @@ def chosen_poses(found: Found, recording: Recording, options: Options, request: 
     if request is not None and request != TRUTH:
         return _upright(recording, read_tum(Path(request)), "", f"poses of {request}")
     camera = depth_calibration(recording.rig)
-    check_topics(found, found.streams(recording.rig, options), recording)
     if request == TRUTH:
         topic, frame = given_poses(recording, camera)
         if not topic.startswith("/truth/"):
             raise RecordingError(f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUTH}")
         return _upright(recording, _path(recording, topic), frame, f"true poses of {topic}")
-    first = leader()
+    odometry = default_odometry()
     body = camera.mount.body
-    for estimate in (e for options in fed(first, recording) for e in paths(first, recording, options)):
+    for output in (o for i in runnable_instances(odometry, recording) for o in run_paths(i, recording)):
+        estimate = output.estimates
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
-            path, words = estimate.path[reliable(estimate)], f"poses estimated by {estimate.name}"
-            return ChosenPoses(path=path, frame=estimate.frame, words=words, camera=estimate.camera)
+            path, description = estimate.path[reliable(estimate)], f"poses estimated by {estimate.name}"
+            return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
     if (recorded := _recorded(recording, body)) is not None:
         return recorded
-    asks = f"--poses {TRUTH}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
-    name = first.declaration.name
-    raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {asks}--poses FILE")
+    advice = f"--poses {TRUTH}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
+    name = odometry.declaration.name
+    raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {advice}--poses FILE")
+
+
+def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
+    """The poses in a recording, and the frame that they belong to.
+
+    Returns:
+        Topic of the camera's own path, or of that of another sensor on its body; and that frame, "" for a folder of
+        depth alone.
+
+    Raises:
+        RecordingError: There are none.
+    """
+    rig = recording.rig
+    frames: list[CameraCalibration | ImuCalibration] = [camera, *rig.imus.values(), *rig.cameras.values()]
+    for frame in frames:
+        topic = f"/truth{frame.topic}/odometry"
+        if topic in recording.topics and frame.mount.body == camera.mount.body:
+            return topic, frame.topic.removeprefix("/")
+    paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
+    if len(paths) == 1 and not recording.is_mcap:  # in a folder of depth alone, the poses are the depth camera's
+        return paths[0], ""
+    raise RecordingError(
+        f"{recording.path}: no poses (/truth{camera.topic}/odometry); expected such poses, or --poses FILE"
+    )
 
 
 def _recorded(recording: Recording, body: str) -> ChosenPoses | None:
@@ -90,7 +113,7 @@ def _path(recording: Recording, topic: str) -> Trajectory:
     return Trajectory(t_ns=block.t_ns, p_frame_in_world=p, q_world_frame=q)
 
 
-def _upright(recording: Recording, path: Trajectory, frame: str, words: str) -> ChosenPoses:
+def _upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
     path, angle = upright(recording, path, frame)
-    turned = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
-    return ChosenPoses(path=path, frame=frame, words=words + turned)
+    rotation = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
+    return ChosenPoses(path=path, frame=frame, description=description + rotation)

@@ -1,9 +1,9 @@
-"""True paths, footprints and stairs of a recording, as scores need them."""
+"""True paths, footprints and stairs of a recording, as scores and figures need them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Footprint, Odometry
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.trajectory import Trajectory
@@ -97,6 +98,49 @@ class TruePath:
         attitudes = Slerp((self.t_ns - self.t_ns[0]) * 1e-9, Rotation.from_quat(self.q_world_frame, scalar_first=True))
         q = attitudes((t_ns - self.t_ns[0]) * 1e-9).as_quat(scalar_first=True)
         return Trajectory(t_ns=t_ns, p_frame_in_world=p, q_world_frame=q)
+
+
+def true_path(recording: Recording, frame: str) -> TruePath:
+    """The true path of a frame: as recorded, or derived from another sensor on the same body through their mounts.
+
+    Raises:
+        RecordingError: The recording has no truth for the frame; the message lists the available frames.
+    """
+    frames = true_frames(recording.topics)
+    if frame in frames:
+        return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
+    mounts = _mounts(recording.rig) if recording.has_rig else {}
+    for other in mounts if frame in mounts else ():
+        if other in frames and mounts[other].body == mounts[frame].body:
+            T_other_frame = np.linalg.inv(mounts[other].T_body_sensor) @ mounts[frame].T_body_sensor
+            return _rigidly_mounted(recording.block(f"/truth/{other}/odometry"), T_other_frame)
+    raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
+
+
+def _mounts(rig: Rig) -> dict[str, Mount]:
+    """Mounts of IMUs and cameras, by their frames."""
+    mounts = {topic: imu.mount for topic, imu in rig.imus.items()}
+    mounts |= {topic: camera.mount for topic, camera in rig.cameras.items()}
+    return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
+
+
+def _rigidly_mounted(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
+    """The path of a frame that is rigidly mounted in the recorded one, (4, 4) m."""
+    path, arm = TruePath.of(recorded), T_recorded_frame[:3, 3]
+    attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
+    relative = np.cross(recorded.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
+    return TruePath(
+        t_ns=path.t_ns,
+        p_frame_in_world=path.p_frame_in_world + attitude.apply(arm),
+        v_frame_in_world=path.v_frame_in_world + attitude.apply(relative),
+        q_world_frame=(attitude * Rotation.from_matrix(T_recorded_frame[:3, :3])).as_quat(scalar_first=True),
+    )
+
+
+def true_frames(topics: Iterable[str]) -> list[str]:
+    """Frames whose true path is among the topics."""
+    prefix, suffix = "/truth/", "/odometry"
+    return sorted(t[len(prefix) : -len(suffix)] for t in topics if t.startswith(prefix) and t.endswith(suffix))
 
 
 FOOTPRINTS = "/truth/footprints"

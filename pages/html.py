@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Container, Iterable, Sequence
 from functools import cache
 from typing import Any
@@ -67,6 +68,21 @@ def multiples(figures: Iterable[str]) -> Markup:
 def rendered(template: str, **values: Any) -> Markup:
     """A template filled with values, which are escaped unless they are `Markup`."""
     return Markup(_environment().get_template(f"{template}.html").render(values))
+
+
+def data_uri(data: bytes, media_type: str) -> str:
+    """The data as a `data:` URI."""
+    return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def number_text(value: float, digits: int) -> str:
+    """A number with fixed decimals and a typographic minus sign."""
+    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def code(text: str) -> Markup:
+    """A name in a fixed-width font."""
+    return Markup("<code>{}</code>").format(text)
 
 
 @cache

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.pages.html import data_uri
 from stridetwin.sim.rendering.imager import BLANK
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -167,11 +167,6 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
             raise StrideTwinError("the film has no frames")
         film.mux(stream.encode())
     return Film(webm=webm.getvalue(), stills=stills)
-
-
-def data_uri(data: bytes, media_type: str) -> str:
-    """The data as a `data:` URI."""
-    return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def jpeg_uri(image: NDArray[np.uint8], quality: int = 80) -> str:

@@ -9,20 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import deprecated
-from stridetwin.outputs.path.evaluate import evaluate
-from stridetwin.outputs.path.scores import Scores
-from stridetwin.outputs.steps.files import predicted_steps, write_modes, write_steps
-from stridetwin.outputs.steps.scores import evaluate_every_step
-from stridetwin.outputs.terrain.files import write_terrain
-from stridetwin.outputs.terrain_ahead import Ahead, all_estimates
+from stridetwin.outputs.base import FileOptions, KindEvaluations, Scores, scores_by_output
+from stridetwin.run.recording import Selection, run_recording
 from stridetwin.scenarios.files import staged
 from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
 from stridetwin.streams.files import json_text
-from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.recording.reader import Recording
 
 Frame = tuple[float, NDArray[np.uint8]]
@@ -53,7 +47,6 @@ def run_scenario(
     film: bool = True,
     backend: str = "",
     only: Collection[str] = (),
-    pictures: bool | None = None,
 ) -> Run:
     """Simulates a walk, runs the estimators and scores them.
 
@@ -69,7 +62,6 @@ def run_scenario(
         backend: Of the terrain map, see `Options.backend`.
         only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
             and nothing else is estimated. Empty runs all.
-        pictures: Deprecated name of `film`.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -78,34 +70,29 @@ def run_scenario(
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.report.run_report import ReportData, render_report
 
-    if pictures is not None:
-        deprecated("run_scenario(pictures=...)", "run_scenario(film=...)")
-        film = pictures
-    asked = estimators_of(only) if only else None
-    if asked is not None:
-        scenario = with_sensors_for(scenario, asked)
+    estimators = estimators_of(only) if only else None
+    if estimators is not None:
+        scenario = with_sensors_for(scenario, estimators)
     twin = make_twin(scenario, seed)
     with staged(folder) as out:
         record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
-        made, ahead = all_estimates(recording, progress, backend, asked)
-        results = evaluate(recording, made)
-        for result in results:
-            write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
-        scores = {r.estimate.name: r.scores for r in results}
-        steps = evaluate_every_step(recording, asked)
-        for name, result_of_steps in steps.items():
-            write_steps(result_of_steps.estimates, out / f"{name}.csv")
-            scores[name] = result_of_steps.scores
-        if ahead is not None:
-            scores |= ahead.scores
-            write_ahead_files(ahead, out)
+        selection = Selection(only=estimators, backend=backend)
+        of_kinds = []
+        for outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
+            kind = outputs.kind
+            for output in outputs.outputs:
+                if not kind.is_empty(output):
+                    kind.write(output, out / f"{output.name}{kind.suffix}", FileOptions(dead_reckoning=True))
+            of_kinds.append(KindEvaluations(kind=kind, evaluations=kind.evaluate(outputs.outputs, recording)))
+        of_kinds = [of_kind for of_kind in of_kinds if of_kind.evaluations]
+        scores = scores_by_output(of_kinds)
         faults = injected_faults(recording.metadata)
         document = scores_document(scenario, seed, scores, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
-        made_film = make_film(frames, twin.duration_s) if film else None
+        film_of_walk = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)
         data = ReportData(
             description=scenario.description,
@@ -114,26 +101,15 @@ def run_scenario(
             duration_s=twin.duration_s,
             command=command,
             recording=recording,
-            results=results,
-            steps=next(iter(steps.values()), None),
-            film=made_film,
-            ahead=ahead,
+            of_kinds=of_kinds,
+            film=film_of_walk,
         )
         (out / "report.html").write_text(render_report(data), encoding="utf-8")
         if rerun_installed():
             progress("rerun", 0.0)
-            write_rerun(out / "run.rrd", recording, results, ahead)
+            write_rerun(out / "run.rrd", recording, of_kinds)
         files = tuple(sorted(p.name for p in out.iterdir()))
     return Run(folder=folder, files=files, scores=scores)
-
-
-def write_ahead_files(ahead: Ahead, folder: Path) -> None:
-    """Writes, for each estimator, its last prediction of each step as one row per step, or its final map."""
-    for name, estimates in ahead.predicted.items():
-        write_modes(predicted_steps(estimates), folder / f"{name}.csv")
-    for name, terrain_map in ahead.maps.items():
-        if terrain_map.estimate is not None:
-            write_terrain(terrain_map, folder / f"{name}.json")
 
 
 def scores_document(

@@ -12,7 +12,7 @@ from typing import Any
 
 from stridetwin.estimators import registry
 from stridetwin.run.latency import Latency
-from stridetwin.run.live_chain import Chain, Fit, Request, chain_of
+from stridetwin.run.live_chain import Chain, InputCheck, Request
 from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
@@ -107,9 +107,9 @@ class _Live:
         self._chain: Chain | None = None
         self._compiled = False
         self._recorder: LiveRecorder | None = None
-        self._lacks, self._warned = "", set[tuple[str, str]]()
+        self._start_error, self._warned = "", set[tuple[str, str]]()
         self._span: tuple[int, int] | None = None
-        self._fit = Fit({}, Rig())
+        self._input_check = InputCheck({}, Rig())
         self._early: Counter[str] = Counter()
         self._skipped: Counter[str] = Counter()
         self._refusals_reported = 0
@@ -130,12 +130,15 @@ class _Live:
                 if self._chain is not None:
                     self._chain.abandon()
                 raise
-            own = {
-                "late": self._reorder.late, "before_start": self._early if self._chain is not None else Counter(),
-                "other_kind": self._fit.other_kind, "other_size": self._fit.other_size, "skipped": self._skipped,
-            }  # fmt: skip
+            counted = {
+                "late": self._reorder.late,
+                "before_start": self._early if self._chain is not None else Counter(),
+                "other_kind": self._input_check.other_kind,
+                "other_size": self._input_check.other_size,
+                "skipped": self._skipped,
+            }
             streams = {
-                topic: {**vars(traffic), **{name: counts[topic] for name, counts in own.items()}}
+                topic: {**vars(traffic), **{name: counts[topic] for name, counts in counted.items()}}
                 for topic, traffic in sorted(receiver.traffic.items())
             }
             return Outcome(
@@ -151,7 +154,7 @@ class _Live:
                 due_s = self._reorder.due_s(time.perf_counter_ns())
                 for item in receiver.take(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
                     if isinstance(item, Hello):
-                        self._know(item)
+                        self._on_hello(item)
                     else:
                         self._arrive(item)
                 self._process(self._reorder.ready(time.perf_counter_ns()))
@@ -165,12 +168,12 @@ class _Live:
         if self._span is None:
             raise StrideTwinError("no samples arrived")
         if self._request.chain is not None and self._chain is None:
-            raise StrideTwinError(f"nothing was estimated: {self._lacks}")
+            raise StrideTwinError(f"nothing was estimated: {self._start_error}")
         if self._chain is not None and not self._latency.took_any:
             raise StrideTwinError(f"nothing was estimated: no samples arrived of {', '.join(self._chain.takes)}")
         return self._chain.finish() if self._chain is not None else {}
 
-    def _know(self, hello: Hello) -> None:
+    def _on_hello(self, hello: Hello) -> None:
         self._rig, differing = _joined(self._rig, hello.calibration)
         known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - known:
@@ -187,13 +190,13 @@ class _Live:
             return
         self._compile()
         try:
-            self._chain = chain_of(wanted, self._rig, self._metadata)
+            self._chain = Chain(wanted, self._rig, self._metadata)
         except StrideTwinError as error:
-            if str(error) != self._lacks:
-                self._lacks = str(error)
+            if str(error) != self._start_error:
+                self._start_error = str(error)
                 self._say(f"waiting: {error}")
             return
-        self._fit = Fit(self._chain.takes, self._rig)
+        self._input_check = InputCheck(self._chain.takes, self._rig)
         self._say(f"{wanted.estimator} reads {', '.join(self._chain.takes)}")
 
     def _compile(self) -> None:
@@ -202,7 +205,7 @@ class _Live:
         if wanted is None or self._compiled:
             return
         try:
-            trial = chain_of(replace(wanted, output=None), synthetic_rig(), self._metadata)
+            trial = Chain(replace(wanted, output=None), synthetic_rig(), self._metadata)
         except StrideTwinError:
             return
         self._say(f"{wanted.estimator} is being compiled, which takes minutes the first time")
@@ -221,7 +224,7 @@ class _Live:
         if self._chain is None:
             self._early[topic] += 1
         elif topic in self._chain.takes:
-            if (wrong := self._fit.wrong(arrival.sample)) is None:
+            if (wrong := self._input_check.find_problem(arrival.sample)) is None:
                 self._reorder.add(arrival)
             else:
                 self._warn_once(topic, *wrong)

@@ -1,38 +1,20 @@
-"""Estimators in live operation: samples in, estimates out, and the files of `estimate` at the end."""
+"""One estimator in live operation: samples in, rows out, and the files of `estimate` at the end."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
-import os
-from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TextIO
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, PATH, STEPS, Options
-from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.outputs.feeding import Found, Led, pose_of
-from stridetwin.outputs.steps.files import (
-    CompletedSteps,
-    PredictedStep,
-    mode_cells,
-    step_cells,
-    write_modes,
-    write_steps,
-)
-from stridetwin.outputs.terrain.files import document, write_terrain
-from stridetwin.streams.files import partial_path
-from stridetwin.streams.formats.tum import seconds
+from stridetwin.estimators.base import Options
+from stridetwin.outputs.pose_feed import OdometryDriven
+from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
-from stridetwin.streams.trajectory import Pose
 
-Done = tuple[str, str | None]
+Row = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
 _KIND = "of another kind than the estimator reads: such samples are left out"
 _SIZE = "of another size than in the rig: such images are left out"
@@ -54,173 +36,59 @@ class Request:
     output: Path | None = None
 
 
-class Chain(ABC):
-    """One or more estimators, each feeding the next.
+class Chain:
+    """An estimator, behind an odometry if its kind takes poses, and its rows.
+
+    Args:
+        request: The estimator and its file.
+        rig: Calibration.
+        metadata: Texts of the senders.
 
     Attributes:
         takes: The accepted kind of sample by topic.
-    """
-
-    takes: dict[str, type[Sample]]
-
-    @abstractmethod
-    def update(self, sample: Sample) -> Iterator[Done]:
-        """Processes a sample that `takes` allows; yields each time an estimator has finished with it."""
-
-    @abstractmethod
-    def finish(self) -> dict[Path, int]:
-        """Writes the files; returns rows by file."""
-
-    def abandon(self) -> None:  # noqa: B027 (most have nothing to undo)
-        """Leaves existing files unchanged."""
-
-
-def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
-    """The chain of an estimator.
 
     Raises:
         StrideTwinError: The rig lacks what the estimator needs; the message names it.
     """
-    found = registry.estimator(request.estimator)
-    options = replace(request.options, metadata=metadata, source="hello")
-    kinds: dict[str, Callable[[Found, Rig, Options, Path | None], Chain]] = {PATH: _Paths, STEPS: _Steps}
-    return kinds.get(found.declaration.kind, _Ahead)(found, rig, options, request.output)
 
+    def __init__(self, request: Request, rig: Rig, metadata: Mapping[str, str]) -> None:
+        estimator_class = registry.estimator(request.estimator)
+        options = replace(request.options, metadata=metadata, source="hello")
+        self._name, kind = estimator_class.declaration.name, kind_of(estimator_class.declaration)
+        self._driven: OdometryDriven | None = None
+        self.takes: dict[str, type[Sample]]
+        if kind.takes_poses:
+            self._driven = OdometryDriven(rig, estimator_class, options)
+            self._estimator, self.takes = self._driven.estimator, self._driven.takes
+        else:
+            streams = [s for s in estimator_class.streams(rig, options) if s.live]
+            for stream in streams:
+                if stream.required and stream.kind is Imu:
+                    rig.imu(stream.topic)
+            self._estimator = estimator_class(rig, options=options)
+            self.takes = {s.topic: s.kind for s in streams}
+        self._output = kind.live_output(estimator_class.declaration, request.output)
 
-def _built(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
-    """An estimator, and the kind of sample that it takes by topic."""
-    streams = [s for s in found.streams(rig, options) if s.live]
-    for stream in streams:
-        if stream.required and stream.kind is Imu:
-            rig.imu(stream.topic)
-    return found(rig, options=options), {s.topic: s.kind for s in streams}
-
-
-class _Paths(Chain):
-    """An estimator of paths: one row per pose, prefixed with the part's name if it estimates several parts."""
-
-    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
-        self._name, self._parts = found.declaration.name, found.declaration.parts
-        self._estimator, self.takes = _built(found, rig, options)
-        files = {part: part_file(output, part) if output else None for part in self._parts.values() or ("",)}
-        self._paths = {part: _LivePath(file) for part, file in files.items()}
-
-    def update(self, sample: Sample) -> Iterator[Done]:
-        pose, line = pose_of(self._estimator.update(sample)), None
-        if pose is not None:
-            part = self._parts.get(pose.frame, "")
-            line = f"{part} {self._paths[part].add(pose)}".lstrip()
-        yield self._name, line
+    def update(self, sample: Sample) -> Iterator[Row]:
+        """Processes a sample that `takes` allows; gives a row each time an estimator has finished with it."""
+        if self._driven is None:
+            yield self._name, self._output.add(self._estimator.update(sample))
+            return
+        if self._driven.feeds_odometry(sample):
+            yield self._driven.odometry, None if self._driven.update_odometry(sample) is None else ""
+        if self._driven.feeds_estimator(sample):
+            yield self._name, self._output.add(self._driven.update(sample))
 
     def finish(self) -> dict[Path, int]:
-        for path in self._paths.values():
-            path.finish()
-        return {path.file: path.rows for path in self._paths.values() if path.file is not None}
+        """Writes the files; returns rows by file."""
+        return self._output.finish(self._estimator)
 
     def abandon(self) -> None:
-        for path in self._paths.values():
-            path.abandon()
+        """Leaves existing files unchanged."""
+        self._output.abandon()
 
 
-def part_file(file: Path, part: str) -> Path:
-    """`path.txt` becomes `path_l.txt`."""
-    return file.with_name(f"{file.stem}_{part}{file.suffix}") if part else file
-
-
-class _Steps(Chain):
-    """An estimator of steps: one row per estimate."""
-
-    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
-        self._name, self._output = found.declaration.name, output
-        self._estimator, self.takes = _built(found, rig, options)
-        self._last: dict[int, StepEstimate] = {}
-
-    def update(self, sample: Sample) -> Iterator[Done]:
-        estimate, line = self._estimator.update(sample), None
-        if estimate is not None and estimate.step > 0:
-            self._last[estimate.step] = estimate
-            line = _csv(step_cells(estimate))
-        yield self._name, line
-
-    def finish(self) -> dict[Path, int]:
-        if self._output is None:
-            return {}
-        write_steps([self._last[step] for step in sorted(self._last)], self._output)
-        return {self._output: len(self._last)}
-
-
-class _Ahead(Chain):
-    """An estimator of the ground ahead, on the poses of an odometry: one row per predicted step, or a map as JSON."""
-
-    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
-        self._led = Led(rig, found, options)
-        self._name, self._kind, self._output = found.declaration.name, found.declaration.kind, output
-        self.takes = self._led.takes
-        self._steps, self._predicted = CompletedSteps(), list[PredictedStep]()
-
-    def update(self, sample: Sample) -> Iterator[Done]:
-        if self._led.feeds_odometry(sample):
-            yield self._led.odometry, None if self._led.lead(sample) is None else ""
-        if self._led.feeds_estimator(sample):
-            yield self._name, self._row(self._led.update(sample))
-
-    def _row(self, estimate: Any) -> str | None:
-        if estimate is None:
-            return None
-        if self._kind == MAP:
-            return json.dumps(document(estimate), allow_nan=False)
-        if (done := self._steps.add(estimate)) is not None:
-            self._predicted.append(done)
-        next_step = PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=self._steps.steady_s(estimate))
-        return _csv(mode_cells(next_step))
-
-    def finish(self) -> dict[Path, int]:
-        if self._output is None:
-            return {}
-        if self._kind != MAP:
-            write_modes(self._predicted, self._output)
-            return {self._output: len(self._predicted)}
-        files, known = write_terrain(self._led.estimator, self._output), self._led.estimator.estimate
-        return {file: len(known.planes) if known else 0 for file in files}
-
-
-class _LivePath:
-    """One trajectory in the format of `write_tum`, row by row; the file appears when it is finished.
-
-    Args:
-        file: File to write; None only formats the rows.
-
-    Attributes:
-        rows: Number of rows so far.
-    """
-
-    def __init__(self, file: Path | None) -> None:
-        self.file, self.rows = file, 0
-        self._out: TextIO | None = None if file is None else partial_path(file).open("w", encoding="ascii")
-
-    def add(self, pose: Pose) -> str:
-        """Adds a pose; returns its row."""
-        w, x, y, z = pose.q_world_frame.tolist()
-        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
-        if self._out is not None:
-            self._out.write(row + "\n")
-        self.rows += 1
-        return row
-
-    def finish(self) -> None:
-        """Moves the file to its final place."""
-        if self._out is not None and self.file is not None:
-            self._out.close()
-            os.replace(partial_path(self.file), self.file)
-
-    def abandon(self) -> None:
-        """Leaves an existing file unchanged."""
-        if self._out is not None and self.file is not None:
-            self._out.close()
-            partial_path(self.file).unlink(missing_ok=True)
-
-
-class Fit:
+class InputCheck:
     """Checks samples against what is known of their topics; counts those that do not match.
 
     Args:
@@ -240,7 +108,7 @@ class Fit:
         self.other_kind: Counter[str] = Counter()
         self.other_size: Counter[str] = Counter()
 
-    def wrong(self, sample: Sample) -> tuple[str, str] | None:
+    def find_problem(self, sample: Sample) -> tuple[str, str] | None:
         """The problem of a sample of an accepted topic, in general and in this case; None if it matches."""
         topic, kind = sample.topic, self._takes[sample.topic]
         if not isinstance(sample, kind):
@@ -257,9 +125,3 @@ class Fit:
             self.other_size[topic] += 1
             return _COLOUR, f"{channels[0]} channels"
         return None
-
-
-def _csv(cells: Sequence[str]) -> str:
-    line = io.StringIO()
-    csv.writer(line, lineterminator="").writerow(cells)
-    return line.getvalue()

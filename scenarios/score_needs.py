@@ -10,8 +10,10 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, MODES, Options
-from stridetwin.outputs.feeding import Found, feeding, leader
+from stridetwin.estimators.base import Options
+from stridetwin.outputs.feeding import EstimatorClass, runnable_on
+from stridetwin.outputs.pose_feed import default_odometry
+from stridetwin.outputs.registry import kind_of
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.config import TwinConfig
@@ -29,16 +31,16 @@ def estimators_of(names: Iterable[str], source: str = "only") -> frozenset[str]:
     Raises:
         ConfigError: A name is that of no installed estimator.
     """
-    found: set[str] = set()
+    estimators: set[str] = set()
     for name in names:
-        own = name.partition(".")[0]
-        estimator = next((n for n in (own, own.rpartition("_")[0]) if n in registry.names()), None)
+        output = name.partition(".")[0]
+        estimator = next((n for n in (output, output.rpartition("_")[0]) if n in registry.names()), None)
         if estimator is None:
             raise ConfigError(source, "estimator", name, ", ".join(registry.names()))
-        found.add(estimator)
-        if registry.estimator(estimator).declaration.kind in (MAP, MODES):
-            found.add(leader().declaration.name)
-    return frozenset(found)
+        estimators.add(estimator)
+        if kind_of(registry.estimator(estimator).declaration).takes_poses:
+            estimators.add(default_odometry().declaration.name)
+    return frozenset(estimators)
 
 
 def sensors_of(estimators: Iterable[str], config: TwinConfig) -> tuple[str, ...]:
@@ -66,16 +68,17 @@ def with_sensors_for(scenario: Scenario, estimators: Collection[str]) -> Scenari
     return replace(scenario, config=replace(scenario.config, sensors=sensors_of(estimators, scenario.config)))
 
 
-def _topics(found: Found, config: TwinConfig, worn: SensorRig) -> set[str]:
+def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig) -> set[str]:
     """Topics that an estimator reads."""
     from stridetwin.sim.wearer.body import wearer  # imports the simulator, which `score` does without
 
-    declaration = found.declaration
+    declaration = estimator_class.declaration
     has_links = config.exo is not None and config.exo.own is None
     metadata = exo_geometry.metadata(wearer(config.person), worn.rig, seed=0) if has_links else {}
     options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)
-    there = worn.sensors.keys() | {c.depth_topic for c in worn.rig.cameras.values()}
-    topics = {s.topic for _, streams in feeding(found, options, worn.rig, there) for s in streams}
+    available_topics = worn.sensors.keys() | {c.depth_topic for c in worn.rig.cameras.values()}
+    instances = runnable_on(estimator_class, options, worn.rig, available_topics)
+    topics = {stream.topic for instance in instances for stream in instance.streams}
     if not topics:
         needs = declaration.needs or "other sensors"
         raise StrideTwinError(f"{config.name}: {declaration.name} cannot run: expected a walk with {needs}")

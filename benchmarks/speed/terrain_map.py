@@ -15,7 +15,8 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.outputs.terrain.files import given_poses, pose_sample
+from stridetwin.outputs.chosen_poses import given_poses
+from stridetwin.outputs.pose_feed import pose_sample
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.recording.reader import Recording

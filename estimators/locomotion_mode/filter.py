@@ -112,6 +112,11 @@ class LocomotionMode:
         self._rhythm, self._foothold = Rhythm(p), Foothold(p)
         self._stairs: Flight | None = None
 
+    @property
+    def inner_estimators(self) -> tuple[TerrainMap, ...]:
+        """The map, which is updated here with the same samples."""
+        return (self.ground,)
+
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
         """Poses, at least one insole, and depth.

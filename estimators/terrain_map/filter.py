@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from stridetwin.estimators.base import (
     BACKENDS,
     CAMERA_POSES,
-    MAP,
     NUMBA,
     OPEN3D,
     POSE_STREAM,
+    TERRAIN,
     Declaration,
     Options,
     Stream,
@@ -67,7 +67,7 @@ class TerrainMap:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="terrain_map", kind=MAP, order=1, backends=BACKENDS, budget_s=0.2, window_s=0.06,
+        name="terrain_map", kind=TERRAIN, order=1, backends=BACKENDS, budget_s=0.2, window_s=0.06,
     )  # fmt: skip
 
     def __init__(

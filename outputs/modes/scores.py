@@ -18,7 +18,9 @@ import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
 from stridetwin.outputs.alignment import MovingAlignment
-from stridetwin.outputs.modes.change_scores import ScoredChange, mode_of, score_approaches
+from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
+from stridetwin.outputs.modes.approaches import score_approaches
+from stridetwin.outputs.terrain.changes import ScoredChange, mode_of
 from stridetwin.outputs.truth import along_way
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import Layout
@@ -29,6 +31,43 @@ _GENTLE_RAD = math.radians(3.49)
 """Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
 _LOW_RISER_M = (0.065, 0.075)
 """A stair begins at 70 mm (Zhao et al. 2023); within 5 mm of that, either answer serves the walker."""
+
+SCORES = (
+    Score(
+        name="accuracy_pct", scale=SHARE, heading="right %", label="Steps whose mode was predicted correctly", unit="%",
+        digits=1,
+    ),
+    Score(
+        name="strict_accuracy_pct", scale=SHARE, heading="strict %", unit="%", digits=1,
+        label="the same, with one correct mode for soles across a ramp's edge",
+    ),
+    Score(name="straddling_pct", scale=DESCRIPTIVE),
+    Score(
+        name="transition_accuracy_pct", scale=SHARE, heading="transitions %", unit="%", digits=1,
+        label="Steps that change the mode, predicted correctly",
+    ),
+    Score(name="steps", scale=DESCRIPTIVE, label="Steps", digits=0),
+    Score(name="transitions", scale=DESCRIPTIVE, label="steps that change the mode", digits=0),
+    Score(
+        name="lead_median_s", scale=LEAD, heading="lead s", unit="s",
+        label="Lead time of the final correct prediction, median",
+    ),
+    Score(name="lead_p5_s", scale=LEAD, heading="lead 5 % s", label="the same, 5th percentile", unit="s"),
+    Score(name="transition_lead_median_s", scale=LEAD),
+    Score(
+        name="footprint_forward_rmse_m", label="Footprint one step ahead, forward, RMS error", unit="m", digits=3
+    ),
+    Score(name="footprint_left_rmse_m", label="the same, sideways", unit="m", digits=3),
+    Score(name="calibration_error", label="Predicted probabilities, calibration error", digits=3),
+    Score(
+        name="changes_found_pct", scale=SHARE, heading="changes found %", unit="%", digits=1,
+        label="Terrain changes detected 1.5 s ahead",
+    ),
+    Score(name="riser_rmse_mm", heading="riser mm", label="their risers, RMS error", unit="mm", digits=1),
+    Score(name="tread_rmse_mm", heading="tread mm", label="their treads, RMS error", unit="mm", digits=1),
+    Score(name="slope_rmse_deg", heading="slope °", label="their slopes, RMS error", unit="°"),
+)  # fmt: skip
+"""The scores of predicted modes; see `scores_of_walk`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -411,3 +450,29 @@ def rms(values: Sequence[float]) -> float | None:
 
 def _scaled(value: float | None, factor: float) -> float | None:
     return None if value is None else value * factor
+
+
+def scores_of_walk(modes: ModeScores) -> Scores:
+    """The scores of one walk's steps; undefined scores are left out.
+
+    Returns:
+        `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`, `changes_found_pct`;
+        `lead_median_s`, `lead_p5_s`, `transition_lead_median_s`; `footprint_forward_rmse_m`,
+        `footprint_left_rmse_m`; `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`; `calibration_error`; `steps`,
+        `transitions`.
+    """
+    figures = mode_figures([modes])
+    flat = {
+        name: figures[name]
+        for name in (
+            "accuracy_pct", "strict_accuracy_pct", "straddling_pct", "transition_accuracy_pct", "changes_found_pct",
+            "riser_rmse_mm", "tread_rmse_mm", "slope_rmse_deg", "calibration_error", "steps", "transitions",
+        )
+    } | {
+        "lead_median_s": figures["lead_time_s"]["median"],
+        "lead_p5_s": figures["lead_time_s"]["p5"],
+        "transition_lead_median_s": figures["transition_lead_time_s"]["median"],
+        "footprint_forward_rmse_m": figures["footprint_rmse_m"]["forward"],
+        "footprint_left_rmse_m": figures["footprint_rmse_m"]["left"],
+    }  # fmt: skip
+    return {name: float(value) for name, value in flat.items() if value is not None}

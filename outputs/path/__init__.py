@@ -1,1 +1,1 @@
-"""Paths: run, files, scores, figures."""
+"""Estimated paths of a foot or of a camera: run, files, scores, figures."""

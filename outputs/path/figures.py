@@ -1,35 +1,31 @@
-"""Figures of a walk's path: side view, plan view, error over time; and of steps estimated from the legs."""
+"""Figures of estimated paths: side view, plan view, error over time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import cycle
 
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.estimators.base import FEET
-from stridetwin.outputs.path.evaluate import Estimate, Result
+from stridetwin.estimators.base import FEET, PathEstimate
+from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.scores import CHI2_3_95
-from stridetwin.outputs.steps.scores import ScoredStep
-from stridetwin.outputs.truth import along_way
-from stridetwin.pages.plot import INK, PALETTE, Plot, Range, data_range, faint
+from stridetwin.outputs.route_figures import draw_profile, draw_slabs, outline
+from stridetwin.pages.plot import INK, PALETTE, Plot, data_range, faint
 from stridetwin.streams.samples import Array, Block, Footprint
-from stridetwin.streams.terrain_truth import Layout, Strip
+from stridetwin.streams.terrain_truth import Layout
 
 COLORS = {"l": PALETTE[0], "r": PALETTE[1], "camera": PALETTE[3]}
 _OTHERS = {"l": PALETTE[2::3], "r": PALETTE[5::-1], "camera": PALETTE[4:]}  # of further estimators
-GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
-_FOOT_M, _HALF_FOOT_M, _NORMAL_M = 0.26, 0.045, 0.16
-_PLANE, _NORMAL = PALETTE[2], PALETTE[1]
 
 
-def part_of(estimate: Estimate) -> str:
+def part_of(estimate: PathEstimate) -> str:
     """The body of a path: the foot `l` or `r`, or the `camera`."""
     return next((foot for foot in FEET if estimate.frame.startswith(f"foot_{foot}/")), "camera")
 
 
-def label_of(estimate: Estimate) -> str:
+def label_of(estimate: PathEstimate) -> str:
     """The label of an estimate in a figure: `left`, `left, feet together`, or `camera`."""
     words = FEET.get(part_of(estimate), "camera")
     label = estimate.name if estimate.label is None else estimate.label
@@ -99,29 +95,6 @@ def _part_name(results: Sequence[Result]) -> str:
     return f"{FEET[part]} foot" if part in FEET else "camera"
 
 
-def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float) -> None:
-    """The true ground along the route, down to a height, by terrain."""
-    for terrain, color in GROUND.items():
-        outlines = []
-        for strip in profile:
-            s0, s1 = np.clip([strip.s0, strip.s1], *span)
-            if strip.terrain == terrain and s1 > s0:
-                z0, z1 = np.interp([s0, s1], [strip.s0, strip.s1], [strip.z0, strip.z1])
-                outlines.append([(s0, z0), (s1, z1), (s1, floor), (s0, floor)])
-        plot.areas(outlines, color, label=terrain)
-
-
-def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
-    """The true ground from above, by terrain."""
-    for terrain, color in GROUND.items():
-        slabs = [slab for slab in (layout.slabs if layout else ()) if slab.terrain == terrain]
-        corners = [
-            slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
-            for slab in slabs
-        ]
-        plot.areas([np.clip(c[:, :2], [x[0], y[0]], [x[1], y[1]]) for c in corners], color, label=terrain)
-
-
 def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -> None:
     """Paths (2, 2, N): the true one, once for each part, and the estimate; horizontal and vertical coordinate."""
     colors = _colors(results)
@@ -161,63 +134,8 @@ def _along(layout: Layout | None, result: Result) -> Array:
     return np.array([[s, s + ahead], [truth[:, 2], estimate[:, 2]]])
 
 
-def outline(footprint: Footprint) -> Array:
-    """(4, 2) corners of a print in the world."""
-    w, x, y, z = footprint.q_world_foot
-    toes = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
-    aside = np.array([-toes[1], toes[0]])
-    local = [(0.0, -_HALF_FOOT_M), (_FOOT_M, -_HALF_FOOT_M), (_FOOT_M, _HALF_FOOT_M), (0.0, _HALF_FOOT_M)]
-    return np.array([footprint.p_foot_in_world[:2] + u * toes + v * aside for u, v in local])
-
-
 def _bound_mm(result: Result) -> Array | None:
     covariance = result.comparison.estimate.covariance
     if covariance is None:
         return None
     return np.asarray(1e3 * np.sqrt(CHI2_3_95 * np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]))
-
-
-def steps_from_aside(
-    layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet"
-) -> Markup:
-    """Side view: the true ground along the route, and the estimated plane and normal of each footprint of one walk."""
-    true, estimated, slopes = _step_positions(steps)
-    s = true[:, 0] if layout is None else along_way(true, layout)
-    heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
-    error = estimated - true
-    at = np.column_stack([s + error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading), estimated[:, 2]])
-    profile = layout.profile if layout else ()
-    span_s = data_range(s, at[:, 0], include=(float(s[0]) - 0.8, float(s[-1]) + 0.8), margin=0.0)
-    floor = min((strip.z0 for strip in profile), default=float(true[:, 2].min())) - 0.1
-    span_z = data_range(true[:, 2], at[:, 1], include=(floor, float(at[:, 1].max()) + 0.3), margin=0.0)
-    plot = Plot(title=title, x=span_s, y=span_z, x_label="along the route, m", y_label="height, m", to_scale=True)
-    draw_profile(plot, profile, span_s, span_z[0])
-    along = np.column_stack([np.cos(slopes), np.sin(slopes)])
-    up = along[:, ::-1] * [-1.0, 1.0]
-    foot = at + 0.4 * _FOOT_M * along
-    heel, toe = at - 0.1 * _FOOT_M * along, at + 0.9 * _FOOT_M * along
-    plot.curves(np.stack([heel, toe], axis=1), _PLANE, width=2.4, label="estimated plane")
-    plot.curves(np.stack([foot, foot + _NORMAL_M * up], axis=1), _NORMAL, width=1.4, label="its normal")
-    return plot.html()
-
-
-def steps_from_above(layout: Layout | None, steps: Sequence[ScoredStep], title: str = "The path from above") -> Markup:
-    """Plan view: the ground, the true footprints, and the path through the estimated ones."""
-    true, estimated, _ = _step_positions(steps)
-    x = data_range(true[:, 0], estimated[:, 0])
-    y = data_range(true[:, 1], estimated[:, 1], margin=0.1)
-    plot = Plot(title=title, x=x, y=y, x_label="x, m", y_label="y, m", to_scale=True)
-    draw_slabs(plot, layout, x, y)
-    plot.dots(true[:, 0], true[:, 1], INK, size=5, label="true footprints")
-    plot.line(estimated[:, 0], estimated[:, 1], _PLANE, label="estimated from the legs")
-    return plot.html()
-
-
-def _step_positions(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
-    """(N, 3) true and estimated positions of the estimated steps, both in the true world, and (N,) estimated slopes.
-
-    The first estimated position is aligned with the true one; headings are those of the AHRS.
-    """
-    seen = [s for s in steps if s.seen]
-    true, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
-    return true, estimated - estimated[0] + true[0], np.array([s.estimated_slope for s in seen])

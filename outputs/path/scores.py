@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.outputs.alignment import Rigid, align, vertical_rotation
+from stridetwin.outputs.base import CLAIM, DESCRIPTIVE, SHARE, Score, Scores
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.samples import Array
@@ -30,7 +31,36 @@ LOST_M = 2.0
 SPAN_M = 5.0
 CLIMB_M = 0.3
 
-Scores = dict[str, float]
+SCORES = (
+    Score(name="end_error_m", heading="end m", label="End error", unit="m", digits=4),
+    Score(name="end_error_pct", heading="end %", label="End error, share of the distance", unit="%", digits=3),
+    Score(
+        name="end_height_error_m", signed=True, heading="height m", label="Height error at the end", unit="m", digits=4
+    ),
+    Score(name="ape_rmse_m", heading="APE RMSE m", label="Position error, RMS", unit="m", digits=4),
+    Score(name="ape_mean_m", label="Position error, mean", unit="m", digits=4),
+    Score(name="ape_max_m", label="Position error, largest", unit="m", digits=4),
+    Score(name="rpe_1m_pct", label="Relative error over 1 m", unit="%"),
+    Score(name="rpe_5m_pct", heading="RPE 5 m %", label="Relative error over 5 m", unit="%"),
+    Score(
+        name="armse_2d_m", heading="2-D ARMSE m", label="2-D ARMSE (as the pyshoe benchmark defines it)", unit="m",
+        digits=4,
+    ),
+    Score(name="nees_position_mean", scale=CLAIM, label="NEES of the position, mean (3 if consistent)"),
+    Score(
+        name="nees_position_within_95_pct", scale=SHARE, heading="in 95 % bound %",
+        label="Time within its own 95 % bound", unit="%", digits=1,
+    ),
+    Score(
+        name="nis_standing", scale=CLAIM, label="Zero-velocity updates, NIS per degree of freedom (1 if consistent)"
+    ),
+    Score(name="nis_sightings", scale=CLAIM, label="Checkerboard observations, NIS per degree of freedom"),
+    Score(name="nis_echoes", scale=CLAIM, label="Sonar ranges, NIS per degree of freedom"),
+    Score(name="distance_m", scale=DESCRIPTIVE, label="Distance travelled by the frame", unit="m"),
+    Score(name="duration_s", scale=DESCRIPTIVE),
+    Score(name="coverage_pct", scale=SHARE),
+)  # fmt: skip
+"""The scores of a path. The NIS of other measurements, `nis_KIND`, are claims, too."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

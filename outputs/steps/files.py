@@ -1,18 +1,15 @@
-"""Estimated steps (`contact_terrain`) and predicted steps (`locomotion_mode`) as tables."""
+"""Estimated steps as a table."""
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
+from stridetwin.estimators.base import Estimator
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.streams.files import whole_file
+from stridetwin.outputs.base import LiveOutput
+from stridetwin.outputs.csv_tables import csv_row, write_table
 
 STEP_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", "slope_rad", "slope_sd_rad", "elevation_m", "elevation_sd_m", "x_m",
@@ -31,98 +28,30 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
 
 def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
     """Writes a table with one row per step, columns `STEP_COLUMNS`; unknown values are empty."""
-    _write_table(STEP_COLUMNS, map(step_cells, estimates), path)
+    write_table(STEP_COLUMNS, map(step_cells, estimates), path)
 
 
-def _write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Path) -> None:
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
+class LiveSteps(LiveOutput):
+    """One row per estimate in `live`, and a table with the last estimate of each step.
 
-
-MODE_COLUMNS = (
-    "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
-    "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "ground_slope_rad", "ground_slope_sd_rad", "change_mode",
-    "change_distance_m", "change_distance_sd_m", "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m",
-    "slope_rad", "slope_sd_rad",
-)  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PredictedStep:
-    """The last prediction of a step before its foot touched down.
-
-    Attributes:
-        estimate: The last estimate before touch-down.
-        step: The step in that estimate.
-        steady_s: How long its predicted mode had not changed.
+    Args:
+        file: File to write; None only gives rows.
     """
 
-    estimate: ModeEstimate
-    step: StepPrediction
-    steady_s: float
+    def __init__(self, file: Path | None) -> None:
+        self._file = file
+        self._last: dict[int, StepEstimate] = {}
 
+    def add(self, estimate: Any) -> str | None:
+        """The row of an estimate; none of step 0, at which the person stands."""
+        if estimate is None or estimate.step <= 0:
+            return None
+        self._last[estimate.step] = estimate
+        return csv_row(step_cells(estimate))
 
-class CompletedSteps:
-    """Collects, from consecutive estimates, the last prediction of each completed step."""
-
-    def __init__(self) -> None:
-        self._since: dict[int, tuple[str, int]] = {}
-        self._before: ModeEstimate | None = None
-
-    def add(self, estimate: ModeEstimate) -> PredictedStep | None:
-        """Adds an estimate; returns the last prediction of a step completed since the previous estimate, if any."""
-        if self._before is not None and estimate.step < self._before.step:  # the poses jumped: start again
-            self._since, self._before = {}, None
-        since, before, made = self._since, self._before, None
-        if before is not None and estimate.step > before.step:
-            step = before.steps[0]
-            made = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
-            self._since = since = {number: mode for number, mode in since.items() if number > estimate.step}
-        for step in estimate.steps:
-            if since.get(step.step, ("", 0))[0] != step.mode:
-                since[step.step] = step.mode, estimate.t_ns
-        self._before = estimate
-        return made
-
-    def steady_s(self, estimate: ModeEstimate) -> float:
-        """How long the mode of the next step has not changed, at the last added estimate."""
-        return (estimate.t_ns - self._since[estimate.steps[0].step][1]) * 1e-9
-
-
-def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
-    """The last prediction of each completed step."""
-    steps = CompletedSteps()
-    return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
-
-
-def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
-    """Writes a table with one row per step, columns `MODE_COLUMNS`; unknown values are empty."""
-    _write_table(MODE_COLUMNS, map(mode_cells, rows), path)
-
-
-def mode_cells(row: PredictedStep) -> list[str]:
-    """A step as a row of `MODE_COLUMNS`."""
-    step, change = row.step, row.estimate.change
-    heading = np.array([math.cos(row.estimate.heading), math.sin(row.estimate.heading)])
-    variance = float(heading @ step.covariance @ heading)
-    forward_sd = math.sqrt(variance) if variance >= 0.0 else math.nan
-    cells = [
-        _cell(row.estimate.t_ns * 1e-9, 3), str(step.step), step.foot, step.mode,
-        _cell(step.probabilities[step.mode], 4),
-        *(_cell(step.probabilities[mode], 4) for mode in MODES), _cell(row.steady_s, 3), _cell(step.t_ns * 1e-9, 3),
-        _cell(step.t_sd_s, 3), *(_cell(x, 4) for x in step.p_foot_in_world), _cell(forward_sd, 4),
-        _cell(step.slope, 4), _cell(step.slope_sd, 4),
-    ]  # fmt: skip
-    if change is None:
-        return [*cells, *[""] * (len(MODE_COLUMNS) - len(cells))]
-    sizes = (
-        change.distance, change.distance_sd, change.time_s, change.riser, change.riser_sd, change.tread,
-        change.tread_sd, change.slope, change.slope_sd,
-    )  # fmt: skip
-    return [*cells, change.mode, *(_cell(size, 4) for size in sizes)]
-
-
-def _cell(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else ""
+    def finish(self, estimator: Estimator) -> dict[Path, int]:
+        """Writes the table."""
+        if self._file is None:
+            return {}
+        write_steps([self._last[step] for step in sorted(self._last)], self._file)
+        return {self._file: len(self._last)}

@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators import registry
-from stridetwin.estimators.base import STEPS
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
 from stridetwin.outputs.alignment import vertical_rotation
-from stridetwin.outputs.feeding import Found, fed
-from stridetwin.outputs.feeding import steps as steps_of
-from stridetwin.outputs.path.scores import Scores
-from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
-from stridetwin.streams.errors import RecordingError
-from stridetwin.streams.recording.reader import Recording
+from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
 from stridetwin.streams.samples import Footprint
 
 _EARLY_NS = 100_000_000
 _STANDING = 2  # the first footprints are the initial ones of both feet
+
+SCORES = (
+    Score(name="slope_rmse_deg", heading="slope °"),
+    Score(name="elevation_rmse_mm", heading="elevation mm"),
+    Score(name="slope_in_95_pct", scale=SHARE, heading="slope in 95 %"),
+    Score(name="elevation_in_95_pct", scale=SHARE, heading="elev. in 95 %"),
+    Score(name="classification_accuracy_pct", scale=SHARE, heading="class %"),
+    Score(name="unknown_pct", scale=BAD_SHARE, heading="unknown %"),
+    Score(name="missed_pct", scale=BAD_SHARE),
+    Score(name="false_pct", scale=BAD_SHARE),
+    *(Score(name=f"{axis}_rmse_mm") for axis in "dhy"),
+    Score(name="end_error_m", heading="end m"),
+    Score(name="end_error_pct", heading="end %"),
+    Score(name="steps", scale=DESCRIPTIVE),
+)
+"""The scores of estimated steps; see `step_scores`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,50 +190,6 @@ def yaw_aligned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     true, estimated = (np.array(places) for places in ([s.place for s in seen], [s.estimated_place for s in seen]))
     R = vertical_rotation((true - true.mean(axis=0)).T @ (estimated - estimated.mean(axis=0)))
     return [replace(s, estimated_place=tuple((R @ s.estimated_place).tolist())) if s.seen else s for s in steps]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StepResult:
-    """Result of a step estimator on one recording: its estimates, the true steps with them, and the scores.
-
-    The scores are those of `step_scores`, and `false_pct`, the share of false steps among the estimated ones.
-    """
-
-    estimates: list[StepEstimate]
-    steps: list[ScoredStep]
-    scores: Scores
-
-
-def evaluate_every_step(recording: Recording, only: Container[str] | None = None) -> dict[str, StepResult]:
-    """Every step estimator that the recording feeds, by name; none without true footprints.
-
-    Args:
-        recording: The recording.
-        only: Names of the estimators to run; None runs all.
-
-    Raises:
-        RecordingError: As `evaluate_steps`.
-    """
-    if FOOTPRINTS not in recording.topics:
-        return {}
-    every = {name: found for name, found in registry.estimators(STEPS).items() if only is None or name in only}
-    return {name: evaluate_steps(recording, found) for name, found in every.items() if fed(found, recording)}
-
-
-def evaluate_steps(recording: Recording, found: Found) -> StepResult:
-    """Runs the default method of a step estimator on a recording that feeds it, and scores it.
-
-    Raises:
-        RecordingError: None of its steps matches a true step.
-    """
-    made = steps_of(found, recording)
-    footprints = true_footprints(recording)
-    steps = score_steps(footprints, made)
-    if not any(s.seen for s in steps):
-        name = found.declaration.name
-        raise RecordingError(f"{recording.path}: {name} matched none of the {len(steps)} true steps")
-    false_pct = 100.0 * false_steps(footprints, made) / len(made)
-    return StepResult(estimates=made, steps=steps, scores={**step_scores(steps), "false_pct": false_pct})
 
 
 def step_scores(steps: Sequence[ScoredStep]) -> Scores:

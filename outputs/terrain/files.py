@@ -1,136 +1,24 @@
-"""The poses that a terrain map uses, its ground as a grid of heights and classes, and its files: JSON, PLY and glTF."""
+"""Files of a terrain map: planes and terrains as JSON, the ground as PLY points and as a glTF mesh."""
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stridetwin.estimators.base import POSES
-from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.estimators.base import Estimator
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
+from stridetwin.outputs.base import LiveOutput
+from stridetwin.outputs.terrain.grid import GroundGrid
 from stridetwin.streams.errors import RecordingError, needing
 from stridetwin.streams.files import json_text, whole_file
-from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration
-from stridetwin.streams.samples import Array, Odometry
-
-KINDS = (*MODES, "none")
-"""Class of the ground for a walker in a given direction: the mode of steps on it; `none` without a class."""
-KIND_COLORS = (
-    (70, 170, 90), (50, 110, 220), (130, 80, 205), (230, 140, 30), (185, 70, 45), (150, 150, 150),
-)  # fmt: skip
-"""RGB of each of `KINDS`."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GroundGrid:
-    """Columns of the map in the map's own, rotated grid.
-
-    Attributes:
-        first: (2,) int64, column of the first cell.
-        height: (I, J) m, NaN where unknown.
-        plane: (I, J) int64, id of the plane, -1 without a plane.
-        rotation: (2, 2), grid to world.
-        cell_m: Edge of a column.
-    """
-
-    first: NDArray[np.int64]
-    height: Array
-    plane: NDArray[np.int64]
-    rotation: Array
-    cell_m: float
-
-    @classmethod
-    def of(cls, terrain_map: TerrainMap) -> GroundGrid:
-        """The current ground of a map."""
-        p = terrain_map.parameters
-        c, s = math.cos(p.grid_rotation_rad), math.sin(p.grid_rotation_rad)
-        rotation = np.array([[c, -s], [s, c]])
-        points, plane = terrain_map.surface_points()
-        columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)
-        first = columns.min(axis=0) if len(columns) else np.zeros(2, np.int64)
-        shape = columns.max(axis=0) - first + 1 if len(columns) else np.zeros(2, np.int64)
-        height, ids = np.full(shape, np.nan), np.full(shape, -1, np.int64)
-        i, j = (columns - first).T
-        height[i, j], ids[i, j] = points[:, 2], plane
-        return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=p.voxel_size_m)
-
-    def at(self, xy: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Heights (...) m and plane ids (...) at places (..., 2) in the map's world; NaN and -1 where unknown."""
-        cell = np.floor(xy @ self.rotation / self.cell_m).astype(np.int64) - self.first
-        inside = np.asarray(((cell >= 0) & (cell < self.height.shape)).all(axis=-1), bool)
-        if not self.height.size:
-            return np.full(inside.shape, np.nan), np.full(inside.shape, -1, np.int64)
-        i, j = np.moveaxis(np.where(inside[..., None], cell, 0), -1, 0)
-        return np.where(inside, self.height[i, j], np.nan), np.where(inside, self.plane[i, j], -1)
-
-    def points(self) -> tuple[Array, NDArray[np.int64]]:
-        """(N, 3) m in the map's world, and (N,) ids."""
-        i, j = np.nonzero(np.isfinite(self.height))
-        xy = (np.column_stack([i, j]) + self.first + 0.5) * self.cell_m @ self.rotation.T
-        return np.column_stack([xy, self.height[i, j]]), self.plane[i, j]
-
-
-def kind_of(estimate: TerrainEstimate, plane: int, heading: float) -> str:
-    """One of `KINDS`: the class of a plane for a walker whose direction is given in rad from x in the map's world."""
-    terrain = estimate.terrain_of(plane)
-    if terrain is None:
-        return "none"
-    if not isinstance(terrain, Ramp | Stairs):
-        return "LG"
-    up = math.cos(terrain.heading - heading) >= 0.0
-    if isinstance(terrain, Stairs):
-        return "SA" if up else "SD"
-    return "RA" if up else "RD"
-
-
-def kinds_at(estimate: TerrainEstimate, plane: NDArray[np.int64], heading: float) -> NDArray[np.uint8]:
-    """Indices (...) into `KINDS` for plane ids (...)."""
-    ids, where = np.unique(plane, return_inverse=True)
-    known = [kind_of(estimate, int(i), heading) if i >= 0 else "none" for i in ids]
-    return np.array([KINDS.index(kind) for kind in known], np.uint8)[where].reshape(np.shape(plane))
-
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by its class."""
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
-
-def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
-    """The poses in a recording, and the frame that they belong to.
-
-    Returns:
-        Topic of the camera's own path, or of that of another sensor on its body; and that frame, "" for a folder of
-        depth alone.
-
-    Raises:
-        RecordingError: There are none.
-    """
-    rig = recording.rig
-    frames: list[CameraCalibration | ImuCalibration] = [camera, *rig.imus.values(), *rig.cameras.values()]
-    for frame in frames:
-        topic = f"/truth{frame.topic}/odometry"
-        if topic in recording.topics and frame.mount.body == camera.mount.body:
-            return topic, frame.topic.removeprefix("/")
-    paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
-    if len(paths) == 1 and not recording.is_mcap:  # in a folder of depth alone, the poses are the depth camera's
-        return paths[0], ""
-    raise RecordingError(
-        f"{recording.path}: no poses (/truth{camera.topic}/odometry); expected such poses, or --poses FILE"
-    )
-
-
-def pose_sample(t_ns: int, p: Array, q: Array, topic: str = POSES) -> Odometry:
-    """A pose, position (3,) m and quaternion (4,), as a sample; its velocities are unknown."""
-    unknown = np.full(3, np.nan)
-    return Odometry(
-        topic=topic, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
-    )
 
 
 def document(estimate: TerrainEstimate) -> dict[str, Any]:
@@ -273,3 +161,26 @@ def _write_ply(points: Any, kinds: list[str], plane: Any, file: Path) -> None:
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     header += [f"property {names[kind]} {name}" for name, kind in columns]
     file.write_bytes(("\n".join([*header, "end_header"]) + "\n").encode() + rows.tobytes())
+
+
+class LiveTerrain(LiveOutput):
+    """Each new map as one line of JSON in `live`, and the files of the last one.
+
+    Args:
+        file: JSON to write, beside which the other files lie; None only gives rows.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self._file = file
+
+    def add(self, estimate: Any) -> str | None:
+        """The map as JSON."""
+        return None if estimate is None else json.dumps(document(estimate), allow_nan=False)
+
+    def finish(self, estimator: Estimator) -> dict[Path, int]:
+        """Writes the files; rows are planes."""
+        if self._file is None:
+            return {}
+        terrain_map: Any = estimator
+        files, last = write_terrain(terrain_map, self._file), terrain_map.estimate
+        return {file: len(last.planes) if last else 0 for file in files}

@@ -10,8 +10,8 @@ import numpy as np
 
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.outputs.alignment import YawAlignment
-from stridetwin.outputs.modes.change_scores import ScoredChange, TerrainChange, mode_of
-from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
+from stridetwin.outputs.terrain.changes import ScoredChange, TerrainChange, mode_of
 from stridetwin.outputs.truth import edges, flights, scored_at_ns
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
@@ -36,6 +36,31 @@ _FACING = 0.5
 """Cosine of the angle at which an edge of a winding stair is still met from in front."""
 _EVERY = 5
 """Every n-th point is measured."""
+
+SCORES = (
+    Score(
+        name="accuracy_rmse_mm", heading="accuracy mm", label="Distance of the mapped ground to the true surface, RMS",
+        unit="mm", digits=1,
+    ),
+    Score(
+        name="accuracy_p95_mm", heading="accuracy 95 % mm", label="the same, 95th percentile", unit="mm", digits=1
+    ),
+    Score(
+        name="completeness_pct", scale=SHARE, heading="complete %", unit="%", digits=1,
+        label="Ground 0.5 to 2.5 m ahead mapped within 3 cm",
+    ),
+    Score(
+        name="edge_rmse_mm", heading="edges mm", label="Edge position along the route, RMS error", unit="mm", digits=1
+    ),
+    Score(name="edge_mean_mm", scale=DESCRIPTIVE),
+    Score(name="edge_false_pct", scale=BAD_SHARE),
+    Score(name="found_pct", scale=SHARE, heading="changes found %"),
+    Score(name="begin_rmse_mm", heading="begin mm"),
+    Score(name="riser_rmse_mm", heading="riser mm"),
+    Score(name="tread_rmse_mm", heading="tread mm"),
+    Score(name="slope_rmse_deg", heading="slope °"),
+)  # fmt: skip
+"""The scores of a terrain map; see `map_figures`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exoskeleton
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, ModeEstimate
-from stridetwin.outputs.feeding import Led
+from stridetwin.outputs.pose_feed import OdometryDriven
 from stridetwin.sim.config import SIDES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
@@ -48,13 +48,13 @@ class Predicted(Recognition):
 
     def __init__(self, rig: Rig) -> None:
         super().__init__()
-        self._ahead = Led(rig, LocomotionMode)
+        self._predictor = OdometryDriven(rig, LocomotionMode)
         self._next: tuple[int, str, str] | None = None
 
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
-        self._ahead.lead(sample)
-        estimate = self._ahead.update(sample)
+        self._predictor.update_odometry(sample)
+        estimate = self._predictor.update(sample)
         if isinstance(estimate, ModeEstimate):
             self._take(estimate)
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.pages.html import multiples, page, rendered, section, table
+from stridetwin.pages.html import data_uri, multiples, page, rendered, section, table
 from stridetwin.pages.plot import ERROR, PALETTE, Plot
-from stridetwin.report.images import data_uri
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import BodyImage
 from stridetwin.studies.placement.free import Knob

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
-from stridetwin.outputs.path.figures import steps_from_aside
+from stridetwin.outputs.steps.figures import steps_from_aside
 from stridetwin.outputs.steps.scores import ScoredStep
 from stridetwin.pages.html import boxes, page, preformatted, section
 from stridetwin.pages.plot import INK, PALETTE, Plot

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
+from stridetwin.outputs.chosen_poses import given_poses
 from stridetwin.outputs.modes.scores import ScoredMode
-from stridetwin.outputs.terrain.files import given_poses
 from stridetwin.outputs.truth import TruePath
 from stridetwin.sim.config import Gait, Gaze, Level, Person, Route, Segment, Stairs, Thing, TwinConfig
 from stridetwin.sim.wearer.body import wearer

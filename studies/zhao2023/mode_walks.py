@@ -23,9 +23,10 @@ from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMo
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.alignment import MovingAlignment
-from stridetwin.outputs.feeding import Leading, pose_of
+from stridetwin.outputs.chosen_poses import given_poses
 from stridetwin.outputs.modes.scores import ModeScores, score_modes
-from stridetwin.outputs.terrain.files import given_poses
+from stridetwin.outputs.path.run import pose_of
+from stridetwin.outputs.pose_feed import PoseFeed
 from stridetwin.outputs.truth import FOOTPRINTS, TruePath, true_footprints
 from stridetwin.reference.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -280,14 +281,14 @@ def posed(
         topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from inject(iter(recording.samples(topics)))
         return
-    odometry, leading = odometer("proposed", recording.rig, mount), Leading()
+    odometry, pose_feed = odometer("proposed", recording.rig, mount), PoseFeed()
     arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
     for sample in inject(arriving):
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometry.update(sample)
             if (pose := pose_of(estimate)) is not None and pose.valid:
                 seen(pose)
-            yield from leading.samples(estimate)
+            yield from pose_feed.samples(estimate)
         if isinstance(sample, Depth | Insole):
             yield sample
 

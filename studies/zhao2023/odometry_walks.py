@@ -16,7 +16,7 @@ import numpy as np
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
-from stridetwin.outputs.feeding import pose_of
+from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.path.scores import Odometry, drift_figures
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.recording.reader import Recording

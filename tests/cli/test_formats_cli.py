@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.foreign_files import FORMATS, Walk
 from stridetwin.cli import options
 from stridetwin.cli.main import main
-from stridetwin.outputs.path.evaluate import true_path
+from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats import opening
 from stridetwin.streams.formats.imu_table import read_imu_table

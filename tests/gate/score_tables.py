@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from stridetwin.gate.score_table import document_of, table_of
-from stridetwin.outputs.path.evaluate import summary
+from stridetwin.gate.score_table import document_of, mean_scores, table_of
 
 SPREADS = {"ape_rmse_m": 0.4, "end_error_m": 0.9, "rpe_1m_pct": 0.2, "rpe_5m_pct": 0.3}
 
@@ -28,4 +27,4 @@ def table(seed, count, factor=1.0, jitter=0.0, names=("mine",), first=0):
 
 
 def of_rows(rows):
-    return table_of(document_of(rows, summary(row["estimators"] for row in rows)), "made up")
+    return table_of(document_of(rows, mean_scores(row["estimators"] for row in rows)), "made up")

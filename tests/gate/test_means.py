@@ -3,8 +3,7 @@
 import pytest
 
 from stridetwin.gate.compare import Rules, compare_scores
-from stridetwin.gate.score_table import table_of
-from stridetwin.outputs.path.evaluate import summary
+from stridetwin.gate.score_table import mean_scores, table_of
 
 SAME = {"ape_rmse_m": 0.1, "nees_position_within_95_pct": 90.0, "distance_m": 20.0}
 
@@ -32,7 +31,7 @@ def test_descriptions_of_the_walk_are_not_compared_but_a_missing_score_is_worse(
 
 
 def test_a_summary_has_means_and_the_largest_maximum():
-    both = summary([{"a": {"ape_rmse_m": 1.0, "ape_max_m": 2.0}}, {"a": {"ape_rmse_m": 3.0, "ape_max_m": 8.0}}])
+    both = mean_scores([{"a": {"ape_rmse_m": 1.0, "ape_max_m": 2.0}}, {"a": {"ape_rmse_m": 3.0, "ape_max_m": 8.0}}])
     assert both == {"a": {"ape_rmse_m": 2.0, "ape_max_m": 8.0}}
 
 

@@ -14,33 +14,36 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
+from stridetwin.estimators.base import PathEstimate
 from stridetwin.gate.own_estimators import Program, PythonClass, estimated_path
-from stridetwin.outputs.path.evaluate import Estimate, evaluate
+from stridetwin.outputs.path.evaluate import evaluate
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 
 CLASSES = """
-from types import SimpleNamespace
+from dataclasses import replace
+import numpy as np
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 
 class Left:
     topics = ("/foot_l/imu",)
 
     def __init__(self, rig):
-        self.filter = FootIns(rig.imu("/foot_l/imu"))
+        self.filter = FootIns(rig, options=Options(foot="l"))
 
     def update(self, sample):
         e = self.filter.update(sample)
         if e is None or not e.aligned:
             return None
-        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=e.p_imu_in_world, q_world_frame=e.q_world_imu)
+        return e.pose
 
 class Right(Left):
     frame = "foot_r/imu"
 
     def __init__(self, rig):
-        self.filter = FootIns(rig.imu("/foot_r/imu"))
+        self.filter = FootIns(rig, options=Options(foot="r"))
     topics = ("/foot_r/imu",)
 
 class Greedy:
@@ -60,13 +63,13 @@ class Odd(Left):
         return e and self.changed(e)
 
 class Zero(Odd):
-    def changed(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (0, 0, 0, 0)})
+    def changed(self, e): return replace(e, rotation=np.zeros(4))
 
 class Five(Odd):
-    def changed(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (5.0, 0, 0, 0)})
+    def changed(self, e): return replace(e, rotation=np.array([5.0, 0, 0, 0]))
 
 class Far(Odd):
-    def changed(self, e): return SimpleNamespace(**vars(e) | {"p_frame_in_world": (0, 1e200, 0)})
+    def changed(self, e): return replace(e, p_frame_in_world=np.array([0, 1e200, 0]))
 
 class Elsewhere(Left):
     topics = ("/foot_x/imu",)
@@ -75,7 +78,7 @@ class NoSuchImu(Left):
     def __init__(self, rig): rig.imu("/foot_left/imu")
 
 class Timeless(Odd):
-    def changed(self, e): return SimpleNamespace(**vars(e) | {"t_ns": 5})
+    def changed(self, e): return replace(e, t_ns=5)
 
 class Framed(Left):
     frame = ["a"]
@@ -99,12 +102,13 @@ nothing = 3
 
 PROGRAM = """
 import sys
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.formats.tum import write_tum
 
 recording = Recording(sys.argv[1])
-path = FootIns(recording.rig.imu("/foot_l/imu")).run(recording.block("/foot_l/imu")).trajectory
+path = FootIns(recording.rig, options=Options(foot="l")).run(recording.block("/foot_l/imu")).trajectory
 write_tum(path, sys.argv[2])
 """
 
@@ -234,7 +238,7 @@ def test_what_is_no_pose_is_one_error_of_that_estimator(walk, place, capsys, nam
 @pytest.mark.parametrize("value", [float("inf"), float("nan"), -1e101])
 def test_a_score_that_no_file_can_hold_is_an_error(walk, recording, value):
     path = read_tum(walk / "foot_ins_l.txt")
-    made = Estimate(name="mine", frame="foot_l/imu", path=path, nis={"standing": value})
+    made = PathEstimate(name="mine", frame="foot_l/imu", path=path, nis={"standing": value})
     with pytest.raises(StrideTwinError, match=r"^mine: nis_standing: invalid \S+: expected a number of up to 1e"):
         evaluate(recording, [made])
 

@@ -16,8 +16,7 @@ from stridetwin.sim import parts
 
 PLUGIN = "stridetwin.gate.pytest_plugin"
 TEST = """
-from types import SimpleNamespace
-
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.sim.config import Level, Route, TwinConfig
 
@@ -26,11 +25,10 @@ class Mine:
     topics = ("/foot_l/imu",)
 
     def __init__(self, rig):
-        self.filter = FootIns(rig.imu("/foot_l/imu"))
+        self.filter = FootIns(rig, options=Options(foot="l"))
 
     def update(self, sample):
-        e = self.filter.update(sample)
-        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=e.p_imu_in_world, q_world_frame=e.q_world_imu)
+        return self.filter.update(sample)
 
 
 def test_accuracy(stridetwin_scenario, stridetwin_score):

@@ -13,21 +13,21 @@ from stridetwin.cli.score import score_tables
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
 from stridetwin.gate.compare import Rules, compare_scores
 from stridetwin.gate.score_table import table_of
+from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.alignment import MovingAlignment, YawAlignment
-from stridetwin.outputs.feeding import merged
-from stridetwin.outputs.modes.change_scores import ScoredChange
-from stridetwin.outputs.modes.scores import mode_figures, score_modes
-from stridetwin.outputs.terrain.figures import (
-    ground_errors,
-    ground_from_above,
-    ground_from_aside,
-    lead_times,
-    mode_ribbon,
-    prediction_runs,
-)
-from stridetwin.outputs.terrain.files import KINDS
+from stridetwin.outputs.modes.figures import lead_times, mode_ribbon, prediction_runs, steps_from_above
+from stridetwin.outputs.modes.kind import EvaluatedModes, Modes
+from stridetwin.outputs.modes.rerun import prediction_text
+from stridetwin.outputs.modes.scores import mode_figures, score_modes, scores_of_walk
+from stridetwin.outputs.pose_feed import merge_poses
+from stridetwin.outputs.straightened_route import HALF_WIDTH_M
+from stridetwin.outputs.terrain.changes import ScoredChange
+from stridetwin.outputs.terrain.figures import ground_errors, ground_from_above, ground_from_aside
+from stridetwin.outputs.terrain.grid import GROUND_CLASSES
+from stridetwin.outputs.terrain.mapped_route import CELL_M, MappedRoute
+from stridetwin.outputs.terrain.rerun import log_ground
 from stridetwin.outputs.terrain.scores import MapScores, map_figures, true_heights
-from stridetwin.outputs.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
+from stridetwin.outputs.terrain.snapshots import Snapshot
 from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.samples import Depth, Footprint, Odometry
@@ -102,35 +102,49 @@ def predictions(footprints: list[Footprint]) -> list[ModeEstimate]:
 
 
 @pytest.fixture(scope="module")
-def ahead() -> Ahead:
+def walk() -> AlignedWalk:
     footprints = walked()
-    estimates = predictions(footprints)
     t_ns = np.array([0, 10**10])
-    pose = {"p_frame_in_world": np.zeros((2, 3)), "q_world_frame": np.tile([1.0, 0, 0, 0], (2, 1))}
-    truth = {"p_frame_in_world": np.tile(SHIFT, (2, 1)),
-             "q_world_frame": np.tile([math.cos(TURN / 2), 0, 0, math.sin(TURN / 2)], (2, 1))}  # fmt: skip
-    laid = MovingAlignment(Trajectory(t_ns=t_ns, **pose), Trajectory(t_ns=t_ns, **truth))
-    modes = score_modes(footprints, estimates, laid, LAYOUT, 0.27)
+    poses = Trajectory(t_ns=t_ns, p_frame_in_world=np.zeros((2, 3)), q_world_frame=np.tile([1.0, 0, 0, 0], (2, 1)))
+    q_true = np.tile([math.cos(TURN / 2), 0, 0, math.sin(TURN / 2)], (2, 1))
+    truth = Trajectory(t_ns=t_ns, p_frame_in_world=np.tile(SHIFT, (2, 1)), q_world_frame=q_true)
+    places = np.array([f.p_foot_in_world for f in footprints])
+    return AlignedWalk(
+        frame="head/imu", poses=poses, camera=None, alignment=MovingAlignment(poses, truth), p_frame_in_world=places,
+        place_m=places[:, 0], layout=LAYOUT, footprints=footprints, foot_places_m=LAYOUT.way.project(places[:, :2]),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def evaluated(walk) -> EvaluatedModes:
+    estimates = predictions(walk.footprints)
+    modes = score_modes(walk.footprints, estimates, walk.alignment, LAYOUT, walk.sole_m)
+    return EvaluatedModes(
+        name="locomotion_mode", estimates=estimates, modes=modes, walk=walk, scores=scores_of_walk(modes)
+    )
+
+
+@pytest.fixture(scope="module")
+def route() -> MappedRoute:
     s = np.arange(-0.5, 6.5, CELL_M) + CELL_M / 2
     left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
-    kind = np.where((s > EDGES[0]) & (s < EDGES[-1]), KINDS.index("SA"), 0).astype(np.uint8)
-    seen = SeenWay(
+    classes = np.where((s > EDGES[0]) & (s < EDGES[-1]), GROUND_CLASSES.index("SA"), 0).astype(np.uint8)
+    return MappedRoute(
         s=s, left=left, height=np.tile(true_heights(LAYOUT.profile, s)[:, None] + 0.004, len(left)),
-        kind=np.tile(kind[:, None], len(left)), edges=np.array([[at + 0.006, -0.8, 0.8] for at in EDGES]),
+        classes=np.tile(classes[:, None], len(left)), edges=np.array([[at + 0.006, -0.8, 0.8] for at in EDGES]),
     )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def snapshots() -> list[Snapshot]:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.0]])
-    snapshots = [
-        Snapshot(t_ns=round(1e9 * t), points=np.zeros((5, 3), np.float32), kinds=np.zeros(5, np.uint8),
-                 planes=[(square, 0)], edges=[square[:2]])
+    return [
+        Snapshot(
+            t_ns=round(1e9 * t), points=np.zeros((5, 3), np.float32), classes=np.zeros(5, np.uint8),
+            planes=[(square, 0)], edges=[square[:2]],
+        )
         for t in np.arange(1.0, 8.0, 0.5)
     ]  # fmt: skip
-    scores = {"locomotion_mode": mode_scores(modes)}
-    nothing = MapScores(changes=(), accuracy_m=0.0, accuracy_p95_m=0.0, completeness=1.0, edge_errors=np.zeros(0))
-    return Ahead(
-        estimates=estimates, modes=modes, ground=nothing, terrain_map=None, seen=seen, snapshots=snapshots,
-        alignment=laid, layout=LAYOUT, footprints=footprints,
-        path=np.array([f.p_foot_in_world for f in footprints]), scores=scores,
-    )  # fmt: skip
 
 
 def test_an_alignment_is_inverted_exactly():
@@ -152,65 +166,74 @@ class DepthImages:
 def test_map_and_prediction_get_every_image_after_the_pose_of_its_instant():
     t_ns = np.arange(30) * 10**9 // 30
     path = Trajectory(t_ns=t_ns, p_frame_in_world=np.zeros((30, 3)), q_world_frame=np.tile([1.0, 0, 0, 0], (30, 1)))
-    given = list(merged(path, DepthImages(), ["/head/depth"]))
+    given = list(merge_poses(path, DepthImages(), ["/head/depth"]))
     assert [s.t_ns for s in given if isinstance(s, Depth)] == t_ns.tolist()
     assert [type(s) for s in given] == [Odometry, Depth] * 30
 
 
-def test_errors_of_steps_do_not_depend_on_the_estimators_world(ahead):
-    steps = ahead.modes.steps
+def test_errors_of_steps_do_not_depend_on_the_estimators_world(evaluated):
+    steps = evaluated.modes.steps
     assert [i for i, s in enumerate(steps) if not s.right] == list(WRONG_STEPS)
     np.testing.assert_allclose([s.forward_m for s in steps[1:]], 0.02, atol=1e-9)
     np.testing.assert_allclose([s.left_m for s in steps[1:]], 0.0, atol=1e-9)
-    (up,) = (a for a in ahead.modes.approaches if a.mode == "SA")
+    (up,) = (a for a in evaluated.modes.approaches if a.mode == "SA")
     assert (up.distance_m, up.riser_m, up.tread_m) == pytest.approx((0.0, 0.001, 0.002), abs=1e-9)
 
 
 PREDICTED = "predicted footprint, in its mode's colour"
 
 
-def test_the_plan_has_every_footprint_those_predicted_and_the_wrong_ones(ahead):
-    plan = figure(ground_from_above(ahead))
-    assert len(plan.shapes("true footprint")) == len(ahead.footprints)
-    known = len(ahead.footprints) - 3  # nothing is predicted of the first step between two landings
+def test_the_plan_of_the_steps_has_every_footprint_those_predicted_and_the_wrong_ones(evaluated):
+    plan = figure(steps_from_above(evaluated.estimates, evaluated.modes, evaluated.walk))
+    footprints = evaluated.walk.footprints
+    assert len(plan.shapes("true footprint")) == len(footprints)
+    known = len(footprints) - 3  # nothing is predicted of the first step between two landings
     assert len(plan.shapes(PREDICTED)) == len(plan.shapes("95 % ellipse")) == known
     assert len(plan.points("wrong")) == len(WRONG_STEPS)
+    assert {"level", "stair", PREDICTED} <= set(plan.labels)
+
+
+def test_the_plan_of_the_ground_has_the_map_and_the_footprints(route, walk):
+    plan = figure(ground_from_above(route, walk))
+    assert len(plan.shapes("true footprint")) == len(walk.footprints)
     assert len(plan.layout["images"]) == 1
-    assert {"mapped: level", "mapped: stairs up", "mapped edge", PREDICTED} <= set(plan.labels)
+    assert {"mapped: level", "mapped: stairs up", "mapped edge", "true path of the camera"} <= set(plan.labels)
 
 
-def test_predicted_footprints_lie_where_they_were_predicted(ahead):
-    plan = figure(ground_from_above(ahead))
+def test_predicted_footprints_lie_where_they_were_predicted(evaluated):
+    plan = figure(steps_from_above(evaluated.estimates, evaluated.modes, evaluated.walk))
     predicted = np.array(sorted(np.mean([s[:4] for s in plan.shapes(PREDICTED)], axis=1).tolist()))
     true = np.array(sorted(np.mean([s[:4] for s in plan.shapes("true footprint")][3:], axis=1).tolist()))
     np.testing.assert_allclose(predicted - true, np.tile([0.02, 0.0], (len(true), 1)), atol=1e-5)
 
 
-def test_the_ribbon_marks_what_the_score_calls_wrong(ahead):
-    ribbon = figure(mode_ribbon(ahead))
+def test_the_ribbon_marks_what_the_score_calls_wrong(evaluated):
+    ribbon = figure(mode_ribbon(evaluated.estimates, evaluated.modes, evaluated.walk))
     crosses = [t for t in ribbon.traces if t.get("marker", {}).get("symbol") == "x"]
     assert [len(t["x"]) for t in crosses] == [len(WRONG_STEPS)]
-    runs = prediction_runs(ahead)
+    runs = prediction_runs(evaluated.estimates, evaluated.modes, evaluated.walk)
     assert all(b > a for a, b, _, _ in runs)
     last = {round(b, 6): right for _, b, _, right in runs}  # what is predicted at touch-down is what counts
-    assert {s.t_s: last[round(s.t_s, 6)] for s in ahead.modes.steps} == {s.t_s: s.right for s in ahead.modes.steps}
+    assert {s.t_s: last[round(s.t_s, 6)] for s in evaluated.modes.steps} == {
+        s.t_s: s.right for s in evaluated.modes.steps
+    }
     wrong_runs = [s for s in ribbon.shapes("wrong") if len(s) == 5]
     assert len(wrong_runs) == sum(not right for *_, right in runs) == 2
-    early = [(a, b) for a, b, mode, _ in runs if mode == "LG" and b < ahead.modes.steps[2].t_s]
-    assert early[-1][1] == pytest.approx(ahead.modes.steps[2].t_s - 0.2, abs=0.051)  # right until just before
+    early = [(a, b) for a, b, mode, _ in runs if mode == "LG" and b < evaluated.modes.steps[2].t_s]
+    assert early[-1][1] == pytest.approx(evaluated.modes.steps[2].t_s - 0.2, abs=0.051)  # right until just before
 
 
-def test_leads_are_bars_as_long_as_they_are(ahead):
-    lead = figure(lead_times(ahead))
+def test_leads_are_bars_as_long_as_they_are(evaluated):
+    lead = figure(lead_times(evaluated.modes))
     bars = [s for label in ("level", "stairs up", "stairs down") if label in lead.labels for s in lead.shapes(label)]
-    known = [s.lead_s for s in ahead.modes.steps if s.lead_s > 0]
+    known = [s.lead_s for s in evaluated.modes.steps if s.lead_s > 0]
     np.testing.assert_allclose(sorted(np.ptp(b[:, 1]) for b in bars), sorted(known), atol=1e-5)
-    assert len(lead.points("changes the mode")) == sum(s.transition for s in ahead.modes.steps) == 2
+    assert len(lead.points("changes the mode")) == sum(s.transition for s in evaluated.modes.steps) == 2
     assert len(lead.points("wrong")) == len(WRONG_STEPS)
 
 
-def test_the_side_view_and_its_errors_are_in_millimetres(ahead):
-    aside, errors = figure(ground_from_aside(ahead)), figure(ground_errors(ahead))
+def test_the_side_view_and_its_errors_are_in_millimetres(route, walk):
+    aside, errors = figure(ground_from_aside(route, walk)), figure(ground_errors(route, walk))
     assert {"stair", "mapped edge"} <= set(aside.labels)
     found = errors.points("position of an edge along the route")
     assert len(found) == len(EDGES)
@@ -234,12 +257,11 @@ class Listening:
         self.logged.setdefault(entity, []).append((None, columns))
 
 
-def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
+def test_rerun_gets_ground_steps_and_modes_over_time(evaluated, snapshots):
     rr = pytest.importorskip("rerun")
-    from stridetwin.report.rerun_file import prediction_text, write_ahead
-
     stream = Listening()
-    write_ahead(rr, stream, ahead)
+    log_ground(rr, stream, snapshots)
+    Modes().log_rerun(rr, stream, [evaluated], recording=None)
     entities = {
         "world/ahead/ground",
         "world/ahead/planes",
@@ -249,20 +271,20 @@ def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
     }
     entities |= {"world/steps/ellipses", "modes/predicted", *(f"modes/probability/{m}" for m in MODES)}
     assert entities <= set(stream.logged)
-    assert [t for t, _ in stream.logged["world/ahead/ground"]] == [s.t_ns * 1e-9 for s in ahead.snapshots]
-    assert len(stream.logged["world/steps/true"]) == len(ahead.footprints)
-    assert len(stream.logged["world/steps/true"][-1][1].strips.as_arrow_array()) == len(ahead.footprints)
-    landed = [f.t_ns * 1e-9 for f in ahead.footprints[3:]]
+    assert [t for t, _ in stream.logged["world/ahead/ground"]] == [s.t_ns * 1e-9 for s in snapshots]
+    assert len(stream.logged["world/steps/true"]) == len(evaluated.walk.footprints)
+    assert len(stream.logged["world/steps/true"][-1][1].strips.as_arrow_array()) == len(evaluated.walk.footprints)
+    landed = [f.t_ns * 1e-9 for f in evaluated.walk.footprints[3:]]
     times = np.array([t for t, _ in stream.logged["world/steps/predicted"]])
     assert all(0.0 < times[times > t].min() - t < 0.11 for t in landed[:-1])  # at once after each landing
     first = np.array(stream.logged["world/steps/predicted"][0][1].strips.as_arrow_array().to_pylist()[0])
-    np.testing.assert_allclose(first[0, 0] - ahead.footprints[2].p_foot_in_world[0], 0.02, atol=1e-5)
-    assert prediction_text(ahead.estimates[0]) == (
+    np.testing.assert_allclose(first[0, 0] - evaluated.walk.footprints[2].p_foot_in_world[0], 0.02, atol=1e-5)
+    assert prediction_text(evaluated.estimates[0]) == (
         "next step (left): level, 96 %\nthen stairs up in 3.0 m, riser 151 mm, tread 302 mm"
     )
 
 
-def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(ahead):
+def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(evaluated):
     found = ScoredChange(mode="RA", found=True, distance_m=0.003, slope_rad=0.01)
     missed = ScoredChange(mode="SA", found=False)
     ground = map_figures(
@@ -275,7 +297,7 @@ def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(ahead):
     assert (ground["edge_rmse_mm"], ground["edge_mean_mm"]) == pytest.approx((math.sqrt(5.0), 1.0))
     assert ground["edge_false_pct"] == 50.0
     assert "riser_rmse_mm" not in ground
-    scores = {"locomotion_mode": ahead.scores["locomotion_mode"], "terrain_map": ground}
+    scores = {"locomotion_mode": evaluated.scores, "terrain_map": ground}
     lines = plain_text(score_tables(scores))
     for words in ("transitions %", "lead s", "accuracy mm", "complete %", "edges mm"):
         assert words in lines
@@ -288,7 +310,7 @@ def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(ahead):
     assert compare_scores(good, own, rules).regressions == []
 
 
-def test_pinned_numbers(ahead, num_regression):
+def test_pinned_numbers(evaluated, num_regression):
     """Every score of the steps, and of steps predicted with other probabilities and places."""
     rng = np.random.default_rng(5)
     footprints, estimates = walked(), []
@@ -300,6 +322,6 @@ def test_pinned_numbers(ahead, num_regression):
             mode = MODES[int(p.argmax())]
             steps.append(replace(step, mode=mode, probabilities=dict(zip(MODES, p)), p_foot_in_world=place))
         estimates.append(replace(estimate, steps=tuple(steps)))
-    modes = score_modes(footprints, estimates, ahead.alignment, LAYOUT, 0.27)
-    rows = [*modes.steps, *modes.approaches, mode_figures([modes, ahead.modes]), mode_scores(modes)]
+    modes = score_modes(footprints, estimates, evaluated.walk.alignment, LAYOUT, 0.27)
+    rows = [*modes.steps, *modes.approaches, mode_figures([modes, evaluated.modes]), scores_of_walk(modes)]
     assert_pinned(num_regression, columns(rows), SAME_POINTS)

@@ -3,19 +3,25 @@
 import numpy as np
 import pytest
 
-from stridetwin.estimators.base import BACKENDS, PathEstimate
-from stridetwin.outputs import terrain_ahead as ahead_module
-from stridetwin.outputs.feeding import all_paths
+from stridetwin.estimators.base import BACKENDS, PATH, PathEstimate
+from stridetwin.outputs.aligned_walk import odometry_of
+from stridetwin.outputs.base import scores_by_output
+from stridetwin.outputs.path.run import all_paths
+from stridetwin.outputs.registry import kinds
+from stridetwin.run import recording as run_module
+from stridetwin.run.recording import KindEvaluations, Selection, run_driven, run_recording
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Trajectory
 
 
 def test_two_processes_estimate_the_same_as_one(seen, monkeypatch):
     asked = []
-    monkeypatch.setattr(ahead_module, "two_see", lambda recording, only: asked.append(recording.path) or True)
-    made, ahead = ahead_module.all_estimates(Recording(seen), lambda stage, share: None)
+    monkeypatch.setattr(
+        run_module, "has_two_image_estimators", lambda recording, only: asked.append(recording.path) or True
+    )
+    of_kinds = {o.kind: o.outputs for o in run_recording(Recording(seen), in_two_processes=True)}
     assert asked == [seen]
-    alone = all_paths(Recording(seen))
+    made, alone = [o.estimates for o in of_kinds[kinds()[PATH]]], all_paths(Recording(seen))
     assert [e.name for e in made] == [e.name for e in alone]
     assert {e.name for e in made} >= {"foot_ins_l", "foot_to_foot_r", "dvio"}
     for one, other in zip(made, alone, strict=True):
@@ -23,8 +29,12 @@ def test_two_processes_estimate_the_same_as_one(seen, monkeypatch):
         assert one.nis == other.nis
         assert np.array_equal(one.path.t_ns, other.path.t_ns)
         assert np.array_equal(one.path.p_frame_in_world, other.path.p_frame_in_world)
-    assert ahead is not None
-    assert "terrain_map" in ahead.scores
+    assert "terrain_map" in {o.name for outputs in of_kinds.values() for o in outputs}
+
+
+def evaluate(recording, odometry, **selection):
+    of_kinds = run_driven(recording, odometry, Selection(**selection))
+    return [KindEvaluations(kind=o.kind, evaluations=o.kind.evaluate(o.outputs, recording)) for o in of_kinds]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -36,16 +46,14 @@ def test_the_map_of_either_backend_is_scored_and_predicts_modes(seen, backend):
         p_frame_in_world=truth.columns["p_frame_in_world"],
         q_world_frame=truth.columns["q_world_frame"],
     )
-    odometry = ahead_module.odometry_of(
-        recording, [PathEstimate(name="truth", frame="head/imu", path=path, leads=True)]
-    )
-    ahead = ahead_module.look_ahead(recording, odometry, backend=backend)
-    scores = ahead.scores["terrain_map"]
+    odometry = odometry_of(recording, [PathEstimate(name="truth", frame="head/imu", path=path, supplies_poses=True)])
+    of_kinds = evaluate(recording, odometry, backend=backend)
+    scores = scores_by_output(of_kinds)["terrain_map"]
     assert scores["accuracy_rmse_mm"] < 15.0
     assert scores["completeness_pct"] > 70.0
-    assert ahead.predicted["locomotion_mode"]
-    assert {e.steps[0].mode for e in ahead.predicted["locomotion_mode"]} == {"LG"}
-    alone = ahead_module.look_ahead(recording, odometry, backend=backend, only=("terrain_map",))
-    assert alone.predicted == {}
+    (modes,) = (e for o in of_kinds for e in o.evaluations if e.name == "locomotion_mode")
+    assert modes.estimates
+    assert {e.steps[0].mode for e in modes.estimates} == {"LG"}
+    alone = scores_by_output(evaluate(recording, odometry, backend=backend, only=frozenset({"terrain_map"})))
     same = scores if backend == "numba" else pytest.approx(scores, rel=0.1)  # Open3D's sums differ from run to run
-    assert alone.scores == {"terrain_map": same}
+    assert alone == {"terrain_map": same}

@@ -9,11 +9,11 @@ import pytest
 from stridetwin.estimators.terrain_map.estimate import Change, Plane
 from stridetwin.estimators.terrain_map.estimate import Level as LevelGround
 from stridetwin.estimators.terrain_map.estimate import Stairs as MappedStairs
-from stridetwin.outputs import terrain_ahead
 from stridetwin.outputs.alignment import YawAlignment
-from stridetwin.outputs.modes.change_scores import ScoredChange
 from stridetwin.outputs.modes.scores import ModeScores, mode_figures
-from stridetwin.outputs.terrain.files import KINDS
+from stridetwin.outputs.terrain import mapped_route, snapshots
+from stridetwin.outputs.terrain.changes import ScoredChange
+from stridetwin.outputs.terrain.grid import GROUND_CLASSES
 from stridetwin.outputs.terrain.scores import (
     MapScorer,
     MapScores,
@@ -372,7 +372,7 @@ def test_the_outline_of_a_plane_is_the_rectangle_of_its_points():
     angle, size = 0.5, np.array([1.2, 0.4])
     axes = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     it = plane(0, [1.0, 2.0, 0.5], gradient=(0.1, -0.2), spread=axes @ np.diag(size**2 / 12.0) @ axes.T)
-    outline = terrain_ahead._outline(it)
+    outline = snapshots._outline(it)
     np.testing.assert_array_equal(outline[0], outline[4])
     sides = np.linalg.norm(np.diff(outline[:, :2], axis=0), axis=1)
     np.testing.assert_allclose(sorted(sides), [0.4, 0.4, 1.2, 1.2])
@@ -400,43 +400,43 @@ def level_estimate(flights=()):
     return SimpleNamespace(stairs=flights, terrain_of=lambda k: LevelGround(id=0, plane=0) if k == 0 else None)
 
 
-def test_the_unrolled_ground_is_what_was_last_seen_of_it():
-    unrolled, here = terrain_ahead._Unrolled(LAYOUT, -0.5, 9.0), 1.0
-    unrolled.look(KnownGrid(-9.0, 2.9), level_estimate(), ALIGNMENT, here)
-    seen = unrolled.seen()
+def test_the_straightened_ground_is_what_was_last_seen_of_it():
+    mapper, here = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0), 1.0
+    mapper.add(KnownGrid(-9.0, 2.9), level_estimate(), ALIGNMENT, here)
+    seen = mapper.mapped_route()
     assert (seen.s[0], seen.left[0], seen.left[-1]) == pytest.approx((-0.48, -0.98, 0.98))
     known = np.isfinite(seen.height)
     expected = (seen.s > here - 0.2) & (seen.s < 2.9)
     assert (known == expected[:, None]).all()
     np.testing.assert_allclose(seen.height[known], 0.01, atol=1e-9)
-    assert (seen.kind[known] == KINDS.index("LG")).all()
-    assert (seen.kind[~known] == KINDS.index("none")).all()
-    unrolled.look(KnownGrid(-9.0, 20.0), level_estimate(), ALIGNMENT, 2.0)
-    seen = unrolled.seen()
+    assert (seen.classes[known] == GROUND_CLASSES.index("LG")).all()
+    assert (seen.classes[~known] == GROUND_CLASSES.index("none")).all()
+    mapper.add(KnownGrid(-9.0, 20.0), level_estimate(), ALIGNMENT, 2.0)
+    seen = mapper.mapped_route()
     known = np.isfinite(seen.height).all(axis=1)
     assert (known == (seen.s > here - 0.2) & (seen.s < 2.0 + 2.5)).all()
     np.testing.assert_allclose(seen.height[known, 0] - [height(s) for s in seen.s[known]], 0.01, atol=1e-9)
 
 
 def test_edges_ahead_are_stored_with_their_ends_and_replaced_when_seen_again():
-    unrolled, grid = terrain_ahead._Unrolled(LAYOUT, -0.5, 9.0), KnownGrid(0.0, 0.0)
+    mapper, grid = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0), KnownGrid(0.0, 0.0)
 
     def look(edges, here, up=True):
-        unrolled.look(grid, level_estimate((mapped_flight(0.0, 0.15, 0.3, np.array(edges), up=up),)), ALIGNMENT, here)
-        return unrolled.seen().edges
+        mapper.add(grid, level_estimate((mapped_flight(0.0, 0.15, 0.3, np.array(edges), up=up),)), ALIGNMENT, here)
+        return mapper.mapped_route().edges
 
     first = look([UP + 0.05, UP + 0.18, UP + 0.9], 2.0)
     np.testing.assert_allclose(first, [[UP + 0.05, -0.6, 0.9], [UP + 0.18, -0.6, 0.9]], atol=1e-9)
     again = look([UP + 0.01, UP + 0.27, UP + 0.62], 2.5)
     np.testing.assert_allclose(again[:, 0], [UP + 0.01, UP + 0.27, UP + 0.62], atol=1e-9)
-    down = terrain_ahead._Unrolled(LAYOUT, -0.5, 9.0)
-    down.look(
+    down = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0)
+    down.add(
         grid,
         level_estimate((mapped_flight(0.0, 0.15, 0.3, np.array([DOWN]), up=False, steps=1),)),
         ALIGNMENT,
         DOWN - 0.6,
     )
-    np.testing.assert_allclose(down.seen().edges, [[DOWN, -0.9, 0.6]], atol=1e-9)
+    np.testing.assert_allclose(down.mapped_route().edges, [[DOWN, -0.9, 0.6]], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -447,10 +447,10 @@ def test_edges_ahead_are_stored_with_their_ends_and_replaced_when_seen_again():
 )  # fmt: skip
 def test_an_edge_of_the_route_crosses_it(ends, kept):
     """Not those beside it, along it, behind the walker or farther ahead than 1.2 m."""
-    unrolled = terrain_ahead._Unrolled(LAYOUT, -0.5, 9.0)
+    mapper = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0)
     a, b = (np.array([1.0 + s, left, 0.15]) for s, left in ends)
-    unrolled._keep_edge(a, b, 1.0)
-    found = unrolled.seen().edges
+    mapper._keep_edge(a, b, 1.0)
+    found = mapper.mapped_route().edges
     assert len(found) == kept
     if kept:
         middle = next((a[0] + (b[0] - a[0]) * t for t in (-a[1] / (b[1] - a[1]),) if 0 <= t <= 1), a[0])
@@ -461,7 +461,7 @@ def test_an_edge_of_the_route_crosses_it(ends, kept):
 def test_lines_of_edges_lie_on_the_treads_above_them():
     flight = mapped_flight(UP, 0.15, 0.3, UP + np.array([0.0, 0.3, 0.6]))
     flight.edges[1] = np.nan
-    low, high = terrain_ahead._edge_lines(flight)
+    low, high = mapped_route.edge_lines(flight)
     for line, s, z in ((low, UP, 1.15), (high, UP + 0.6, 1.45)):
         true = ALIGNMENT.to_true(line)
         np.testing.assert_allclose(true[:, :2], [[s, -0.6], [s, 0.9]], atol=1e-9)
@@ -480,12 +480,16 @@ def test_a_snapshot_shows_one_point_per_cell_and_the_planes_nearby():
         t_ns=7, planes=planes, p_camera_in_world=eye, stairs=(flight,), terrain_of=level_estimate().terrain_of
     )
     grid = SimpleNamespace(points=lambda: (points, np.r_[np.zeros(40, int), -1, 0, 0]))
-    shown = terrain_ahead._snapshot(grid, estimate, ALIGNMENT, 0.0)
+    shown = snapshots.take_snapshot(grid, estimate, ALIGNMENT, 0.0)
     assert shown.t_ns == 7
     np.testing.assert_allclose(shown.points, ALIGNMENT.to_true(points[[40, 0, 42]]), atol=1e-5)
-    assert shown.kinds.tolist() == [KINDS.index("none"), KINDS.index("LG"), KINDS.index("LG")]
+    assert shown.classes.tolist() == [
+        GROUND_CLASSES.index("none"),
+        GROUND_CLASSES.index("LG"),
+        GROUND_CLASSES.index("LG"),
+    ]
     ((outline, kind),) = shown.planes
-    assert kind == KINDS.index("LG")
+    assert kind == GROUND_CLASSES.index("LG")
     np.testing.assert_allclose(outline[:4].mean(axis=0), ALIGNMENT.to_true(planes[0].centre), atol=1e-9)
     assert len(shown.edges) == 3
     np.testing.assert_allclose(shown.edges[2][:, :2], [[UP + 0.6, -0.6], [UP + 0.6, 0.9]], atol=1e-9)

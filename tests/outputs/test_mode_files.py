@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
-from stridetwin.outputs.steps.files import MODE_COLUMNS, predicted_steps
+from stridetwin.outputs.modes.files import MODE_COLUMNS, predicted_steps
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig

@@ -13,7 +13,7 @@ import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.outputs.alignment import MovingAlignment
-from stridetwin.outputs.modes.change_scores import ScoredChange, mode_changes
+from stridetwin.outputs.modes.approaches import mode_changes
 from stridetwin.outputs.modes.scores import (
     ModeScores,
     ScoredMode,
@@ -22,6 +22,7 @@ from stridetwin.outputs.modes.scores import (
     reliability,
     score_modes,
 )
+from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.outputs.truth import flights
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.terrain import Terrain

@@ -7,7 +7,7 @@ from stridetwin.cli.console import plain_text
 from stridetwin.cli.score import score_tables
 from stridetwin.gate.compare import Rules, compare_scores
 from stridetwin.gate.score_table import table_of
-from stridetwin.outputs.path.figures import steps_from_above, steps_from_aside
+from stridetwin.outputs.steps.figures import steps_from_above, steps_from_aside
 from stridetwin.outputs.steps.scores import ScoredStep, step_scores
 from stridetwin.sim.config import Level, Ramp, Route
 from stridetwin.sim.world.route import lay_out

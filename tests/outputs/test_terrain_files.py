@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
-from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.outputs.feeding import mapped
-from stridetwin.outputs.terrain.files import COLORS, KINDS, GroundGrid, kinds_at
+from stridetwin.outputs.terrain.files import COLORS
+from stridetwin.outputs.terrain.grid import GROUND_CLASSES, GroundGrid, ground_classes_at
 from stridetwin.outputs.terrain.scores import distance_to, mesh_of, true_changes
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.terrain_truth import Slab
+from tests.mapped_recording import map_recording
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
 RISER, TREAD = 0.15, 0.30
@@ -124,7 +124,7 @@ def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
 
 
 def test_a_grid_of_the_ground_has_heights_and_classes_by_direction(folder):
-    terrain_map = mapped(TerrainMap, open_any(folder))
+    terrain_map = map_recording(open_any(folder))
     grid = GroundGrid.of(terrain_map)
     xy = np.random.default_rng(0).uniform([-0.5, -0.4], [0.8, 0.4], (200, 2))
     height, plane = grid.at(xy.reshape(20, 10, 2))
@@ -134,7 +134,10 @@ def test_a_grid_of_the_ground_has_heights_and_classes_by_direction(folder):
     assert sorted(map(tuple, points.round(6))) == sorted(map(tuple, theirs.round(6)))
     assert sorted(ids) == sorted(planes)
     tread = plane.ravel()[(xy[:, 0] > 0.05) & (xy[:, 0] < 0.25) & (plane.ravel() >= 0)]
-    names = [{KINDS[k] for k in kinds_at(terrain_map.estimate, np.array(tread), heading)} for heading in (0.0, math.pi)]
+    names = [
+        {GROUND_CLASSES[k] for k in ground_classes_at(terrain_map.estimate, np.array(tread), heading)}
+        for heading in (0.0, math.pi)
+    ]
     assert names == [{"SA"}, {"SD"}]
     assert grid.at(np.array([[99.0, 99.0]]))[1] == -1
 

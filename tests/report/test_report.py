@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from stridetwin.outputs.feeding import all_paths
 from stridetwin.outputs.path.evaluate import evaluate
+from stridetwin.outputs.path.run import all_paths
 from stridetwin.pages.plot import library
 from stridetwin.reference.norms import level_norm, reference, speed_group
 from stridetwin.report.figures_gait import level_strides

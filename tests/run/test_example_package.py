@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,12 +15,11 @@ from live_bridge import alive, sent
 
 from stridetwin.cli.main import main
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import Options
-from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.outputs.feeding import pose_of
+from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.trajectory import Pose
 
 PACKAGE = Path(__file__).parent / "example_package"
 NAMES = {"gravity_foot_l", "gravity_foot_r"}
@@ -129,27 +129,14 @@ def test_an_entry_point_that_is_no_estimator_is_named(tmp_path, monkeypatch):
         registry.names()
 
 
-def test_forms_of_the_release_before_still_work_and_warn(seen):
-    recording = Recording(seen)
-    block = recording.block("/foot_l/imu")
-    with pytest.warns(DeprecationWarning, match="FootIns"):
-        old = FootIns(recording.rig.imu("/foot_l/imu"))
-    new = FootIns(recording.rig, options=Options(foot="l"))
-    one, other = old.update(next(iter(block))), new.update(next(iter(block)))
-    with pytest.warns(DeprecationWarning, match="p_imu_in_world"):
-        np.testing.assert_array_equal(one.p_imu_in_world, other.pose.p_frame_in_world)
-    with pytest.warns(DeprecationWarning, match="q_world_imu"):
-        np.testing.assert_array_equal(one.q_world_imu, other.pose.q_world_frame)
-
-    class Own:
-        t_ns, p_frame_in_world, q_world_frame = 5, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)
-
-    with pytest.warns(DeprecationWarning, match="p_frame_in_world"):
-        pose = pose_of(Own())
-    assert pose.t_ns == 5
-    np.testing.assert_array_equal(pose.T_world_frame[:3, 3], [1.0, 2.0, 3.0])
-    with pytest.raises(StrideTwinError, match=r"expected stridetwin\.streams\.trajectory\.Pose"):
-        pose_of(3)
+def test_what_is_no_pose_is_refused():
+    pose = Pose(t_ns=5, p_frame_in_world=np.zeros(3), rotation=np.array([1.0, 0.0, 0.0, 0.0]))
+    assert pose_of(None) is None
+    assert pose_of(pose) is pose
+    assert pose_of(SimpleNamespace(pose=pose)) is pose
+    for estimate in (3, SimpleNamespace(t_ns=5, p_frame_in_world=np.zeros(3))):
+        with pytest.raises(StrideTwinError, match=r"expected stridetwin\.streams\.trajectory\.Pose"):
+            pose_of(estimate)
 
 
 def test_no_module_outside_its_package_names_an_estimator():

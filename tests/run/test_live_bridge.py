@@ -19,12 +19,12 @@ from stridetwin.cli.main import main
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
-from stridetwin.outputs.feeding import merged
-from stridetwin.outputs.steps.files import predicted_steps, write_modes
+from stridetwin.outputs.modes.files import predicted_steps, write_modes
+from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.terrain.files import write_terrain
 from stridetwin.run import live
 from stridetwin.run.latency import Latency, Times
-from stridetwin.run.live_chain import Fit
+from stridetwin.run.live_chain import InputCheck
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.kalibr import write_rig
@@ -95,7 +95,7 @@ def test_steps_live_are_steps_offline(seen, tmp_path):
 
 def poses_and_rest(recording, odometry):
     """What leads a map through a recording, as `run` does it: the odometry's poses, insoles and depth in order."""
-    return merged(odometry.path[odometry.healthy], recording, [*INSOLES, "/head/depth"], odometry.camera)
+    return merge_poses(odometry.path[odometry.healthy], recording, [*INSOLES, "/head/depth"], odometry.camera)
 
 
 def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatch):
@@ -249,18 +249,18 @@ def test_what_an_estimator_can_take():
         intrinsics=(30.0, 30.0, 15.5, 11.5),
     )  # fmt: skip
     head = replace(camera, topic="/head/color", mount=Mount(body="head"), depth_topic="/head/depth")
-    fit = Fit(
+    fit = InputCheck(
         {"/foot_l/camera": Image, "/head/color": Image, "/head/depth": Depth},
         Rig(cameras={c.topic: c for c in (camera, head)}),
     )
 
     def image(topic, *shape):
-        return fit.wrong(Image(topic=topic, t_ns=1, pixels=np.zeros(shape, np.uint8)))
+        return fit.find_problem(Image(topic=topic, t_ns=1, pixels=np.zeros(shape, np.uint8)))
 
     assert image("/foot_l/camera", 24, 32) is image("/head/color", 24, 32, 3) is image("/head/color", 24, 32) is None
     assert "colour" in image("/foot_l/camera", 24, 32, 3)[0]
     assert image("/head/color", 32, 24, 3)[1] == "24 × 32, not 32 × 24"
-    assert fit.wrong(Depth(topic="/head/depth", t_ns=1, depth=np.zeros((24, 32), np.float32))) is None
+    assert fit.find_problem(Depth(topic="/head/depth", t_ns=1, depth=np.zeros((24, 32), np.float32))) is None
     assert image("/head/depth", 24, 32)[1] == "Image, not Depth"
     assert fit.other_kind == {"/head/depth": 1}
     assert fit.other_size == {"/foot_l/camera": 1, "/head/color": 1}

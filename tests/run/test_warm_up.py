@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from stridetwin.run.live_chain import Request, chain_of
+from stridetwin.run.live_chain import Chain, Request
 from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
@@ -18,7 +18,7 @@ from stridetwin.sim.twin import Twin
 
 def last_rows(estimator):
     """The last row of each estimator of a chain."""
-    chain, rows = chain_of(Request(estimator=estimator), synthetic_rig(), {}), {}
+    chain, rows = Chain(Request(estimator=estimator), synthetic_rig(), {}), {}
     for sample in synthetic_samples(chain.takes):
         rows |= {name: row for name, row in chain.update(sample) if row}
     return rows
@@ -50,7 +50,7 @@ def test_the_stair_ahead_is_found():
 LEFT_TO_COMPILE = """
 import gc, json, sys
 from numba.core.dispatcher import Dispatcher
-from stridetwin.run.live_chain import Request, chain_of
+from stridetwin.run.live_chain import Chain, Request
 from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
 from stridetwin.streams.live.messages import Decoder, stored_messages
 from stridetwin.streams.recording.reader import Recording
@@ -71,10 +71,10 @@ def read(recording, topics):
         yield decoder.sample(message)
 
 recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])
-chain = chain_of(asked, synthetic_rig(), recording.metadata)
+chain = Chain(asked, synthetic_rig(), recording.metadata)
 show(chain, synthetic_samples(chain.takes))
 before = compiled()
-chain = chain_of(asked, recording.rig, recording.metadata)
+chain = Chain(asked, recording.rig, recording.metadata)
 show(chain, read(recording, list(chain.takes)))
 after = compiled()
 print(json.dumps([sum(after.values()), sorted(k for k, n in after.items() if n != before.get(k, 0))]))

@@ -7,8 +7,8 @@ from mcap.reader import make_reader
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.outputs.path.evaluate import true_path
 from stridetwin.outputs.path.scores import compare, score
+from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.recording import index

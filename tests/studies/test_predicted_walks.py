@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.outputs.modes.change_scores import ScoredChange
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
+from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.pages.plot import library
 from stridetwin.reference.norms import reference
 from stridetwin.sim.config import Turn

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.real_walks import data_folder
-from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.outputs.feeding import mapped
 from stridetwin.streams.formats.opening import open_any
+from tests.mapped_recording import map_recording
 
 FOLDER = data_folder("stairs_depth")
 pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
@@ -14,7 +13,7 @@ pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRID
 
 @pytest.fixture(scope="module")
 def terrain_map():
-    return mapped(TerrainMap, open_any(FOLDER / "stairs_depth"))
+    return map_recording(open_any(FOLDER / "stairs_depth"))
 
 
 def test_floor_and_treads_with_their_measures(terrain_map):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import CAMERA_POSES, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY
-from stridetwin.outputs.terrain.files import pose_sample
+from stridetwin.outputs.pose_feed import pose_sample
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Imu

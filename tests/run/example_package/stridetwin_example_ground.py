@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from stridetwin.estimators.base import MAP, MODES, POSE_STREAM, Declaration, Options, Stream
+from stridetwin.estimators.base import MODES, POSE_STREAM, TERRAIN, Declaration, Options, Stream
 from stridetwin.estimators.locomotion_mode import MODES as WORDS
 from stridetwin.estimators.locomotion_mode import ModeEstimate, StepPrediction
 from stridetwin.estimators.terrain_map import Level, Plane, Profile, TerrainEstimate, TerrainMapParameters
@@ -27,7 +27,7 @@ class FlatGround:
     """Level ground, at a fixed height below the camera."""
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="flat_ground", kind=MAP, description="level ground below the camera", needs="a depth camera"
+        name="flat_ground", kind=TERRAIN, description="level ground below the camera", needs="a depth camera"
     )
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:

@@ -1,68 +1,22 @@
-"""Terrain changes of a route, and the errors of their estimates 1.5 s before the first foot lands beyond them."""
+"""Predicted terrain changes beside the true ones, 1.5 s before the first foot lands beyond each of them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.outputs.alignment import MovingAlignment
+from stridetwin.outputs.terrain.changes import ScoredChange, TerrainChange, mode_of
 from stridetwin.outputs.truth import flights, scored_at_ns
 from stridetwin.streams.samples import Array, Footprint
-from stridetwin.streams.terrain_truth import Layout, Strip
+from stridetwin.streams.terrain_truth import Layout
 
 _STAIR_M = 0.07
 _MATCH_M = 0.4
-
-
-@dataclass(frozen=True, kw_only=True)
-class TerrainChange:
-    """A place on the route where stairs, a ramp or level ground begin.
-
-    Attributes:
-        s: m along the route.
-        mode: Mode of the steps beyond it.
-        riser: m, down negative; 0 if no stairs begin.
-        tread: m; 0 if no stairs begin.
-        risers: Their number.
-        slope: rad, down negative; 0 if no ramp begins.
-    """
-
-    s: float
-    mode: str
-    riser: float = 0.0
-    tread: float = 0.0
-    risers: int = 0
-    slope: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScoredChange:
-    """Errors of an estimated terrain change (estimated minus true), and the reported standard deviations; or NaN.
-
-    Attributes:
-        mode: True mode of the steps beyond it.
-        found: Whether it was detected.
-        distance_m: Error of the position along the route.
-        riser_m: Error of the height of the risers.
-        tread_m: Error of the depth of the treads.
-        slope_rad: Error of the slope.
-    """
-
-    mode: str
-    found: bool
-    distance_m: float = math.nan
-    distance_sd_m: float = math.nan
-    riser_m: float = math.nan
-    riser_sd_m: float = math.nan
-    tread_m: float = math.nan
-    tread_sd_m: float = math.nan
-    slope_rad: float = math.nan
-    slope_sd_rad: float = math.nan
 
 
 def mode_changes(layout: Layout) -> list[TerrainChange]:
@@ -76,11 +30,6 @@ def mode_changes(layout: Layout) -> list[TerrainChange]:
         if abs(after.z0 - before.z1) < _STAIR_M and after.slope != before.slope:
             found.append(TerrainChange(s=after.s0, mode=mode_of(after), slope=after.slope))
     return sorted(found, key=lambda change: change.s)
-
-
-def mode_of(strip: Strip) -> str:
-    """Mode of the steps along a strip without edges."""
-    return "LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD"
 
 
 def score_approaches(

@@ -1,0 +1,100 @@
+"""A walk as its odometry saw it, beside the truth: what scores of terrain and modes, and their figures, are based on.
+
+Estimates of terrain and modes live in the world of the odometry's poses. They are aligned with the truth at each
+instant, so that drift of the poses counts only as an error of the odometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.estimators.base import PathEstimate
+from stridetwin.outputs.alignment import MovingAlignment, YawAlignment
+from stridetwin.outputs.truth import FOOTPRINTS, along_way, true_footprints, true_path
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array, Footprint
+from stridetwin.streams.terrain_truth import Layout, terrain_layout
+from stridetwin.streams.trajectory import Trajectory
+
+_SOLE_M = 0.27
+"""Length of the soles where the recording does not say it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AlignedWalk:
+    """The poses of an odometry over N instants, beside the truth.
+
+    Attributes:
+        frame: Frame of the poses, such as `head/imu`.
+        poses: N poses that the odometry trusts, in its own world.
+        camera: Its estimates of the camera's pose in the frame, one per change; None if it gives none.
+        alignment: From the odometry's world to the true one, per instant.
+        p_frame_in_world: (N, 3) m, true positions of the frame.
+        place_m: (N,) m along the route, true.
+        layout: The true terrain.
+        footprints: The true footprints; the two initial ones come first.
+        foot_places_m: (F,) m along the route, of the footprints.
+        sole_m: Length of the soles.
+    """
+
+    frame: str
+    poses: Trajectory
+    camera: Trajectory | None
+    alignment: MovingAlignment
+    p_frame_in_world: Array
+    place_m: Array
+    layout: Layout
+    footprints: list[Footprint]
+    foot_places_m: Array
+    sole_m: float = _SOLE_M
+
+    def place_at(self, t_ns: int) -> float | None:
+        """The true place along the route at the last pose, m; None before the first one."""
+        i = int(np.searchsorted(self.poses.t_ns, t_ns, side="right")) - 1
+        return float(self.place_m[i]) if i >= 0 else None
+
+    def alignment_at(self, t_ns: int) -> YawAlignment:
+        """The alignment at an instant."""
+        return self.alignment.at(t_ns)
+
+
+def odometry_of(recording: Recording, paths: Iterable[PathEstimate]) -> PathEstimate | None:
+    """The path that supplies the poses for terrain and modes; None if there is none, or nothing to score them with.
+
+    They need depth on the body of the odometry's IMU; scores need true footprints, terrain and path of the IMU.
+    """
+    odometry = next((path for path in paths if path.supplies_poses), None)
+    if odometry is None or FOOTPRINTS not in recording.topics or terrain_layout(recording.metadata) is None:
+        return None
+    body = recording.rig.imu(f"/{odometry.frame}").mount.body
+    camera = next((c for c in recording.rig.cameras.values() if c.depth_topic), None)
+    has_depth = camera is not None and camera.depth_topic in recording.topics and camera.mount.body == body
+    has_truth = f"/truth/{odometry.frame}/odometry" in recording.topics
+    is_usable = len(odometry.path) > 1 and (odometry.healthy is None or bool(odometry.healthy.any()))
+    return odometry if has_depth and has_truth and is_usable else None
+
+
+def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
+    """The walk with the poses of `odometry_of`, where the odometry trusts them and the truth is known."""
+    layout = terrain_layout(recording.metadata)
+    assert layout is not None, "odometry_of has checked it"
+    truth, path = true_path(recording, odometry.frame), odometry.path
+    keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
+    poses = path[keep if odometry.healthy is None else keep & odometry.healthy]
+    true_poses = truth.at(poses.t_ns)
+    footprints = true_footprints(recording)
+    return AlignedWalk(
+        frame=odometry.frame,
+        poses=poses,
+        camera=odometry.camera,
+        alignment=MovingAlignment(poses, true_poses),
+        p_frame_in_world=true_poses.p_frame_in_world,
+        place_m=layout.way.project(true_poses.p_frame_in_world[:, :2]),
+        layout=layout,
+        footprints=footprints,
+        foot_places_m=along_way([f.p_foot_in_world for f in footprints], layout),
+        sole_m=float(recording.metadata.get("shoe_length_m", _SOLE_M)),
+    )

@@ -1,0 +1,159 @@
+"""Figures of predicted steps: from above, modes over time, lead times."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby
+
+import numpy as np
+from markupsafe import Markup
+
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.modes.scores import ModeScores, first_steps, predictions_by_step
+from stridetwin.outputs.route_figures import outline
+from stridetwin.outputs.straightened_route import StraightenedRoute
+from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
+from stridetwin.pages.plot import ERROR, INK, MUTED, Plot, faint
+from stridetwin.streams.samples import Array
+
+_HEX = {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, CLASS_COLORS)}
+_WITHIN_95 = 2.448  # standard deviations that contain 95 % of a normal density in the plane
+_ANGLES = np.linspace(0.0, 2.0 * math.pi, 25)
+
+
+def ellipse(middle: Array, covariance: Array) -> Array:
+    """(25, 2) the ellipse that contains 95 % of a normal density in the plane."""
+    variances, axes = np.linalg.eigh(covariance)
+    half = _WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray(middle[:2] + (np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) * half) @ axes.T)
+
+
+def steps_from_above(estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk) -> Markup:
+    """The true terrain and footprints along the straightened route, and each footprint as predicted one step before.
+
+    The route is cut into rows, true to scale.
+    """
+    straight = StraightenedRoute(walk)
+    predicted = _predicted_footprints(straight, estimates, walk)
+    rows, title = straight.rows(straight.span_m), "Coming steps from above"
+    return Markup("").join(_row(straight, predicted, scores, title, rows, number) for number in range(len(rows)))
+
+
+_Predicted = tuple[Array, Array, str]
+"""A footprint, (4, 2) m along the route and to the left of it, its covariance in these axes, and its mode."""
+
+
+def _predicted_footprints(
+    straight: StraightenedRoute, estimates: list[ModeEstimate], walk: AlignedWalk
+) -> list[_Predicted | None]:
+    """Each true footprint as predicted when the previous foot had landed; None if it was not predicted then."""
+    predicted: list[_Predicted | None] = [None] * len(walk.footprints)
+    for i, first in enumerate(first_steps(walk.footprints, estimates), 2):
+        if first is None:
+            continue
+        estimate, step = first
+        alignment = walk.alignment_at(estimate.t_ns)
+        shift = alignment.to_true(step.p_foot_in_world[:2]) - walk.footprints[i].p_foot_in_world[:2]
+        rotation = straight.rotation(i) @ alignment.rotation
+        place = straight.straighten(i, outline(walk.footprints[i]) + shift)
+        predicted[i] = place, rotation @ step.covariance @ rotation.T, step.mode
+    return predicted
+
+
+def _row(
+    straight: StraightenedRoute, predicted: list[_Predicted | None], scores: ModeScores, title: str,
+    rows: list[tuple[float, float]], number: int,
+) -> Markup:  # fmt: skip
+    span = rows[number]
+    plot = straight.plot_row(title, number, rows)
+    straight.draw_terrain(plot, span)
+    straight.draw_footprints(plot, span)
+    shown = straight.within(span)
+    known = [prediction for i in shown if (prediction := predicted[i]) is not None]
+    ellipses = [ellipse(p.mean(axis=0), covariance) for p, covariance, _ in known if np.isfinite(covariance).all()]
+    plot.areas(ellipses, faint(MUTED, 0.2), label="95 % ellipse")
+    for mode in dict.fromkeys(mode for _, _, mode in known):
+        outlines = [np.vstack([place, place[:1]]) for place, _, m in known if m == mode]
+        plot.curves(outlines, _HEX[mode], width=2.0, label="predicted footprint, in its mode's colour")
+    steps = scores.steps
+    wrong = [straight.footprints[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].right]
+    _draw_crosses(plot, np.reshape(wrong, (-1, 2)))
+    return plot.html()
+
+
+def _draw_crosses(plot: Plot, at: Array) -> None:
+    """(N, 2) marks for errors."""
+    if len(at):
+        plot.dots(at[:, 0], at[:, 1], ERROR, size=10, symbol="x", label="wrong")
+
+
+def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk) -> str:
+    """Over time: the true mode of each step, the prediction of the next one with its probability, and the errors."""
+    steps = scores.steps
+    estimates = [e for e in estimates if e.steps]
+    if not steps or not estimates:
+        return ""
+    runs = prediction_runs(estimates, scores, walk)
+    begin, end = min(runs[0][0], steps[0].t_s), steps[-1].t_s + 0.3
+    t = np.array([e.t_ns * 1e-9 for e in estimates])
+    p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in estimates])
+    plot = Plot(
+        title="Modes over time", x=(begin, end), y=(-0.08, 3.9), x_label="time, s", y_label="mode, probability",
+        height=270,
+        y_names={3.4: "true", 2.4: "predicted", 1.6: "p = 1", 0.8: "p = 0.5", 0.0: "p = 0"},
+    )  # fmt: skip
+    touched = np.array([begin, *(step.t_s for step in steps)])
+    for mode in MODES:
+        true = np.array([step.mode == mode for step in steps])
+        plot.bars(touched[:-1][true], touched[1:][true], 3.0, 3.8, _HEX[mode], label=CLASS_NAMES[mode])
+        spans = np.array([(a, min(b, end)) for a, b, m, _ in runs if m == mode]).reshape(-1, 2)
+        plot.bars(spans[:, 0], spans[:, 1], 2.0, 2.8, _HEX[mode], label=CLASS_NAMES[mode])
+    wrong = np.array([(a, min(b, end)) for a, b, _, right in runs if not right]).reshape(-1, 2)
+    plot.bars(wrong[:, 0], wrong[:, 1], 1.86, 1.98, ERROR, label="wrong")
+    _draw_crosses(plot, np.array([(step.t_s, 2.4) for step in steps if not step.right]).reshape(-1, 2))
+    plot.line(t[t < end], 1.6 * p[t < end], INK, width=1.0, label="probability")
+    return plot.html()
+
+
+def prediction_runs(
+    estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk
+) -> list[tuple[float, float, str, bool]]:
+    """Time spans with one predicted mode of the coming step: from, to (s), the mode, whether it is right.
+
+    A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
+    """
+    steps = scores.steps
+    by_step = predictions_by_step(walk.footprints[2:], estimates)
+    runs = []
+    before = -math.inf
+    for step, predictions in zip(steps, by_step):
+        next_ = [(e.t_ns * 1e-9, e.steps[k].mode) for e, k in predictions if e.t_ns * 1e-9 > before]
+        ends = [*(t for t, _ in next_[1:]), step.t_s]
+        for mode, run in groupby(zip(next_, ends), key=lambda row: row[0][1]):
+            of_mode = list(run)
+            runs.append((of_mode[0][0][0], of_mode[-1][1], mode, mode in step.allowed))
+        before = step.t_s
+    return runs
+
+
+def lead_times(scores: ModeScores) -> str:
+    """How long before each touch-down its mode was finally predicted right."""
+    steps = scores.steps
+    if not steps:
+        return ""
+    t, lead = np.array([s.t_s for s in steps]), np.array([s.lead_s for s in steps])
+    half = 0.3 * float(np.median(np.diff(t))) if len(steps) > 1 else 0.2
+    top = 1.1 * max(1.0, float(lead.max()))
+    plot = Plot(
+        title="Lead time", x=(t[0] - 0.6, t[-1] + 0.6), y=(0.0, top), height=250,
+        x_label="touch-down, s", y_label="lead time, s",
+    )  # fmt: skip
+    for mode in MODES:
+        is_right = np.array([s.mode == mode and s.lead_s > 0 for s in steps])
+        plot.bars(t[is_right] - half, t[is_right] + half, 0.0, lead[is_right], _HEX[mode], label=CLASS_NAMES[mode])
+    changes = np.array([s.transition for s in steps])
+    if changes.any():
+        plot.dots(t[changes], lead[changes], INK, label="changes the mode")
+    _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.right]).reshape(-1, 2))
+    return plot.html()

@@ -1,0 +1,107 @@
+"""The kind of output `modes`: mode, place and time of the coming steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.locomotion_mode import ModeEstimate
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import (
+    Collector,
+    FileOptions,
+    LiveOutput,
+    Output,
+    OutputKind,
+    ReportParts,
+    Score,
+    Scores,
+    Written,
+)
+from stridetwin.outputs.feeding import Instance
+from stridetwin.outputs.modes.files import LiveModes, predicted_steps, write_modes
+from stridetwin.outputs.modes.run import ModeCollector, ModeRun
+from stridetwin.outputs.modes.scores import SCORES, ModeScores, score_modes, scores_of_walk
+from stridetwin.streams.recording.reader import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedModes:
+    """Predicted steps beside the true ones.
+
+    Attributes:
+        name: Name of the estimator.
+        estimates: Its predictions, in time order.
+        modes: Every true step and terrain change, with its prediction.
+        walk: The walk beside the truth.
+        scores: `SCORES`.
+    """
+
+    name: str
+    estimates: list[ModeEstimate]
+    modes: ModeScores
+    walk: AlignedWalk
+    scores: Scores
+
+
+class Modes(OutputKind[ModeRun, EvaluatedModes]):
+    """Modes, places and times of coming steps, one table row per step."""
+
+    title: ClassVar[str] = "mode, place and time of the coming steps"
+    order: ClassVar[int] = 40
+    scores: ClassVar[tuple[Score, ...]] = SCORES
+    takes_poses: ClassVar[bool] = True
+    options: ClassVar[frozenset[str]] = frozenset({"poses"})
+
+    def collector(
+        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+    ) -> Collector[ModeRun]:
+        """Keeps every prediction."""
+        return ModeCollector(instance.declaration.name, walk)
+
+    def evaluate(
+        self, outputs: Sequence[Output[ModeRun]], recording: Recording, alignment: str = "start"
+    ) -> list[EvaluatedModes]:
+        """The predictions beside the true footprints and terrain."""
+        evaluations = []
+        for output in outputs:
+            walk, estimates = output.estimates.walk, output.estimates.estimates
+            if walk is not None:
+                modes = score_modes(walk.footprints, estimates, walk.alignment, walk.layout, walk.sole_m)
+                scores = scores_of_walk(modes)
+                evaluations.append(
+                    EvaluatedModes(name=output.name, estimates=estimates, modes=modes, walk=walk, scores=scores)
+                )
+        return evaluations
+
+    def write(self, output: Output[ModeRun], file: Path, options: FileOptions) -> Written:
+        """Writes a table with the last prediction of each step."""
+        rows = predicted_steps(output.estimates.estimates)
+        write_modes(rows, file)
+        return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} steps"])
+
+    def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
+        """The next step, one row per prediction."""
+        return LiveModes(file)
+
+    def report(self, evaluations: Sequence[EvaluatedModes], recording: Recording) -> ReportParts:
+        """The steps of the first estimator from above, modes over time, lead times, and its scores."""
+        from stridetwin.outputs.modes.report import mode_section
+
+        first = evaluations[0]
+        return ReportParts(figures=mode_section(first.estimates, first.modes, first.walk, first.scores))
+
+    def rerun_views(self, evaluations: Sequence[EvaluatedModes]) -> dict[str, tuple[str, str]]:
+        """The prediction in words, and the probabilities of the next step."""
+        if not any(evaluation.estimates for evaluation in evaluations):
+            return {}
+        return {"modes/predicted": ("text", "prediction"), "modes/probability": ("series", "next step")}
+
+    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedModes], recording: Recording) -> None:
+        """The true and the predicted footprints, and the modes, of the first estimator."""
+        from stridetwin.outputs.modes.rerun import log_modes
+
+        log_modes(rerun, stream, evaluations[0].estimates, evaluations[0].walk)

@@ -1,0 +1,126 @@
+"""Predicted steps and modes in a Rerun file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.alignment import YawAlignment
+from stridetwin.outputs.modes.figures import ellipse
+from stridetwin.outputs.route_figures import outline
+from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
+from stridetwin.streams.samples import Array, Footprint
+
+STEPS, MODE = "world/steps", "modes"
+_STEPS_HZ = 5.0
+_TRUE = (240, 244, 248)
+_ABOVE_M = 0.01
+"""How far lines lie above the ground, so that they are seen."""
+
+
+def log_modes(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
+    """Logs `world/steps/{true,predicted,ellipses}`, `modes/probability/MODE` and `modes/predicted` over time."""
+    _log_footprints(rerun, stream, walk.footprints)
+    _log_steps(rerun, stream, estimates, walk)
+    _log_probabilities(rerun, stream, [e for e in estimates if e.steps])
+
+
+def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> None:
+    outlines = [_closed(np.column_stack([outline(f), np.full(4, f.p_foot_in_world[2] + _ABOVE_M)])) for f in footprints]
+    for i, footprint in enumerate(footprints):
+        stream.set_time("time", duration=footprint.t_ns * 1e-9)
+        stream.log(f"{STEPS}/true", rerun.LineStrips3D(outlines[: i + 1], colors=[_TRUE], radii=[0.005]))
+
+
+def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
+    for estimate in _thin_out(estimates):
+        alignment = walk.alignment_at(estimate.t_ns)
+        known = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
+        colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in known]
+        stream.set_time("time", duration=estimate.t_ns * 1e-9)
+        prints = [_sole(s, estimate, alignment) for s in known]
+        stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(prints, colors=colors, radii=[0.006]))
+        ellipses = [
+            (_flat_ellipse(sole, alignment.rotation @ s.covariance @ alignment.rotation.T), c)
+            for s, sole, c in zip(known, prints, colors)
+            if np.isfinite(s.covariance).all()
+        ]
+        lines = rerun.LineStrips3D([e for e, _ in ellipses], colors=[c for _, c in ellipses], radii=[0.003])
+        stream.log(f"{STEPS}/ellipses", lines)
+
+
+def _log_probabilities(rerun: Any, stream: Any, estimates: list[ModeEstimate]) -> None:
+    if not estimates:
+        return
+    t = np.array([e.t_ns * 1e-9 for e in estimates])
+    for i, mode in enumerate(MODES):
+        entity = f"{MODE}/probability/{mode}"
+        stream.log(entity, rerun.SeriesLines(names=[CLASS_NAMES[mode]], colors=[CLASS_COLORS[i]]), static=True)
+        p = np.array([e.steps[0].probabilities[mode] for e in estimates])
+        columns = rerun.Scalars.columns(scalars=p)
+        stream.send_columns(entity, indexes=[rerun.TimeColumn("time", duration=t)], columns=columns)
+    before = ""
+    for estimate in _thin_out(estimates):
+        text = prediction_text(estimate)
+        if text != before:
+            stream.set_time("time", duration=estimate.t_ns * 1e-9)
+            stream.log(f"{MODE}/predicted", rerun.TextDocument(text))
+            before = text
+
+
+def prediction_text(estimate: ModeEstimate) -> str:
+    """The prediction of the next step and of the next terrain change, as text."""
+    step, change = estimate.steps[0], estimate.change
+    foot = {"l": "left", "r": "right"}.get(step.foot, "next")
+    lines = [f"next step ({foot}): {CLASS_NAMES[step.mode]}, {100 * step.probabilities[step.mode]:.0f} %"]
+    if change is not None:
+        size = ""
+        if math.isfinite(change.riser):
+            size = f", riser {1e3 * change.riser:.0f} mm"
+        if math.isfinite(change.tread):
+            size += f", tread {1e3 * change.tread:.0f} mm"
+        if math.isfinite(change.slope):
+            size = f", {math.degrees(change.slope):.1f}°"
+        lines.append(f"then {CLASS_NAMES[change.mode]} in {change.distance:.1f} m{size}")
+    return "\n".join(lines)
+
+
+def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
+    """Some of the estimates, and every one at which the next step changes."""
+    due_ns, step = -(2**62), -1
+    for estimate in estimates:
+        if estimate.t_ns >= due_ns or estimate.step != step:
+            due_ns, step = estimate.t_ns + int(0.9e9 / _STEPS_HZ), estimate.step
+            yield estimate
+
+
+def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
+    """(5, 3) m, the sole of a coming step in the true world."""
+    half = 0.5 * (estimate.heading + alignment.yaw)
+    place = _known_height(step, alignment)
+    footprint = Footprint(
+        topic="", t_ns=step.t_ns, foot=step.foot, p_foot_in_world=place, terrain="", mode=step.mode,
+        q_world_foot=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
+    )  # fmt: skip
+    return _closed(np.column_stack([outline(footprint), np.full(4, place[2] + _ABOVE_M)]))
+
+
+def _flat_ellipse(sole: Array, covariance: Array) -> Array:
+    """(25, 3) m, the 95 % ellipse of the sole's centre."""
+    middle = sole[:4].mean(axis=0)
+    xy = ellipse(middle, covariance)
+    return np.column_stack([xy, np.full(len(xy), middle[2])])
+
+
+def _known_height(step: StepPrediction, alignment: YawAlignment) -> Array:
+    """(3,) m in the true world; unknown ground has the floor's height in the estimator's world."""
+    return alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
+
+
+def _closed(corners: Array) -> Array:
+    return np.vstack([corners, corners[:1]])

@@ -1,0 +1,75 @@
+"""The kind of output `path`: poses of one frame over a walk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from stridetwin.estimators.base import Declaration, Estimator, PathEstimate, Progress
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import Collector, FileOptions, LiveOutput, Output, OutputKind, ReportParts, Score, Written
+from stridetwin.outputs.feeding import Instance
+from stridetwin.outputs.path.evaluate import Result, evaluate
+from stridetwin.outputs.path.files import LivePaths, write_path
+from stridetwin.outputs.path.run import PathCollector, run_paths
+from stridetwin.outputs.path.scores import SCORES
+from stridetwin.streams.recording.reader import Recording
+
+
+class Paths(OutputKind[PathEstimate, Result]):
+    """Paths of a foot or of a camera, one TUM trajectory each."""
+
+    title: ClassVar[str] = "path of a foot or a camera"
+    order: ClassVar[int] = 10
+    scores: ClassVar[tuple[Score, ...]] = SCORES
+    options: ClassVar[frozenset[str]] = frozenset({"imu"})
+    suffix: ClassVar[str] = ".txt"
+
+    def collector(
+        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+    ) -> Collector[PathEstimate]:
+        """Keeps the poses, by frame."""
+        return PathCollector(instance, instance.options.source)
+
+    def run(
+        self, instance: Instance, recording: Recording, progress: Progress | None = None
+    ) -> list[Output[PathEstimate]]:
+        """The paths of an instance, by `follow` where the estimator has it."""
+        return run_paths(instance, recording, progress)
+
+    def evaluate(
+        self, outputs: Sequence[Output[PathEstimate]], recording: Recording, alignment: str = "start"
+    ) -> list[Result]:
+        """The paths aligned with the true ones, with `SCORES`."""
+        return evaluate(recording, [output.estimates for output in outputs], alignment)
+
+    def write(self, output: Output[PathEstimate], file: Path, options: FileOptions) -> Written:
+        """Writes a TUM trajectory, or a table if the file ends in `.csv`."""
+        rows, line = write_path(output.estimates, file, dead_reckoning=options.dead_reckoning)
+        return Written(files=[file], rows=rows, lines=[line])
+
+    def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
+        """Rows of a TUM trajectory, prefixed with the part if there are several."""
+        return LivePaths(declaration, file)
+
+    def report(self, evaluations: Sequence[Result], recording: Recording) -> ReportParts:
+        """Figures in short, plan and side views, errors over time, and all scores."""
+        from stridetwin.outputs.path.report import describe_distance, path_figures, score_cards, score_table
+
+        return ReportParts(
+            chips=(describe_distance(evaluations),),
+            summary=score_cards(evaluations),
+            figures=path_figures(evaluations, recording),
+            scores=score_table(evaluations),
+        )
+
+    def rerun_views(self, evaluations: Sequence[Result]) -> dict[str, tuple[str, str]]:
+        """The position errors over time."""
+        return {"error_mm": ("series", "position error, mm")}
+
+    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[Result], recording: Recording) -> None:
+        """The true and the estimated paths as lines, and the errors over time."""
+        from stridetwin.outputs.path.rerun import log_paths
+
+        log_paths(rerun, stream, evaluations)

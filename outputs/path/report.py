@@ -1,0 +1,107 @@
+"""Sections of the report about estimated paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from markupsafe import Markup
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import FEET, PATH
+from stridetwin.outputs.path.evaluate import Result
+from stridetwin.outputs.path.figures import by_part, error_over_time, label_of, part_of, plan_view, side_view
+from stridetwin.outputs.path.scores import SCORES
+from stridetwin.outputs.score_rows import score_rows
+from stridetwin.outputs.truth import FOOTPRINTS
+from stridetwin.pages.html import boxes, number_text, rendered, section, table
+from stridetwin.reference.norms import reference
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.terrain_truth import terrain_layout
+
+_CARDS = (
+    ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that foot or camera travelled"),
+    ("end_error_m", "End error, absolute", "cm", 100.0, 1, "position and yaw agree at the start"),
+    ("end_height_error_m", "Height error at the end", "cm", 100.0, 1, "positive: the estimate is too high"),
+    ("ape_rmse_m", "Position error, RMS", "cm", 100.0, 1, "over the whole walk"),
+    ("rpe_5m_pct", "Relative error over 5 m", "%", 1.0, 2, "drift over any five metres"),
+    (
+        "nees_position_within_95_pct",
+        "Within its own 95 % bound",
+        "%",
+        1.0,
+        0,
+        "of the time. A consistent filter has 95 over many walks; errors persist within one walk, so there it is "
+        "mostly near 100, and sometimes far lower",
+    ),
+)
+_PUBLISHED = (
+    ("jao_straight_53m", "straight, 53 m", 53.0),
+    ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
+)
+
+
+def describe_distance(results: Sequence[Result]) -> str:
+    """Text with the longest path of a foot, else of the camera."""
+    on_feet = [r for r in results if part_of(r.estimate) in FEET]
+    whose = "a foot" if on_feet else "the camera"
+    return f"{max(r.scores['distance_m'] for r in on_feet or results):.1f} m travelled by {whose}"
+
+
+def score_cards(results: Sequence[Result]) -> str:
+    """The main scores of every path, large."""
+    cards = []
+    for key, title, unit, scale, digits, note in _CARDS:
+        values = [
+            {"number": number_text(r.scores[key] * scale, digits), "unit": unit, "part": part_of(r.estimate),
+             "label": label_of(r.estimate)} for r in results if key in r.scores
+        ]  # fmt: skip
+        if values:
+            cards.append({"title": title, "values": values, "note": note})
+    lead = [
+        estimator_class.declaration.summary
+        for name, estimator_class in registry.estimators(PATH).items()
+        if any(r.estimate.name == name or r.estimate.name.startswith(f"{name}_") for r in results)
+    ]
+    lead += ["Scored against the ground truth."]
+    body = rendered("score_cards", cards=cards)
+    return section("Accuracy", " ".join(lead), body, "cards") if cards else ""
+
+
+def path_figures(results: Sequence[Result], recording: Recording) -> str:
+    """Plan view, side views, and errors over time."""
+    footprints = recording.block(FOOTPRINTS) if FOOTPRINTS in recording.topics else None
+    layout = terrain_layout(recording.metadata)
+    parts = by_part(results).values()
+    figures = (
+        plan_view(layout, results, footprints),
+        *(side_view(layout, of_part) for of_part in parts),
+        *(error_over_time(of_part) for of_part in parts),
+    )
+    lead = (
+        "Paths of the IMUs on feet and camera. Heights are stretched. Click an entry of a legend to hide a curve, "
+        "drag to zoom, double-click to zoom out."
+    )
+    return section("Paths", lead, boxes(figures), "stack")
+
+
+def score_table(results: Sequence[Result]) -> str:
+    """All scores of every path, and end errors that a paper reports."""
+    names = [result.name for result in results]
+    rows = score_rows(SCORES, [result.scores for result in results])
+    lead = "Position and yaw agree at the start; the truth is taken at the estimate's own stamps."
+    scores = table(("Score", *names), rows, range(1, len(names) + 1))
+    return section("Scores", lead, scores + _paper_figures())
+
+
+def _paper_figures() -> Markup:
+    jao = reference("jao2020")
+    rows = []
+    for key, words, length in _PUBLISHED:
+        errors = jao[key]["mean_end_error_m"]["zupt"]
+        rows.append((words, *(f"{e:.2f} m" for e in errors), *(f"{100 * e / length:.1f} %" for e in errors)))
+    note = (
+        "Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an ADIS16485 in each shoe, other "
+        "walks on real hardware. For orientation, not for ranking."
+    )
+    head = ("Published end errors", "left", "right", "left, share", "right, share")
+    return table(head, rows, range(1, 5), note=note, css="more")

@@ -1,0 +1,114 @@
+"""Runs estimators of paths on a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import PATH, PathEstimate, Progress
+from stridetwin.outputs.base import Collector, Output
+from stridetwin.outputs.feeding import Instance, runnable_instances, start
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Sample
+from stridetwin.streams.trajectory import Pose, trajectory_of
+
+
+def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
+    """The pose in what the `update` of an estimator of paths returned; None without a pose.
+
+    Args:
+        estimate: A `Pose`, an object whose `pose` is one, or None.
+        source: Name of the estimator, for the error.
+
+    Raises:
+        StrideTwinError: It is neither a `Pose` nor has one.
+    """
+    pose = estimate if estimate is None or isinstance(estimate, Pose) else getattr(estimate, "pose", estimate)
+    if pose is None or isinstance(pose, Pose):
+        return pose
+    expected = "stridetwin.streams.trajectory.Pose"
+    raise StrideTwinError(f"{source}.update: invalid {type(estimate).__name__}: expected {expected}")
+
+
+class PathCollector(Collector[PathEstimate]):
+    """The poses of an estimator, one path per frame."""
+
+    def __init__(self, instance: Instance, source: str) -> None:
+        self._instance, self._source = instance, source
+        self._poses: dict[str, list[Pose]] = {}
+
+    def add(self, sample: Sample, estimate: Any) -> None:
+        """Keeps the pose of an estimate."""
+        if (pose := pose_of(estimate, self._instance.estimator_class.__name__)) is not None:
+            self._poses.setdefault(pose.frame, []).append(pose)
+
+    def outputs(self) -> list[Output[PathEstimate]]:
+        """One output per frame.
+
+        Raises:
+            StrideTwinError: There is no pose.
+        """
+        declaration, options = self._instance.declaration, self._instance.options
+        if not self._poses:
+            raise StrideTwinError(f"{self._source}: {declaration.name} gives no pose")
+        outputs = []
+        for frame, poses in self._poses.items():
+            part = declaration.parts.get(frame, options.foot if declaration.per_foot else "")
+            valid = np.array([pose.valid for pose in poses], bool)
+            path = PathEstimate(
+                name=f"{declaration.name}_{part}" if part else declaration.name,
+                frame=frame,
+                path=trajectory_of(poses),
+                ready_ns=poses[int(valid.argmax())].t_ns,
+                healthy=valid,
+                world=declaration.name if declaration.parts else "",
+                label=declaration.name if declaration.label is None else declaration.label,
+                supplies_poses=declaration.supplies_poses,
+            )
+            outputs.append(path_output(path, instance=self._instance))
+        return outputs
+
+
+def path_output(path: PathEstimate, instance: Instance) -> Output[PathEstimate]:
+    """A path as an output of an instance."""
+    return Output(name=path.name, estimates=path, part=instance.declaration.parts.get(path.frame, ""))
+
+
+def run_paths(instance: Instance, recording: Recording, progress: Progress | None = None) -> list[Output[PathEstimate]]:
+    """The paths that one instance gives for a recording; by `follow`, where the estimator has it, which is faster.
+
+    Raises:
+        StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
+    """
+    follow = getattr(instance.estimator_class, "follow", None)
+    if follow is not None:
+        paths: list[PathEstimate] = follow(recording, instance.options, progress)
+        return [path_output(path, instance) for path in paths]
+    estimator, samples = start(instance, recording)
+    collector = PathCollector(instance, str(recording.path))
+    for sample in samples:
+        collector.add(sample, estimator.update(sample))
+    return collector.outputs()
+
+
+def all_paths(
+    recording: Recording, *, supplies_poses: bool | None = None, only: Container[str] | None = None
+) -> list[PathEstimate]:
+    """All paths that can be estimated from a recording, in the order of the estimators.
+
+    Args:
+        recording: The recording.
+        supplies_poses: Selects estimators by `Declaration.supplies_poses`; None takes all.
+        only: Names of the estimators to run; None runs all.
+    """
+    return [
+        output.estimates
+        for name, estimator_class in registry.estimators(PATH).items()
+        if supplies_poses in (None, estimator_class.declaration.supplies_poses) and (only is None or name in only)
+        for instance in runnable_instances(estimator_class, recording)
+        for output in run_paths(instance, recording)
+    ]

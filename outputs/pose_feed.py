@@ -1,0 +1,206 @@
+"""Estimators of terrain and modes fed with the poses of an odometry: on a whole recording, or sample by sample."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import repeat
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import CAMERA_POSES, PATH, POSES, Estimator, Options, Progress
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import AnyKind, Collector, Output
+from stridetwin.outputs.feeding import EstimatorClass, Instance, rig_of
+from stridetwin.outputs.path.run import pose_of
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array, Odometry, Sample
+from stridetwin.streams.trajectory import Pose, Trajectory
+
+_PROGRESS_NS = 200_000_000
+
+
+def default_odometry() -> EstimatorClass:
+    """The odometry whose poses estimators of terrain and modes use.
+
+    Raises:
+        StrideTwinError: None is installed.
+    """
+    for estimator_class in registry.estimators(PATH).values():
+        if estimator_class.declaration.supplies_poses:
+            return estimator_class
+    raise StrideTwinError("no installed estimator gives poses of a camera that could lead terrain map and modes")
+
+
+def pose_sample(t_ns: int, p_frame_in_world: Array, q_world_frame: Array, topic: str = POSES) -> Odometry:
+    """A pose, position (3,) m and quaternion (4,), as a sample; its velocities are unknown (NaN)."""
+    unknown = np.full(3, np.nan)
+    return Odometry(
+        topic=topic, t_ns=t_ns, p_frame_in_world=p_frame_in_world, q_world_frame=q_world_frame,
+        v_frame_in_world=unknown, angular_rate=unknown,
+    )  # fmt: skip
+
+
+def merge_poses(
+    poses: Trajectory, recording: Recording, topics: Sequence[str], camera: Trajectory | None = None
+) -> Iterator[Sample]:
+    """Poses and samples of a recording in time order; each pose comes before the sample of the same instant.
+
+    Args:
+        poses: The poses, under `POSES`.
+        recording: Holds the samples.
+        topics: Its streams.
+        camera: Poses of the camera in the frame, under `CAMERA_POSES`; see `PathEstimate.camera`.
+    """
+    streams = [] if camera is None else [_pose_samples(camera, CAMERA_POSES)]
+    return heapq.merge(*streams, _pose_samples(poses, POSES), recording.samples(topics), key=lambda s: s.t_ns)
+
+
+def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
+    return map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, repeat(topic))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Replayed:
+    """An estimator of a replay with its collector.
+
+    Attributes:
+        kind: Of its outputs.
+        estimator: At work.
+        collector: Of its outputs.
+        topics: The topics that it takes; empty for the inner estimator of another, which feeds it.
+    """
+
+    kind: AnyKind
+    estimator: Estimator
+    collector: Collector[Any]
+    topics: tuple[str, ...]
+
+
+def replay(
+    instances: Iterable[tuple[AnyKind, Instance]],
+    recording: Recording,
+    poses: Trajectory,
+    camera: Trajectory | None = None,
+    walk: AlignedWalk | None = None,
+    progress: Progress | None = None,
+) -> list[tuple[AnyKind, list[Output[Any]]]]:
+    """Runs estimators that take poses on a recording, all in one pass over its images.
+
+    An estimator that runs another one itself (`inner_estimators`) gives that one's output, too; so where a predictor of
+    modes contains a terrain map, the map is not built twice.
+
+    Args:
+        instances: The estimators, each with its kind; `Options.poses_of` is the frame of the poses.
+        recording: With depth and its calibration.
+        poses: In the odometry's world.
+        camera: See `PathEstimate.camera`.
+        walk: The same poses beside the truth, for scores; None without a truth.
+        progress: Receives the stage and its progress (0-1).
+
+    Returns:
+        Kind and outputs of each instance, in the given order.
+
+    Raises:
+        StrideTwinError: The rig lacks a sensor or calibration.
+    """
+    chosen = list(instances)
+    replayed: dict[int, _Replayed] = {}
+    inner: dict[type[Any], Estimator] = {}
+    for i, (kind, instance) in reversed(list(enumerate(chosen))):  # kinds that use others come after these
+        shared = inner.get(instance.estimator_class)
+        estimator = shared or instance.build(rig_of(recording))
+        inner |= {type(e): e for e in getattr(estimator, "inner_estimators", ())}
+        topics = () if shared else (POSES, CAMERA_POSES, *(s.topic for s in instance.streams))
+        collector = kind.collector(estimator, instance, walk)
+        replayed[i] = _Replayed(kind=kind, estimator=estimator, collector=collector, topics=topics)
+    outermost_first = list(replayed.values())
+    topics_of_all = dict.fromkeys(t for r in outermost_first for t in r.topics if t in recording.topics)
+    reported_ns = -1
+    for sample in merge_poses(poses, recording, list(topics_of_all), camera):
+        for r in outermost_first:
+            if not r.topics:
+                r.collector.add(sample, None)
+            elif sample.topic in r.topics:
+                r.collector.add(sample, r.estimator.update(sample))
+        if progress is not None and sample.t_ns - reported_ns > _PROGRESS_NS:
+            reported_ns = sample.t_ns
+            progress("terrain ahead", _share(poses, sample.t_ns))
+    return [(replayed[i].kind, replayed[i].collector.outputs()) for i in range(len(chosen))]
+
+
+def _share(poses: Trajectory, t_ns: int) -> float:
+    first_ns, last_ns = int(poses.t_ns[0]), int(poses.t_ns[-1])
+    return min(1.0, max(0.0, (t_ns - first_ns) / max(1, last_ns - first_ns)))
+
+
+class PoseFeed:
+    """Turns what an odometry returned into the samples that estimators of terrain and modes take."""
+
+    def __init__(self) -> None:
+        self._camera: Pose | None = None
+
+    def samples(self, estimate: Any) -> Iterator[Odometry]:
+        """The camera's pose, if it is estimated and new, then the pose, if it is valid."""
+        pose, camera = pose_of(estimate), getattr(estimate, "camera_pose", None)
+        if camera is not None and camera is not self._camera:
+            self._camera = camera
+            yield pose_sample(camera.t_ns, camera.p_frame_in_world, camera.q_world_frame, CAMERA_POSES)
+        if pose is not None and pose.valid:
+            yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
+
+
+class OdometryDriven:
+    """An estimator of terrain or modes on live samples, with the poses of the default odometry.
+
+    Args:
+        rig: Calibration.
+        estimator_class: Its class.
+        options: Of the estimator; the odometry gets its own defaults.
+
+    Attributes:
+        odometry: Name of the odometry.
+        estimator: The running estimator.
+        takes: The kind of sample that odometry and estimator take, by topic.
+
+    Raises:
+        StrideTwinError: The rig lacks a sensor; the message names it.
+    """
+
+    def __init__(self, rig: Rig, estimator_class: EstimatorClass, options: Options | None = None) -> None:
+        options, odometry_class = options or Options(), default_odometry()
+        odometry_options = replace(options, method=odometry_class.declaration.methods[0], poses_of="")
+        streams = [s for s in odometry_class.streams(rig, odometry_options) if s.live]
+        frame = next(s.topic for s in streams if s.role == "imu").removeprefix("/")
+        options = replace(options, poses_of=frame)
+        self._feed = PoseFeed()
+        self.odometry = odometry_class.declaration.name
+        self._odometry = odometry_class(rig, options=odometry_options)
+        self.estimator: Any = estimator_class(rig, options=options)
+        self._odometry_takes = {s.topic: s.kind for s in streams}
+        self._estimator_takes = {s.topic: s.kind for s in estimator_class.streams(rig, options) if s.topic != POSES}
+        self.takes = self._odometry_takes | self._estimator_takes
+
+    def feeds_odometry(self, sample: Sample) -> bool:
+        """Whether the odometry takes a sample."""
+        return sample.topic in self._odometry_takes
+
+    def update_odometry(self, sample: Sample) -> Pose | None:
+        """Passes the sample to the odometry and its pose to the estimator; call it before `update`."""
+        estimate = self._odometry.update(sample) if self.feeds_odometry(sample) else None
+        for pose in self._feed.samples(estimate):
+            self.estimator.update(pose)
+        return pose_of(estimate)
+
+    def feeds_estimator(self, sample: Sample) -> bool:
+        """Whether the estimator takes a sample."""
+        return sample.topic in self._estimator_takes
+
+    def update(self, sample: Sample) -> Any:
+        """Passes the sample to the estimator; returns its estimate, None without a new one."""
+        return self.estimator.update(sample) if self.feeds_estimator(sample) else None

@@ -1,0 +1,89 @@
+"""The installed kinds of output: ours, and those of any package with entry points of the group `stridetwin.outputs`."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from importlib.metadata import entry_points
+from typing import Any
+
+from stridetwin.estimators import registry as estimator_registry
+from stridetwin.estimators.base import Declaration
+from stridetwin.estimators.registry import OUTPUT_GROUP
+from stridetwin.outputs.base import AnyKind, OutputKind, Score, Scores
+from stridetwin.outputs.feeding import EstimatorClass
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+
+def kinds() -> dict[str, AnyKind]:
+    """All kinds of output by name, in their declared order.
+
+    Raises:
+        StrideTwinError: A kind cannot be imported, or is not an `OutputKind`.
+    """
+    by_name = {name: _load(name, value) for name, value in _entry_points().items()}
+    return dict(sorted(by_name.items(), key=lambda item: (item[1].order, item[0])))
+
+
+def kind_of(declaration: Declaration) -> AnyKind:
+    """The kind of an estimator's outputs.
+
+    Raises:
+        StrideTwinError: As `kinds`, or no installed package offers the kind.
+    """
+    points = _entry_points()
+    if declaration.kind not in points:
+        raise ConfigError(declaration.name, "declaration.kind", declaration.kind, ", ".join(sorted(points)))
+    return _load(declaration.kind, points[declaration.kind])
+
+
+def estimators() -> dict[str, EstimatorClass]:
+    """All estimators by name: by the order of their kinds, then by declared order.
+
+    Raises:
+        StrideTwinError: As `kinds` and `estimators.registry.estimator`.
+    """
+    return {name: found for kind in kinds() for name, found in estimator_registry.estimators(kind).items()}
+
+
+def declared_scores() -> dict[str, Score]:
+    """The scores of all kinds by name; where two kinds share a name, they agree on its scale."""
+    return _declared_scores(tuple(sys.path))
+
+
+@cache
+def _declared_scores(path: tuple[str, ...]) -> dict[str, Score]:
+    return {score.name: score for kind in kinds().values() for score in kind.scores}
+
+
+def kind_with_scores(scores: Scores) -> AnyKind:
+    """The kind that declares most of some scores, for scores whose estimator is not known."""
+    return max(kinds().values(), key=lambda kind: sum(score.name in scores for score in kind.scores))
+
+
+def _entry_points() -> dict[str, str]:
+    return _entry_points_on(tuple(sys.path))
+
+
+@cache
+def _entry_points_on(path: tuple[str, ...]) -> dict[str, str]:
+    points: dict[str, str] = {}
+    for point in sorted(entry_points(group=OUTPUT_GROUP), key=lambda p: p.name):
+        if point.value != points.setdefault(point.name, point.value):
+            both = f"{points[point.name]} and {point.value}"
+            raise StrideTwinError(f"{OUTPUT_GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
+    return points
+
+
+@cache
+def _load(name: str, value: str) -> AnyKind:
+    point = next(p for p in entry_points(group=OUTPUT_GROUP) if (p.name, p.value) == (name, value))
+    place = f"{OUTPUT_GROUP}: {name} = {value}"
+    try:
+        kind_class: Any = point.load()
+    except Exception as error:
+        raise StrideTwinError(f"{place}: cannot be imported: {type(error).__name__}: {error}") from error
+    if not (isinstance(kind_class, type) and issubclass(kind_class, OutputKind)):
+        raise ConfigError(place, "class", kind_class, "a subclass of stridetwin.outputs.base.OutputKind")
+    kind: AnyKind = kind_class()
+    return kind

@@ -1,0 +1,31 @@
+"""Curves over time in a Rerun file, thinned to what a screen shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+CURVES_HZ = 50.0
+
+
+def log_curves(
+    rerun: Any, stream: Any, entity: str, t_ns: NDArray[np.int64], values: Array, labels: tuple[str, ...]
+) -> None:
+    """Logs (N, K) values at (N,) stamps as K curves; an empty label stands for the last part of the entity."""
+    seconds, thinned = thin_out(t_ns, CURVES_HZ, values)
+    names = [label or entity.rsplit("/", 1)[1] for label in labels]
+    stream.log(entity, rerun.SeriesLines(names=names), static=True)
+    columns = rerun.Scalars.columns(scalars=thinned)
+    stream.send_columns(entity, indexes=[rerun.TimeColumn("time", duration=seconds)], columns=columns)
+
+
+def thin_out(t_ns: NDArray[np.int64], rate_hz: float, *columns: Array) -> tuple[Array, ...]:
+    """Times in s and columns, every n-th row so that about `rate_hz` remain; unchanged if they are slower."""
+    seconds = t_ns * 1e-9
+    span_s = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0
+    step = max(1, round(len(seconds) / (span_s * rate_hz)))
+    return seconds[::step], *(np.asarray(column[::step], dtype=float) for column in columns)

@@ -1,0 +1,98 @@
+"""The kind of output `steps`: slope, height and class of each step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import (
+    Collector,
+    FileOptions,
+    LiveOutput,
+    Output,
+    OutputKind,
+    ReportParts,
+    Score,
+    Scores,
+    Written,
+)
+from stridetwin.outputs.feeding import Instance
+from stridetwin.outputs.steps.files import LiveSteps, write_steps
+from stridetwin.outputs.steps.run import StepCollector
+from stridetwin.outputs.steps.scores import SCORES, ScoredStep, false_steps, score_steps, step_scores
+from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.recording.reader import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedSteps:
+    """Estimated steps beside the true ones.
+
+    Attributes:
+        name: Name of the estimator.
+        steps: Every true step, with its estimate.
+        scores: `SCORES`.
+    """
+
+    name: str
+    steps: list[ScoredStep]
+    scores: Scores
+
+
+class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
+    """Steps estimated from the legs, one table of them."""
+
+    title: ClassVar[str] = "slope, height and class of each step"
+    order: ClassVar[int] = 20
+    scores: ClassVar[tuple[Score, ...]] = SCORES
+    options: ClassVar[frozenset[str]] = frozenset({"exoskeleton"})
+
+    def collector(
+        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+    ) -> Collector[list[StepEstimate]]:
+        """Keeps the last estimate of each step."""
+        return StepCollector(instance.declaration.name)
+
+    def has_truth(self, recording: Recording) -> bool:
+        """Whether there are true footprints."""
+        return FOOTPRINTS in recording.topics
+
+    def evaluate(
+        self, outputs: Sequence[Output[list[StepEstimate]]], recording: Recording, alignment: str = "start"
+    ) -> list[EvaluatedSteps]:
+        """The steps beside the true footprints.
+
+        Raises:
+            RecordingError: None of the steps of an output matches a true step.
+        """
+        footprints, evaluations = true_footprints(recording), []
+        for output in outputs:
+            steps = score_steps(footprints, output.estimates)
+            if not any(step.seen for step in steps):
+                raise RecordingError(f"{recording.path}: {output.name} matched none of the {len(steps)} true steps")
+            false_pct = 100.0 * false_steps(footprints, output.estimates) / len(output.estimates)
+            scores = {**step_scores(steps), "false_pct": false_pct}
+            evaluations.append(EvaluatedSteps(name=output.name, steps=steps, scores=scores))
+        return evaluations
+
+    def write(self, output: Output[list[StepEstimate]], file: Path, options: FileOptions) -> Written:
+        """Writes a table, one row per step."""
+        write_steps(output.estimates, file)
+        rows = len(output.estimates)
+        return Written(files=[file], rows=rows, lines=[f"{file}: {rows} steps"])
+
+    def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
+        """One row per estimate."""
+        return LiveSteps(file)
+
+    def report(self, evaluations: Sequence[EvaluatedSteps], recording: Recording) -> ReportParts:
+        """Planes under the feet from the side, and the path from above, of the first estimator."""
+        from stridetwin.outputs.steps.figures import step_section
+
+        return ReportParts(figures=step_section(evaluations[0].steps, evaluations[0].scores, recording))

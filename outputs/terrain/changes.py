@@ -1,0 +1,59 @@
+"""Terrain changes of a route, and the errors of their estimates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from stridetwin.streams.terrain_truth import Strip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainChange:
+    """A place on the route where stairs, a ramp or level ground begin.
+
+    Attributes:
+        s: m along the route.
+        mode: Mode of the steps beyond it.
+        riser: m, down negative; 0 if no stairs begin.
+        tread: m; 0 if no stairs begin.
+        risers: Their number.
+        slope: rad, down negative; 0 if no ramp begins.
+    """
+
+    s: float
+    mode: str
+    riser: float = 0.0
+    tread: float = 0.0
+    risers: int = 0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredChange:
+    """Errors of an estimated terrain change (estimated minus true), and the reported standard deviations; or NaN.
+
+    Attributes:
+        mode: True mode of the steps beyond it.
+        found: Whether it was detected.
+        distance_m: Error of the position along the route.
+        riser_m: Error of the height of the risers.
+        tread_m: Error of the depth of the treads.
+        slope_rad: Error of the slope.
+    """
+
+    mode: str
+    found: bool
+    distance_m: float = math.nan
+    distance_sd_m: float = math.nan
+    riser_m: float = math.nan
+    riser_sd_m: float = math.nan
+    tread_m: float = math.nan
+    tread_sd_m: float = math.nan
+    slope_rad: float = math.nan
+    slope_sd_rad: float = math.nan
+
+
+def mode_of(strip: Strip) -> str:
+    """Mode of the steps along a strip without edges."""
+    return "LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD"

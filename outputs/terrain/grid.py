@@ -1,0 +1,91 @@
+"""The ground of a terrain map as a grid of heights and classes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainEstimate, TerrainMap
+from stridetwin.streams.samples import Array
+
+GROUND_CLASSES = (*MODES, "none")
+"""Class of the ground for a walker in a given direction: the mode of steps on it; `none` without a class."""
+CLASS_COLORS = (
+    (70, 170, 90), (50, 110, 220), (130, 80, 205), (230, 140, 30), (185, 70, 45), (150, 150, 150),
+)  # fmt: skip
+"""RGB of each of `GROUND_CLASSES`."""
+CLASS_NAMES = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ramp up", "RD": "ramp down"}
+"""Names of the classes, which are also those of the modes of steps on them."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GroundGrid:
+    """Columns of the map in the map's own, rotated grid.
+
+    Attributes:
+        first: (2,) int64, column of the first cell.
+        height: (I, J) m, NaN where unknown.
+        plane: (I, J) int64, id of the plane, -1 without a plane.
+        rotation: (2, 2), grid to world.
+        cell_m: Edge of a column.
+    """
+
+    first: NDArray[np.int64]
+    height: Array
+    plane: NDArray[np.int64]
+    rotation: Array
+    cell_m: float
+
+    @classmethod
+    def of(cls, terrain_map: TerrainMap) -> GroundGrid:
+        """The current ground of a map."""
+        p = terrain_map.parameters
+        c, s = math.cos(p.grid_rotation_rad), math.sin(p.grid_rotation_rad)
+        rotation = np.array([[c, -s], [s, c]])
+        points, plane = terrain_map.surface_points()
+        columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)
+        first = columns.min(axis=0) if len(columns) else np.zeros(2, np.int64)
+        shape = columns.max(axis=0) - first + 1 if len(columns) else np.zeros(2, np.int64)
+        height, ids = np.full(shape, np.nan), np.full(shape, -1, np.int64)
+        i, j = (columns - first).T
+        height[i, j], ids[i, j] = points[:, 2], plane
+        return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=p.voxel_size_m)
+
+    def at(self, xy: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Heights (...) m and plane ids (...) at places (..., 2) in the map's world; NaN and -1 where unknown."""
+        cell = np.floor(xy @ self.rotation / self.cell_m).astype(np.int64) - self.first
+        inside = np.asarray(((cell >= 0) & (cell < self.height.shape)).all(axis=-1), bool)
+        if not self.height.size:
+            return np.full(inside.shape, np.nan), np.full(inside.shape, -1, np.int64)
+        i, j = np.moveaxis(np.where(inside[..., None], cell, 0), -1, 0)
+        return np.where(inside, self.height[i, j], np.nan), np.where(inside, self.plane[i, j], -1)
+
+    def points(self) -> tuple[Array, NDArray[np.int64]]:
+        """(N, 3) m in the map's world, and (N,) ids."""
+        i, j = np.nonzero(np.isfinite(self.height))
+        xy = (np.column_stack([i, j]) + self.first + 0.5) * self.cell_m @ self.rotation.T
+        return np.column_stack([xy, self.height[i, j]]), self.plane[i, j]
+
+
+def ground_class_of(estimate: TerrainEstimate, plane: int, heading: float) -> str:
+    """The class of a plane, one of `GROUND_CLASSES`, for a walker who heads `heading` rad from x in the map's world."""
+    terrain = estimate.terrain_of(plane)
+    if terrain is None:
+        return "none"
+    if not isinstance(terrain, Ramp | Stairs):
+        return "LG"
+    up = math.cos(terrain.heading - heading) >= 0.0
+    if isinstance(terrain, Stairs):
+        return "SA" if up else "SD"
+    return "RA" if up else "RD"
+
+
+def ground_classes_at(estimate: TerrainEstimate, plane: NDArray[np.int64], heading: float) -> NDArray[np.uint8]:
+    """Indices (...) into `GROUND_CLASSES` for plane ids (...)."""
+    ids, where = np.unique(plane, return_inverse=True)
+    known = [ground_class_of(estimate, int(i), heading) if i >= 0 else "none" for i in ids]
+    return np.array([GROUND_CLASSES.index(kind) for kind in known], np.uint8)[where].reshape(np.shape(plane))

@@ -1,0 +1,98 @@
+"""The kind of output `terrain`: planes, ramps and stairs around the walker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import (
+    Collector,
+    FileOptions,
+    LiveOutput,
+    Output,
+    OutputKind,
+    ReportParts,
+    Score,
+    Scores,
+    Written,
+)
+from stridetwin.outputs.feeding import Instance
+from stridetwin.outputs.terrain.files import LiveTerrain, document, write_terrain
+from stridetwin.outputs.terrain.run import MapCollector, MapRun, SampledMap
+from stridetwin.outputs.terrain.scores import SCORES, map_figures
+from stridetwin.streams.recording.reader import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedMap:
+    """A map beside the true terrain.
+
+    Attributes:
+        name: Name of the estimator.
+        sampled: What was sampled of it during the walk.
+        scores: `SCORES`.
+    """
+
+    name: str
+    sampled: SampledMap
+    scores: Scores
+
+
+class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
+    """Maps of the ground, each with planes, ramps and stairs."""
+
+    title: ClassVar[str] = "planes, ramps and stairs"
+    order: ClassVar[int] = 30
+    scores: ClassVar[tuple[Score, ...]] = SCORES
+    takes_poses: ClassVar[bool] = True
+    options: ClassVar[frozenset[str]] = frozenset({"poses", "mesh"})
+    suffix: ClassVar[str] = ".json"
+
+    def collector(self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None) -> Collector[MapRun]:
+        """Keeps the map, and samples it where the truth is known."""
+        return MapCollector(instance.declaration.name, cast("TerrainMap", estimator), walk)
+
+    def evaluate(
+        self, outputs: Sequence[Output[MapRun]], recording: Recording, alignment: str = "start"
+    ) -> list[EvaluatedMap]:
+        """The scores of the maps that were sampled against the truth."""
+        return [
+            EvaluatedMap(name=output.name, sampled=sampled, scores=map_figures(sampled.scores))
+            for output in outputs
+            if (sampled := output.estimates.sampled) is not None
+        ]
+
+    def write(self, output: Output[MapRun], file: Path, options: FileOptions) -> Written:
+        """Writes planes and terrains as JSON, the ground as PLY, and meshes on request."""
+        terrain_map = output.estimates.terrain_map
+        files = write_terrain(terrain_map, file, mesh=options.mesh)
+        content = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
+        types = [terrain["type"] for terrain in content["terrains"]]
+        counts = ", ".join(f"{types.count(name)} {name}" for name in ("level", "ramp", "stairs"))
+        planes = len(content["planes"])
+        return Written(files=files, rows=planes, lines=[f"{files[0]}: {planes} planes; {counts}"])
+
+    def is_empty(self, output: Output[MapRun]) -> bool:
+        """Whether no depth image had a pose."""
+        return output.estimates.terrain_map.estimate is None
+
+    def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
+        """Each map as one line of JSON."""
+        return LiveTerrain(file)
+
+    def report(self, evaluations: Sequence[EvaluatedMap], recording: Recording) -> ReportParts:
+        """The ground of the first map from above and from the side, its errors, and its scores."""
+        from stridetwin.outputs.terrain.report import terrain_section
+
+        return ReportParts(figures=terrain_section(evaluations[0].sampled, evaluations[0].scores))
+
+    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedMap], recording: Recording) -> None:
+        """The ground of the first map, its planes and edges, over time."""
+        from stridetwin.outputs.terrain.rerun import log_ground
+
+        log_ground(rerun, stream, evaluations[0].sampled.snapshots)

@@ -1,0 +1,115 @@
+"""The ground along the straightened route, as it was last mapped before the walker stood on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map import Stairs, TerrainEstimate
+from stridetwin.outputs.alignment import YawAlignment
+from stridetwin.outputs.terrain.grid import GROUND_CLASSES, GroundGrid, ground_classes_at
+from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Layout
+
+HALF_WIDTH_M, CELL_M = 1.0, 0.04
+"""Half width of the stored ground along the route, and its cell size."""
+_BEHIND_M, _AHEAD_M = 0.2, 2.5
+_STEPPED_M = 1.2
+"""An edge is stored when it is at most this far ahead."""
+_SAME_EDGE_M = 0.1
+_BESIDE_M, _ACROSS = 0.3, 0.7
+"""An edge that begins farther beside the route, or lies more along than across it, does not belong to the route."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MappedRoute:
+    """The ground along the straightened route, as it was last mapped before the walker stood on it.
+
+    Attributes:
+        s: (S,) m along the route, centres of the cells.
+        left: (L,) m to the left of it.
+        height: (S, L) m in the true world, NaN where nothing was seen.
+        classes: (S, L) numbers of `GROUND_CLASSES`.
+        edges: (E, 3) m: position along the route, and both ends to the left, of each edge.
+    """
+
+    s: Array
+    left: Array
+    height: Array
+    classes: NDArray[np.uint8]
+    edges: Array
+
+
+class RouteMapper:
+    """Fills a `MappedRoute` during the walk, between two places along the route, m."""
+
+    def __init__(self, layout: Layout, s0: float, s1: float) -> None:
+        self._way, self._profile = layout.way, layout.profile
+        self._s = np.arange(s0, s1, CELL_M) + CELL_M / 2
+        self._left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
+        self._height = np.full((len(self._s), len(self._left)), np.nan)
+        self._classes = np.full(self._height.shape, GROUND_CLASSES.index("none"), np.uint8)
+        self._edges: list[tuple[float, float, float]] = []
+
+    def add(self, grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, here: float) -> None:
+        """Replaces the stored ground near the walker by the current estimate."""
+        some = np.flatnonzero((self._s > here - _BEHIND_M) & (self._s < here + _AHEAD_M))
+        s, left = np.meshgrid(self._s[some], self._left, indexing="ij")
+        height, plane = grid.at(alignment.to_estimated(self._way.point(s, left)))
+        heading = float(self._way.heading(here + 0.5 * _AHEAD_M)) - alignment.yaw
+        classes = ground_classes_at(estimate, plane, heading)
+        known = np.isfinite(height)
+        rows, columns = np.nonzero(known)
+        self._height[some[rows], columns] = height[known] - alignment.estimated[2] + alignment.true[2]
+        self._classes[some[rows], columns] = classes[known]
+        for flight in estimate.stairs:
+            for a, b in edge_lines(flight):
+                self._keep_edge(alignment.to_true(a), alignment.to_true(b), here)
+
+    def _keep_edge(self, a: Array, b: Array, here: float) -> None:
+        """Stores an edge ahead of the walker and replaces its earlier estimate."""
+        around = np.arange(here, here + _STEPPED_M, 0.02)
+        way, heading = self._way.point(around), self._way.heading(around)
+        left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+        off = np.abs(_beside(way, a, b))
+        k = int(off.argmin())
+        if off[k] > 0.02:
+            return
+        low, high = sorted(float((end[:2] - way[k]) @ left[k]) for end in (a, b))
+        across = float(abs((b - a)[:2] @ left[k])) / max(float(np.linalg.norm((b - a)[:2])), 1e-9)
+        if across < _ACROSS or low > _BESIDE_M or high < -_BESIDE_M:
+            return
+        forward = np.array([math.cos(heading[k]), math.sin(heading[k])])
+        middle = a[:2] + (b - a)[:2] * float(
+            np.clip((way[k] - a[:2]) @ (b - a)[:2] / ((b - a)[:2] @ (b - a)[:2]), 0, 1)
+        )
+        s = float(around[k]) + float((middle - way[k]) @ forward)
+        self._edges = [e for e in self._edges if abs(e[0] - s) > _SAME_EDGE_M]
+        self._edges.append((s, low, high))
+
+    def mapped_route(self) -> MappedRoute:
+        """The stored ground."""
+        edges = np.array(sorted(self._edges), float).reshape(-1, 3)
+        return MappedRoute(s=self._s, left=self._left, height=self._height, classes=self._classes, edges=edges)
+
+
+def _beside(points: Array, a: Array, b: Array) -> Array:
+    """(N,) m, distances of (N, 2) points from the line through a and b, in the horizontal plane."""
+    along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
+    offset = points - a[:2]
+    return np.asarray(offset[:, 0] * along[1] - offset[:, 1] * along[0])
+
+
+def edge_lines(flight: Stairs) -> list[Array]:
+    """Ends of each detected edge, (2, 3) m in the map's world, at the height of the tread above it."""
+    up = flight.up
+    aside = np.array([-up[1], up[0]])
+    lines = []
+    for k, s in enumerate(flight.edges):
+        if math.isfinite(s):
+            z = flight.base + (k + 1) * flight.riser
+            lines.append(np.array([[*(s * up + reach * aside), z] for reach in flight.across]))
+    return lines

@@ -1,0 +1,95 @@
+"""Keeps the terrain map that an estimator gives for a recording, and samples it against the truth on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import Collector, Output
+from stridetwin.outputs.terrain.grid import GroundGrid
+from stridetwin.outputs.terrain.mapped_route import MappedRoute, RouteMapper
+from stridetwin.outputs.terrain.scores import MapScorer, MapScores
+from stridetwin.outputs.terrain.snapshots import Snapshot, take_snapshot
+from stridetwin.streams.samples import Depth, Sample
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledMap:
+    """What was sampled of a map during a walk whose truth is known; a map changes, so its past cannot be read later.
+
+    Attributes:
+        walk: The walk.
+        scores: Scores of the map.
+        route: The ground along the route, as it was mapped before the walker stood on it.
+        snapshots: The ground around the walker each half second.
+    """
+
+    walk: AlignedWalk
+    scores: MapScores
+    route: MappedRoute
+    snapshots: list[Snapshot]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MapRun:
+    """A map at the end of a recording, and what was sampled of it on the way; None without a truth."""
+
+    terrain_map: TerrainMap
+    sampled: SampledMap | None = None
+
+
+class MapCollector(Collector[MapRun]):
+    """Keeps a map; samples it after each depth image if the truth of the walk is known.
+
+    Args:
+        name: Name of the output.
+        terrain_map: The map, at work.
+        walk: The walk beside the truth; None if it is not known.
+    """
+
+    def __init__(self, name: str, terrain_map: TerrainMap, walk: AlignedWalk | None) -> None:
+        self._name, self._map = name, terrain_map
+        self._sampler = None if walk is None else _MapSampler(terrain_map, walk)
+
+    def add(self, sample: Sample, estimate: Any) -> None:
+        """Samples the map after a depth image."""
+        if self._sampler is not None and isinstance(sample, Depth):
+            self._sampler.sample(sample.t_ns)
+
+    def outputs(self) -> list[Output[MapRun]]:
+        """The map."""
+        sampled = None if self._sampler is None else self._sampler.sampled()
+        return [Output(name=self._name, estimates=MapRun(terrain_map=self._map, sampled=sampled))]
+
+
+class _MapSampler:
+    def __init__(self, terrain_map: TerrainMap, walk: AlignedWalk) -> None:
+        self._map, self._walk = terrain_map, walk
+        path = np.column_stack([[f.t_ns for f in walk.footprints], walk.foot_places_m])
+        self._scorer = MapScorer(walk.layout, path)
+        last_m = float(max(walk.place_m.max(), walk.foot_places_m.max()))
+        self._route = RouteMapper(walk.layout, float(walk.place_m.min()) - 0.5, last_m + 1.0)
+        self._snapshots: list[Snapshot] = []
+
+    def sample(self, t_ns: int) -> None:
+        """Samples the map if the depth image of `t_ns` has changed it."""
+        estimate, place_m = self._map.estimate, self._walk.place_at(t_ns)
+        if estimate is None or estimate.t_ns != t_ns or place_m is None:
+            return
+        alignment = self._walk.alignment_at(t_ns)
+        if not self._scorer.look(t_ns, self._map, alignment, place_m):
+            return
+        grid = GroundGrid.of(self._map)
+        heading = float(self._walk.layout.way.heading(place_m)) - alignment.yaw
+        self._route.add(grid, estimate, alignment, place_m)
+        self._snapshots.append(take_snapshot(grid, estimate, alignment, heading))
+
+    def sampled(self) -> SampledMap:
+        """All samples."""
+        return SampledMap(
+            walk=self._walk, scores=self._scorer.scores(), route=self._route.mapped_route(), snapshots=self._snapshots
+        )

@@ -1,0 +1,65 @@
+"""The mapped ground around the walker at one instant, for viewers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map import Plane, TerrainEstimate
+from stridetwin.outputs.alignment import YawAlignment
+from stridetwin.outputs.terrain.grid import GroundGrid, ground_classes_at
+from stridetwin.outputs.terrain.mapped_route import edge_lines
+from stridetwin.streams.samples import Array
+
+_WINDOW_M, _SHOWN_M = 3.0, 0.1
+_LEAST_PLANE_M2 = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Snapshot:
+    """The ground around the walker at one instant, in the true world.
+
+    Attributes:
+        t_ns: Its time.
+        points: (N, 3) m.
+        classes: (N,) numbers of `GROUND_CLASSES`.
+        planes: Outline of each plane, (5, 3) m, and its number of `GROUND_CLASSES`.
+        edges: Ends of each edge of a flight, (2, 3) m.
+    """
+
+    t_ns: int
+    points: NDArray[np.float32]
+    classes: NDArray[np.uint8]
+    planes: list[tuple[Array, int]]
+    edges: list[Array]
+
+
+def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, heading: float) -> Snapshot:
+    """The ground of a map within 3 m of the camera, in the true world, with classes for a heading in rad."""
+    points, plane = grid.points()
+    eye = estimate.p_camera_in_world
+    some = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _WINDOW_M)
+    i, j = np.floor((points[some, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
+    some = some[np.unique(i * 4096 + j, return_index=True)[1]]
+    near = [
+        p for p in estimate.planes.values()
+        if p.area_m2 > _LEAST_PLANE_M2 and np.linalg.norm(p.centre[:2] - eye[:2]) < _WINDOW_M
+    ]  # fmt: skip
+    classes = ground_classes_at(estimate, np.array([p.id for p in near], np.int64), heading)
+    return Snapshot(
+        t_ns=estimate.t_ns, points=alignment.to_true(points[some]).astype(np.float32),
+        classes=ground_classes_at(estimate, plane[some], heading),
+        planes=[(alignment.to_true(_outline(p)), int(c)) for p, c in zip(near, classes)],
+        edges=[alignment.to_true(line) for flight in estimate.stairs for line in edge_lines(flight)],
+    )  # fmt: skip
+
+
+def _outline(plane: Plane) -> Array:
+    """(5, 3) m, the rectangle in the plane that its points would fill if evenly distributed."""
+    variances, axes = np.linalg.eigh(plane.spread)
+    half = np.sqrt(3.0 * np.maximum(variances, 0.0))
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
+    xy = plane.centre[:2] + corners @ axes.T
+    return np.column_stack([xy, plane.height(xy)])

@@ -1,0 +1,182 @@
+"""Every estimator that a recording feeds, of every kind of output, beside the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from stridetwin.estimators import registry as estimator_registry
+from stridetwin.estimators.base import PATH, PathEstimate, Progress
+from stridetwin.outputs.aligned_walk import align_walk, odometry_of
+from stridetwin.outputs.base import AnyKind, KindEvaluations, Output
+from stridetwin.outputs.feeding import Instance, runnable_instances
+from stridetwin.outputs.path.run import all_paths
+from stridetwin.outputs.pose_feed import replay
+from stridetwin.outputs.registry import kinds
+from stridetwin.scenarios.processes import processes
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Image
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KindOutputs:
+    """The outputs of one kind of one recording, before they are compared with the truth."""
+
+    kind: AnyKind
+    outputs: list[Output[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Which estimators are run on a recording, and how.
+
+    Attributes:
+        only: Names of the estimators to run, see `scenarios.score_needs.estimators_of`; None runs all.
+        backend: `Options.backend` of the estimators that have it; "" takes their first.
+        frames: Frames whose paths are scored; None takes all.
+    """
+
+    only: frozenset[str] | None = None
+    backend: str = ""
+    frames: frozenset[str] | None = None
+
+    def instances(self, kind: str, recording: Recording) -> list[Instance]:
+        """The instances of one kind that the recording feeds."""
+        return [
+            self._with_backend(instance)
+            for name, estimator_class in estimator_registry.estimators(kind).items()
+            if self.only is None or name in self.only
+            for instance in runnable_instances(estimator_class, recording)
+        ]
+
+    def _with_backend(self, instance: Instance) -> Instance:
+        if self.backend not in instance.declaration.backends:
+            return instance
+        return replace(instance, options=replace(instance.options, backend=self.backend))
+
+
+def evaluate_recording(
+    recording: Recording,
+    selection: Selection | None = None,
+    *,
+    alignment: str = "start",
+    progress: Progress | None = None,
+    in_two_processes: bool = False,
+) -> Iterator[KindEvaluations]:
+    """Runs every selected estimator that a recording feeds, and compares the outputs with the truth, kind by kind.
+
+    Paths come first, because their odometry supplies the poses for terrain and modes, which are run in one pass over
+    the images. A kind whose truth the recording lacks (`OutputKind.has_truth`) is left out.
+
+    Args:
+        recording: The recording.
+        selection: Which estimators are run; None runs all.
+        alignment: Of paths with the truth, see `outputs.alignment.align`.
+        progress: Receives the stage and its progress (0-1).
+        in_two_processes: Estimates the paths of other estimators with cameras in a process of their own meanwhile.
+
+    Raises:
+        StrideTwinError: As the estimators, and as `OutputKind.evaluate`; the kinds before have been given.
+    """
+    for of_kind in run_recording(recording, selection, progress=progress, in_two_processes=in_two_processes):
+        evaluations = of_kind.kind.evaluate(of_kind.outputs, recording, alignment)
+        if evaluations:
+            yield KindEvaluations(kind=of_kind.kind, evaluations=evaluations)
+
+
+def run_recording(
+    recording: Recording,
+    selection: Selection | None = None,
+    *,
+    progress: Progress | None = None,
+    in_two_processes: bool = False,
+) -> Iterator[KindOutputs]:
+    """The outputs of every selected estimator that a recording feeds, kind by kind; see `evaluate_recording`."""
+    selection = selection or Selection()
+    pose_driven = [name for name, kind in kinds().items() if kind.takes_poses]
+    with ExitStack() as stack:
+        find_paths: Callable[..., list[PathEstimate]] = partial(all_paths, recording, only=selection.only)
+        driven: list[KindOutputs] | None = None
+        if in_two_processes and recording.is_mcap and has_two_image_estimators(recording, selection.only):
+            pool = stack.enter_context(processes(1))
+            future = pool.submit(_other_paths, recording.path, recording.lenient, selection.only)
+            odometries = find_paths(supplies_poses=True)
+            driven = _run_driven(recording, selection, odometries, pose_driven, progress)
+            paths = future.result() + odometries
+        else:
+            paths = find_paths()
+        for name, kind in kinds().items():
+            if kind.takes_poses or not kind.has_truth(recording):
+                continue
+            if name == PATH:
+                outputs = [Output(name=p.name, estimates=p) for p in paths if _is_wanted(p, selection.frames)]
+            else:
+                instances = selection.instances(name, recording)
+                outputs = [output for instance in instances for output in kind.run(instance, recording)]
+            if outputs:
+                yield KindOutputs(kind=kind, outputs=outputs)
+        yield from _run_driven(recording, selection, paths, pose_driven, progress) if driven is None else driven
+
+
+def _is_wanted(path: PathEstimate, frames: frozenset[str] | None) -> bool:
+    return frames is None or path.frame in frames
+
+
+def _other_paths(path: Path, lenient: bool, only: Container[str] | None) -> list[PathEstimate]:
+    return all_paths(Recording(path, lenient), supplies_poses=False, only=only)
+
+
+def _run_driven(
+    recording: Recording,
+    selection: Selection,
+    paths: Iterable[PathEstimate],
+    pose_driven: list[str],
+    progress: Progress | None,
+) -> list[KindOutputs]:
+    """Outputs of the kinds that take poses; none if no odometry supplies them, or nothing of these is selected."""
+    names = {name for kind in pose_driven for name in estimator_registry.estimators(kind)}
+    if selection.only is not None and not names & selection.only:
+        return []
+    odometry = odometry_of(recording, paths)
+    return [] if odometry is None else run_driven(recording, odometry, selection, progress)
+
+
+def run_driven(
+    recording: Recording, odometry: PathEstimate, selection: Selection | None = None, progress: Progress | None = None
+) -> list[KindOutputs]:
+    """Outputs of every selected estimator that takes poses, with those of an odometry, beside the truth.
+
+    Args:
+        recording: The recording.
+        odometry: As `odometry_of` gives it.
+        selection: Which estimators are run; None runs all.
+        progress: Receives the stage and its progress (0-1).
+    """
+    selection = selection or Selection()
+    instances = [
+        (kind, instance.with_poses_of(odometry.frame))
+        for name, kind in kinds().items()
+        if kind.takes_poses
+        for instance in selection.instances(name, recording)
+    ]
+    walk = align_walk(recording, odometry)
+    by_kind: dict[AnyKind, list[Output[Any]]] = {}
+    for kind, outputs in replay(instances, recording, walk.poses, walk.camera, walk, progress):
+        by_kind.setdefault(kind, []).extend(outputs)
+    return [KindOutputs(kind=kind, outputs=outputs) for kind, outputs in by_kind.items()]
+
+
+def has_two_image_estimators(recording: Recording, only: Container[str] | None = None) -> bool:
+    """Whether the recording feeds images to the odometry and to another estimator of paths among those to run."""
+    supplies_poses = {
+        estimator_class.declaration.supplies_poses
+        for name, estimator_class in estimator_registry.estimators(PATH).items()
+        if only is None or name in only
+        for instance in runnable_instances(estimator_class, recording)
+        if any(stream.kind is Image and stream.topic in recording.topics for stream in instance.streams)
+    }
+    return len(supplies_poses) == 2
