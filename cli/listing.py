@@ -14,12 +14,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ListOptions(Options):
-    """List scenarios, sensors, parts, estimators and experiments."""
+    """List scenarios, sensors, parts, kinds of output, estimators and experiments."""
 
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.estimators.registry import descriptions
+    from stridetwin.outputs.registry import kinds
     from stridetwin.scenarios.built_in import campaigns, catalogue, problems
     from stridetwin.sim.config import PHYSICS, TwinConfig
     from stridetwin.sim.faults.catalogue import FAULTS
@@ -35,6 +36,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "campaigns": {name: read_yaml(path)["campaign"] for name, path in campaigns().items()},
         "placements": {name: read_yaml(path)["placement"] for name, path in problems().items()},
         "sensors": list(KIND),
+        "outputs": {name: kind.title for name, kind in kinds().items()},
         "estimators": descriptions(),
         "experiments": {name: study.description for name, study in STUDIES.items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
@@ -45,7 +47,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     lines: list[str | Table] = []
     files = {"scenarios": catalogue(), "campaigns": campaigns(), "placements": problems(), "parts": library()}
     data["folders"] = {title: str(next(iter(paths.values())).parent) for title, paths in files.items()}
-    for title in ("scenarios", "campaigns", "placements", "estimators", "experiments"):
+    for title in ("scenarios", "campaigns", "placements", "outputs", "estimators", "experiments"):
         where = f" (files in {data['folders'][title]})" if title in data["folders"] else ""
         lines += [table(data[title].items(), title=f"{title.capitalize()}{where}", text_columns=2), ""]
     kinds = [(name, kind_of(p), p.description) for name, p in parts.items()]

@@ -2,7 +2,8 @@
 
 A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
 order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one. The
-class may declare `topics`, the topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
+class may declare `topics`, the topics that it reads (default: all but the truth's), and `frame`, whose pose it
+estimates.
 """
 
 from __future__ import annotations
