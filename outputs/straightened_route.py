@@ -78,6 +78,13 @@ class StraightenedRoute:
         is_inside = (s > span[0]) & (s < span[1])
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")
 
+    def draw_terrain_keys(self, plot: Plot) -> None:
+        """The colours of the terrain of the whole route, for the legend of the first row."""
+        present = {strip.terrain for strip in self._walk.layout.profile}
+        for terrain, color in GROUND.items():
+            if terrain in present:
+                plot.key(terrain, color)
+
     def draw_terrain(self, plot: Plot, span: Range) -> None:
         """The true terrain within a span, as bands across the route."""
         for terrain, color in GROUND.items():
@@ -87,4 +94,4 @@ class StraightenedRoute:
                 if strip.terrain == terrain and s1 > s0:
                     corners = [(s0, -HALF_WIDTH_M), (s1, -HALF_WIDTH_M), (s1, HALF_WIDTH_M), (s0, HALF_WIDTH_M)]
                     bands.append(np.array(corners))
-            plot.areas(bands, color, label=terrain)
+            plot.areas(bands, color)

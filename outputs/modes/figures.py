@@ -67,6 +67,8 @@ def _row(
 ) -> Markup:  # fmt: skip
     span = rows[number]
     plot = straight.plot_row(title, number, rows)
+    if number == 0:
+        straight.draw_terrain_keys(plot)
     straight.draw_terrain(plot, span)
     straight.draw_footprints(plot, span)
     shown = straight.within(span)
