@@ -44,15 +44,14 @@ from stridetwin.evaluation.map_scores import (
     true_heights,
 )
 from stridetwin.pipeline.terrain_files import given_poses
-from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Odometry
+from stridetwin.streams.terrain_truth import Layout, Strip, terrain_layout
 
 WALKS = ("zhao_stair_20cm", "zhao_ramp_15_8")
 _LOOK_NS = 500_000_000

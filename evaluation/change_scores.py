@@ -12,8 +12,8 @@ import numpy as np
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.evaluation.alignment import MovingAlignment
 from stridetwin.evaluation.truth import flights, scored_at_ns
-from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.samples import Array, Footprint
+from stridetwin.streams.terrain_truth import Layout, Strip
 
 _STAIR_M = 0.07
 _MATCH_M = 0.4

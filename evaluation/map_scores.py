@@ -13,8 +13,8 @@ from stridetwin.evaluation.alignment import YawAlignment
 from stridetwin.evaluation.change_scores import ScoredChange, TerrainChange, mode_of
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.truth import edges, flights, scored_at_ns
-from stridetwin.sim.world.route import Layout, Slab, Strip
 from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
 _HALF_WIDTH_M = 0.5
 NEAR_M, FAR_M = 0.5, 2.5

@@ -20,8 +20,8 @@ from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPredi
 from stridetwin.evaluation.alignment import MovingAlignment
 from stridetwin.evaluation.change_scores import ScoredChange, mode_of, score_approaches
 from stridetwin.evaluation.truth import along_way
-from stridetwin.sim.world.route import Layout
 from stridetwin.streams.samples import Footprint
+from stridetwin.streams.terrain_truth import Layout
 
 _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045

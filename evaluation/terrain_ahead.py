@@ -29,11 +29,10 @@ from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, along_way, true_footprints
 from stridetwin.pipeline.run import Found, all_paths, fed, merged
 from stridetwin.pipeline.terrain_files import KINDS, GroundGrid, kinds_at
-from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.processes import processes
-from stridetwin.sim.world.route import Layout
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Footprint, Image
+from stridetwin.streams.terrain_truth import Layout, terrain_layout
 from stridetwin.streams.trajectory import Trajectory
 
 HALF_WIDTH_M, CELL_M = 1.0, 0.04

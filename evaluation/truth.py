@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Block, Footprint, Odometry
+from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.trajectory import Trajectory
 
 

@@ -14,8 +14,8 @@ from stridetwin.evaluation.path_scores import CHI2_3_95
 from stridetwin.evaluation.step_scores import ScoredStep
 from stridetwin.evaluation.truth import along_way
 from stridetwin.report.plot import INK, PALETTE, Plot, Range, data_range, faint
-from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.samples import Array, Block, Footprint
+from stridetwin.streams.terrain_truth import Layout, Strip
 
 COLORS = {"l": PALETTE[0], "r": PALETTE[1], "camera": PALETTE[3]}
 _OTHERS = {"l": PALETTE[2::3], "r": PALETTE[5::-1], "camera": PALETTE[4:]}  # of further estimators

@@ -21,12 +21,11 @@ from stridetwin.report.figures_path import outline, part_of
 from stridetwin.report.figures_streams import curves_of, scalar_topics
 from stridetwin.report.figures_terrain import WORDS, ellipse
 from stridetwin.report.images import camera_topics, images_of, scaled
-from stridetwin.scenarios.metadata import terrain_layout
-from stridetwin.sim.world.route import Layout
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
+from stridetwin.streams.terrain_truth import Layout, terrain_layout
 
 GROUND, STEPS, MODE = "world/ahead", "world/steps", "modes"
 _STEPS_HZ = 5.0

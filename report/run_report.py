@@ -36,11 +36,12 @@ from stridetwin.report.figures_terrain import (
 )
 from stridetwin.report.html import boxes, multiples, page, rendered, section, table
 from stridetwin.report.images import Film, camera_views, data_uri, jpeg_uri
-from stridetwin.scenarios.metadata import injected_faults, terrain_layout
+from stridetwin.scenarios.metadata import injected_faults
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.terrain_truth import terrain_layout
 
 _CARDS = (
     ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that foot or camera travelled"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import json
 import os
 import shutil
 import tempfile
@@ -58,15 +57,6 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def json_text(value: object) -> str:
-    """JSON for a file: sorted keys, so that equal results give equal bytes.
-
-    Raises:
-        ValueError: A number is not finite.
-    """
-    return json.dumps(value, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
 def sha256(path: Path) -> str:

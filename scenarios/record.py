@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios import exo_geometry
-from stridetwin.scenarios.metadata import fault_metadata, terrain_metadata
+from stridetwin.scenarios.metadata import fault_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.sim.faults.faults import arrivals, check_times, plan_faults
 from stridetwin.sim.wearer.anthropometry import anthropometry
 from stridetwin.streams.errors import needing
 from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Block, Sample
+from stridetwin.streams.terrain_truth import terrain_metadata
 
 if TYPE_CHECKING:
     from stridetwin.sim.twin import Twin

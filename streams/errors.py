@@ -130,3 +130,8 @@ def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Coll
 
 class RecordingError(StrideTwinError):
     """A recording that cannot be read, or that would silently corrupt an estimate."""
+
+
+def invalid_metadata(key: str, expected: str, error: Exception) -> RecordingError:
+    """The error to raise about an entry of a recording's metadata that reading it found invalid."""
+    return RecordingError(f"invalid metadata {key}: expected {expected}: {' '.join(str(error).split())[:120]}")

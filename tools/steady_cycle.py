@@ -23,10 +23,10 @@ from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.world.route import Strip
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler, rot_z
+from stridetwin.streams.terrain_truth import Strip
 
 SAMPLES = 100  # per stride
 _COM_ABOVE_PELVIS_M = 0.03

@@ -31,9 +31,9 @@ from stridetwin.scenarios.campaign.walk import (
     versions,
     with_verdict,
 )
-from stridetwin.scenarios.files import json_text, locked, sha256
+from stridetwin.scenarios.files import locked, sha256
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import json_text, whole_file
 
 Progress = Callable[[str, float], None]
 

@@ -12,9 +12,8 @@ from typing import Any
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.plan import Extra
 from stridetwin.scenarios.campaign.walk import ROWS
-from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import json_text, whole_file
 
 NAME = "request.json"
 _ANOTHER = "expected the same request to resume, or another folder"

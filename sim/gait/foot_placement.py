@@ -15,10 +15,11 @@ from scipy.ndimage import gaussian_filter1d
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.style import leg_length, pace, shuffled_share, walk_growth
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.world.route import RUN_OUT_M, Layout, Strip
-from stridetwin.sim.world.way import Way
+from stridetwin.sim.world.route import RUN_OUT_M
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Layout, Strip
+from stridetwin.streams.way import Way
 
 _PLANNING_M = 0.005
 _GRID_M = 0.1

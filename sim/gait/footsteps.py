@@ -26,11 +26,11 @@ from stridetwin.sim.gait.foot_placement import (
 from stridetwin.sim.gait.style import Style, level_style, pace, prolonged, shuffled, style_at
 from stridetwin.sim.kinematics.smooth import smoothed
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.world.route import Layout, Strip
-from stridetwin.sim.world.way import Way
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import rot_x, rot_y, rot_z
+from stridetwin.streams.terrain_truth import Layout, Strip
+from stridetwin.streams.way import Way
 
 GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
 GAZE_YAW_MAX_RAD = 0.7

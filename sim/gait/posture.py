@@ -15,9 +15,9 @@ from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
 from stridetwin.sim.kinematics.smooth import ease, smoothed
-from stridetwin.sim.world.route import Strip, profile_height
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler
+from stridetwin.streams.terrain_truth import Strip, profile_height
 
 
 @dataclass(frozen=True, kw_only=True)

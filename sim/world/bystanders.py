@@ -20,9 +20,10 @@ from scipy.ndimage import gaussian_filter1d
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.kinematics.track import Track
-from stridetwin.sim.world.route import RUN_OUT_M, Strip
+from stridetwin.sim.world.route import RUN_OUT_M
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Strip
 
 PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "shank", "foot", "upper_arm", "forearm")))
 THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)

@@ -15,10 +15,11 @@ from operator import itemgetter
 import numpy as np
 
 from stridetwin.sim.config import Thing
-from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip, profile_height
+from stridetwin.sim.world.route import RUN_OUT_M
 from stridetwin.sim.world.solids import Solid, corners
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Layout, Slab, Strip, profile_height
 
 _SEED = 20260  # the world looks the same in every walk
 

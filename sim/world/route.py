@@ -1,22 +1,17 @@
-"""Layout of a route in the world: the way, the strips of ground along it, and every slab that it consists of.
-
-Plain data without a simulator; reports and viewers read it from a recording's metadata.
-"""
+"""Lays out a route in the world: the way, the strips of ground along it, and every slab that it consists of."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.route_checks import check_segments
-from stridetwin.sim.world.way import CurveSegment, Way, joined
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Layout, Slab, Strip
+from stridetwin.streams.way import CurveSegment, Way, joined
 
 LEAD_IN_M = 2.0
 RUN_OUT_M = 2.0
@@ -25,100 +20,6 @@ _SLAB_ANGLE_RAD = math.radians(10.0)  # arcs are built of straight slabs
 _CROSSING_STRAIGHT_M = 0.35  # before and after the diagonal part of a crossing
 _CROSSING_RADIUS_M = 1.0
 _SAME_HEIGHT_M = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Strip:
-    """One flat or sloping segment of the way.
-
-    Attributes:
-        s0, s1: Arc length of its start and end, m.
-        z0, z1: Height of the way there, m.
-        terrain: level, stair or ramp.
-        cross_slope: Lateral tilt, rad, left side up positive.
-    """
-
-    s0: float
-    s1: float
-    z0: float
-    z1: float
-    terrain: str
-    cross_slope: float = 0.0
-
-    @property
-    def slope(self) -> float:
-        """Inclination along the way, rad, uphill positive."""
-        return math.atan((self.z1 - self.z0) / (self.s1 - self.s0))
-
-    def height(self, s: float, left: float) -> float:
-        """Height of its plane at an arc length and at m to the left of the way."""
-        return self.z0 + math.tan(self.slope) * (s - self.s0) + math.tan(self.cross_slope) * left
-
-
-def profile_height(profile: Sequence[Strip], s: ArrayLike) -> Array:
-    """(...) m, height of the way at (...) arc lengths."""
-    at = np.asarray(s, dtype=float)
-    return np.interp(at, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Slab:
-    """One flat segment of ground, a rectangle in plan view.
-
-    Attributes:
-        x, y: Start of its axis in the world, m.
-        heading: Direction of its axis, rad.
-        length: Along its axis, m.
-        left, right: Extent to both sides of its axis, m.
-        z0, z1: Height at the start and at the end of its axis, m.
-        terrain: level, stair or ramp.
-        cross_slope: Lateral tilt, rad, left side up positive.
-        recess: How far the riser below it stands back from its lower edge, m: from the start of its axis, or, negative,
-            from the end; its whole length makes it a plank.
-        start_radius, end_radius: Of its rounded edges at the start and at the end of its axis, m.
-    """
-
-    x: float
-    y: float
-    heading: float
-    length: float
-    left: float
-    right: float
-    z0: float
-    z1: float
-    terrain: str
-    cross_slope: float = 0.0
-    recess: float = 0.0
-    start_radius: float = 0.0
-    end_radius: float = 0.0
-
-    def point(self, along: ArrayLike, left: ArrayLike) -> Array:
-        """(..., 3) points of its top in the world, at (...) m along its axis and to the left of it."""
-        along, left = np.asarray(along, dtype=float), np.asarray(left, dtype=float)
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        z = self.z0 + (self.z1 - self.z0) * along / self.length + math.tan(self.cross_slope) * left
-        return np.stack([self.x + cos * along - sin * left, self.y + sin * along + cos * left, z], -1)
-
-    def local(self, xy: Array) -> tuple[Array, Array]:
-        """(...) m along its axis and to the left of it, of (..., 2) points in the world."""
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        dx, dy = xy[..., 0] - self.x, xy[..., 1] - self.y
-        return cos * dx + sin * dy, cos * dy - sin * dx
-
-
-@dataclass(frozen=True, kw_only=True)
-class Layout:
-    """A route in the world.
-
-    Attributes:
-        way: Plane curve that the walk follows, from `LEAD_IN_M` behind the start to `RUN_OUT_M` beyond the end.
-        profile: Strips along the way in order; there is a riser where one's z1 differs from the next one's z0.
-        slabs: All walkable ground, including that beside the way.
-    """
-
-    way: Way
-    profile: tuple[Strip, ...]
-    slabs: tuple[Slab, ...]
 
 
 def lay_out(route: Route) -> Layout:

@@ -18,10 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from stridetwin.sim.config import Route
 from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.obstacles import Landmark, floor, surroundings
-from stridetwin.sim.world.route import Layout, Slab, Strip, lay_out
+from stridetwin.sim.world.route import lay_out
 from stridetwin.sim.world.scenery import add_ground, add_quads, add_sky, paint_area, paint_box, paint_slabs
 from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.streams.samples import Array
+from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
 _GROUND_BELOW_M = 0.05
 _PLANK_M = 0.04  # thickness of a tread that overhangs its riser

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.files import json_text, locked
+from stridetwin.scenarios.files import locked
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import json_text, whole_file
 
 ROWS, REQUEST = "rows.jsonl", "request.json"
 HIDDEN = ".unfinished-"

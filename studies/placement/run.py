@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files, scenario_text
-from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import json_text, whole_file
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import body_map
 from stridetwin.studies.placement.measure import Measure, Measured, Progress

@@ -28,13 +28,13 @@ from stridetwin.evaluation.norms import reference
 from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
 from stridetwin.pipeline.run import Leading, pose_of
 from stridetwin.pipeline.terrain_files import given_poses
-from stridetwin.scenarios.metadata import terrain_layout
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
+from stridetwin.streams.terrain_truth import terrain_layout
 from stridetwin.streams.trajectory import Pose, Trajectory
 from stridetwin.studies.case import Case
 from stridetwin.studies.fault_injection import Samples

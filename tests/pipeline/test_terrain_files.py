@@ -13,9 +13,9 @@ from stridetwin.evaluation.map_scores import distance_to, mesh_of, true_changes
 from stridetwin.pipeline.run import mapped
 from stridetwin.pipeline.terrain_files import COLORS, KINDS, GroundGrid, kinds_at
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
-from stridetwin.sim.world.route import Slab
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.terrain_truth import Slab
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
 RISER, TREAD = 0.15, 0.30

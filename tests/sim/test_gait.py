@@ -16,9 +16,9 @@ from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import Playback, share_out
 from stridetwin.sim.truth import CONTACT, FLAT, HEEL_OFF, SWING, foot_phase
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.world.way import Way
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.so3 import rot_y
+from stridetwin.streams.way import Way
 
 ROUTES: dict[str, tuple[Segment, ...]] = {
     "level": (Level(length_m=6.0),),

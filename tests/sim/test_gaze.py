@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.gait.footsteps import check_gait
 from stridetwin.sim.gait.posture import Look, look
-from stridetwin.sim.world.route import Strip
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.terrain_truth import Strip
 
 LEG_M = 0.93
 PROFILE = (
