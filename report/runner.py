@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import deprecated
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.score_needs import estimators_of, with_sensors_for
@@ -53,7 +52,6 @@ def run_scenario(
     film: bool = True,
     backend: str = "",
     only: Collection[str] = (),
-    pictures: bool | None = None,
 ) -> Run:
     """Simulates a walk, runs the estimators and scores them.
 
@@ -69,7 +67,6 @@ def run_scenario(
         backend: Of the terrain map, see `Options.backend`.
         only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
             and nothing else is estimated. Empty runs all.
-        pictures: Deprecated name of `film`.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -78,9 +75,6 @@ def run_scenario(
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.report.run_report import ReportData, render_report
 
-    if pictures is not None:
-        deprecated("run_scenario(pictures=...)", "run_scenario(film=...)")
-        film = pictures
     asked = estimators_of(only) if only else None
     if asked is not None:
         scenario = with_sensors_for(scenario, asked)
