@@ -11,6 +11,7 @@ import typer
 
 from stridetwin.cli.options import (
     BackendOption,
+    EstimatorArguments,
     ImportableOptions,
     Outcome,
     Progress,
@@ -25,7 +26,6 @@ from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Opt
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
-    from stridetwin.cli.bridge import LiveOptions
     from stridetwin.pipeline.run import Found
     from stridetwin.streams.samples import Block, Imu
 
@@ -125,7 +125,7 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[*made.lines, made.poses] if made.poses else made.lines)
 
 
-def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaration) -> Options:
+def options_of(arguments: EstimatorArguments, declaration: Declaration) -> Options:
     """The request of the arguments of `estimate` or `live`.
 
     Raises:
