@@ -112,8 +112,6 @@ ALLOWED_IN_FILES = {
     "estimators/foot_to_foot/filter.py": r"\bsightings\b",
     "report/run_report.py": r"^nis sightings$",  # keys of files that earlier versions have written
     "studies/jao2020/jao_walk.py": r"\bsightings\b",
-    "studies/zhao2023/mode_fusion.py": r"\btold\b",
-    "studies/zhao2023/mode_not_fooled.py": r"\btold\b",
     "streams/formats/bag_files.py": r"^tell$",  # the method of a file or of an optimiser
     "streams/recording/mcap_scan.py": r"^tell$",
     "streams/recording/mcap_writer.py": r"^tell$",
