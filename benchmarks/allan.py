@@ -1,6 +1,6 @@
 """Allan deviation of every simulated IMU at rest, compared with the figures of its part.
 
-`python -m benchmarks.allan [--hours 2] [--seeds 20] [--plot docs/images/allan.svg] [--json]`. The overlapping Allan
+`python -m benchmarks.allan [--hours 2] [--seeds 20] [--plot allan.html] [--json]`. The overlapping Allan
 variance of each axis (IEEE Std 952-1997, annex C) is fitted by N²/τ + B² 2 ln 2/π + K² τ/3: white noise N, bias
 instability B and rate random walk K. N² includes the quantisation noise. Confidence intervals are those of the mean
 over the seeds of the mean over the three axes.
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmarks.svg_plot import SvgPlot
+from stridetwin.report.html import page, section
+from stridetwin.report.plot import Plot
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import FLOOR, Noise
 from stridetwin.sim.parts.kinds import ImuPart
@@ -131,21 +132,21 @@ def measure(imu: ImuPart, seconds: float, seeds: int) -> dict[str, dict[str, Any
 
 
 def plot(results: dict[str, dict[str, dict[str, Any]]]) -> str:
-    """Plots the gyroscopes' Allan deviations, measured and from the part's figures, on logarithmic axes."""
+    """A page with the gyroscopes' Allan deviations, measured and from the part's figures, on logarithmic axes."""
     tau = np.log10(next(iter(results.values()))["gyroscope"]["tau_s"])
     deviation = {n: np.log10(np.degrees(r["gyroscope"]["deviation"]) * 3600) for n, r in results.items()}
     every = np.concatenate(list(deviation.values()))
     low, high = float(every.min()) - 0.1, float(every.max()) + 0.1
-    axes = SvgPlot(
-        width=900, height=380, x=(float(tau[0]), float(tau[-1])), y=(low, high),
-        title="Allan deviation of the simulated gyroscopes", x_label="averaging time, log10 of seconds",
-        y_label="Allan deviation, log10 of deg/h",
+    title = "Allan deviation of the simulated gyroscopes"
+    axes = Plot(
+        title=title, x=(float(tau[0]), float(tau[-1])), y=(low, high), x_label="averaging time, log10 of seconds",
+        y_label="Allan deviation, log10 of deg/h", height=380,
     )  # fmt: skip
     for (name, y), color in zip(deviation.items(), COLORS):
         r = results[name]["gyroscope"]
-        axes.line(np.log10(r["tau_s"]), np.log10(np.degrees(r["model"]) * 3600), color, stroke=1.2, dash="5 4")
-        axes.dots(np.log10(r["tau_s"]), y, color, label=name)
-    return axes.svg()
+        axes.line(np.log10(r["tau_s"]), np.log10(np.degrees(r["model"]) * 3600), color, width=1.2, dash="dash")
+        axes.dots(np.log10(r["tau_s"]), y, color, size=4.4, label=name)
+    return page(title, "Dots: measured at rest. Lines: the parts' figures.", [], [section("", "", axes.html())], "")
 
 
 def main() -> int:
@@ -153,7 +154,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--hours", type=float, default=2.0)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--plot", type=Path)
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="HTML page with the figure")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
     results = {name: measure(imu, 3600 * options.hours, options.seeds) for name, imu in parts().items()}

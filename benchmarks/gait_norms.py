@@ -1,6 +1,6 @@
 """Comparison with human gait: joint angles, moments, ground reaction and foot motion beside published bands.
 
-Run as `python -m benchmarks.gait_norms [--json] [--plots DIR] [--speeds 0.8 1.1 1.3] [--terrain level stairs ramps]`.
+Run as `python -m benchmarks.gait_norms [--json] [--plots FILE] [--speeds 0.8 1.1 1.3] [--terrain level stairs ramps]`.
 On the level three bodies walk 20 m at each speed, as planned and as simulated, without exoskeleton and with it; the
 mean of the strides in the middle is compared over the gait cycle with Schwartz, Rozumalski & Trost 2008 (the speed
 group nearest by v / sqrt(g leg)). The other bands are in reference/gait_norms.yaml.
@@ -16,9 +16,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
-from benchmarks.svg_plot import SvgPlot
-from stridetwin.pages.plot import data_range
+from stridetwin.pages.html import multiples, page, section
+from stridetwin.pages.plot import Plot, data_range
 from stridetwin.reference.norms import level_norm, reference, speed_group
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
@@ -267,21 +268,22 @@ def slope_bands(terrain: str) -> dict[str, tuple[float, float]]:
     return bands
 
 
-def draw(case: Case, folder: Path) -> None:
-    """One SVG per quantity: the norm's bands of one and two standard deviations, and the walk's curve."""
-    name = "_".join(str(v) for v in case.labels.values()).replace(" ", "").replace(",", "_")
+def plot_curves(case: Case) -> Markup:
+    """One figure per quantity: the norm's bands of one and two standard deviations, and the walk's curve."""
+    plots = []
     for quantity, curve in case.curves.items():
         bands = []
         if quantity != "vertical_force_bw":
             x, mean, sd = level_norm(case.group, quantity)
             bands = [(x, mean - k * sd, mean + k * sd, color) for k, color in ((2, "#e6ebf1"), (1, "#c9d5e3"))]
         low_high = [edge for _, low, high, _ in bands for edge in (low, high)]
-        plot = SvgPlot(width=480, height=280, x=(0.0, 100.0), y=data_range(curve, *low_high), title=quantity,
-                    x_label="share of the gait cycle, %", y_label=f"{quantity}, {name}")  # fmt: skip
+        plot = Plot(title=quantity, x=(0.0, 100.0), y=data_range(curve, *low_high),
+                    x_label="share of the gait cycle, %", y_label=quantity, height=280)  # fmt: skip
         for x, low, high, color in bands:
             plot.band(x, low, high, color)
         plot.line(_CYCLE, curve, "#b3261e")
-        (folder / f"{name}_{quantity}.svg").write_text(plot.svg(), encoding="utf-8")
+        plots.append(plot.html())
+    return multiples(plots)
 
 
 def cases(terrain: str, speeds: list[float], bodies: list[str], manners: list[str], seed: int) -> list[Case]:
@@ -320,7 +322,7 @@ def main() -> None:
     parser.add_argument("--bodies", nargs="+", default=list(BODIES), choices=list(BODIES))
     manners = [f"{physics}{exo}" for exo in ("", "_exo") for physics in ("planned", "simulated")]
     parser.add_argument("--manners", nargs="+", default=manners, choices=manners)
-    parser.add_argument("--plots", type=Path, metavar="DIR", help="folder for the curves over their bands, as SVG")
+    parser.add_argument("--plots", type=Path, metavar="FILE", help="HTML page with the curves over their bands")
     parser.add_argument("--seed", type=int, default=1000)
     args = parser.parse_args()
     bands = {terrain: LEVEL_BANDS if terrain == "level" else slope_bands(terrain) for terrain in args.terrain}
@@ -335,9 +337,8 @@ def main() -> None:
         rows = [{**case.labels, **case.figures} for case in everything]
         print(json.dumps({"experiment": "gait_norms", "summary": {}, "paper": bands, "cases": rows}))
     if args.plots:
-        args.plots.mkdir(parents=True, exist_ok=True)
-        for case in everything:
-            draw(case, args.plots)
+        sections = [section(", ".join(map(str, case.labels.values())), "", plot_curves(case)) for case in everything]
+        args.plots.write_text(page("Gait and its norms", "", [], sections, ""), encoding="utf-8")
 
 
 if __name__ == "__main__":

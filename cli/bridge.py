@@ -97,7 +97,6 @@ class LiveOptions(Options):
             help="Skip images that have waited longer, so that a slow estimator keeps up (default: none).",
         ),
     ] = None
-    skip_pictures: Annotated[float | None, typer.Option(parser=positive, hidden=True)] = None
     output: Annotated[
         Path | None,
         typer.Option(
@@ -177,15 +176,11 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     address = parse_address(arguments.listen, "--listen")
     if not _is_loopback(address[0]):
         _say(f"warning: {address[0]} can be reached from other machines, and there is no password")
-    skip_ms = arguments.skip_images
-    if arguments.skip_pictures is not None:
-        _say("warning: --skip-pictures is now --skip-images; the former name goes with the next release")
-        skip_ms = arguments.skip_pictures
     request = LiveRequest(
         chain=wanted, address=address, rig=arguments.rig, record=arguments.record,
         budget_s=None if arguments.budget is None else arguments.budget * 1e-3,
         window_s=None if arguments.window is None else arguments.window * 1e-3,
-        skip_images_s=None if skip_ms is None else skip_ms * 1e-3,
+        skip_images_s=None if arguments.skip_images is None else arguments.skip_images * 1e-3,
     )  # fmt: skip
     prints = wanted is not None and wanted.output is None and not arguments.json
     sys.setswitchinterval(_SWITCH_S)

@@ -11,6 +11,7 @@ import typer
 
 from stridetwin.cli.options import (
     BackendOption,
+    EstimatorArguments,
     ImportableOptions,
     Outcome,
     Progress,
@@ -25,7 +26,6 @@ from stridetwin.estimators.base import Declaration, Options, PathEstimate, curre
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
-    from stridetwin.cli.bridge import LiveOptions
     from stridetwin.outputs.base import AnyKind, Output
     from stridetwin.outputs.feeding import EstimatorClass
     from stridetwin.streams.samples import Block, Imu
@@ -157,7 +157,7 @@ def _run(
     return outputs, _Notes(poses=poses.description)
 
 
-def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaration) -> Options:
+def options_of(arguments: EstimatorArguments, declaration: Declaration) -> Options:
     """The request of the arguments of `estimate` or `live`.
 
     Raises:

@@ -50,11 +50,11 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     for title in ("scenarios", "campaigns", "placements", "outputs", "estimators", "experiments"):
         where = f" (files in {data['folders'][title]})" if title in data["folders"] else ""
         lines += [table(data[title].items(), title=f"{title.capitalize()}{where}", text_columns=2), ""]
-    kinds = [(name, kind_of(p), p.description) for name, p in parts.items()]
+    part_rows = [(name, kind_of(p), p.description) for name, p in parts.items()]
     people = [(name, p.sex, f"{p.height_m:.3g} m", f"{p.mass_kg:.3g} kg") for name, p in PEOPLE.items()]
     sensors = [name if name in TwinConfig.sensors else f"{name} (off by default)" for name in KIND]
     lines += ["Sensors", ", ".join(sensors), ""]
     lines += [f"Parts (NAME-ideal: the part without errors; files in {data['folders']['parts']})"]
-    lines += [table(kinds, text_columns=3), ""]
+    lines += [table(part_rows, text_columns=3), ""]
     lines += ["Faults", ", ".join(sorted(FAULTS)), "", table(people, title="People", text_columns=2)]
     return Outcome(data=data, lines=lines)

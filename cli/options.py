@@ -10,18 +10,18 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import typer
 
 from stridetwin.estimators.base import BACKENDS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
+from stridetwin.streams.formats.file_formats import FILE_FORMATS
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "strayscanner", "record3d", "vrs", "table")
 _MOST = 1_000_000
 _OUTPUTS = {
     "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",
@@ -126,6 +126,26 @@ class Options:
     json: Annotated[bool, switch("--json", "Print one JSON object on stdout and nothing else there.")] = False
 
 
+class EstimatorArguments(Protocol):
+    """Arguments that `estimate` and `live` share, from which they build an estimator's options."""
+
+    @property
+    def foot(self) -> str | None:
+        """Foot of an estimator that runs per foot."""
+
+    @property
+    def method(self) -> str | None:
+        """Name of an algorithm."""
+
+    @property
+    def backend(self) -> str | None:
+        """Library of the terrain map."""
+
+    @property
+    def exoskeleton(self) -> Path | None:
+        """File with the exoskeleton's geometry."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions(Options):
     """A recording to read."""
@@ -149,7 +169,8 @@ class ImportableOptions(SourceOptions):
         ),
     ]
     kind: Annotated[
-        str | None, typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(KINDS)}.")
+        str | None,
+        typer.Option("--as", metavar="KIND", help=f"Format, where detection fails: {', '.join(FILE_FORMATS)}."),
     ] = None
     columns: Annotated[
         str | None,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stridetwin.cli.options import ImportableOptions, Outcome, Progress, SourceOptions, option, positive, switch, whole
-from stridetwin.cli.scene import play_command
+from stridetwin.cli.scene import play_walk
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
@@ -229,7 +229,11 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     """`view`."""
     if arguments.mujoco:
-        return play_command(arguments, progress)
+        if arguments.output is not None:
+            raise ConfigError("view", "-o", str(arguments.output), "no -o with --mujoco, which writes nothing")
+        if arguments.lenient:
+            raise ConfigError("view", "--lenient", True, "no --lenient with --mujoco, which reads a scenario")
+        return play_walk(str(arguments.source), arguments.seed or 0, progress)
     if arguments.seed is not None:
         raise ConfigError("view", "--seed", arguments.seed, "no --seed, as a recording has its own")
     from stridetwin.outputs.truth import true_frames

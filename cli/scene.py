@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from stridetwin.cli.options import Options, Outcome, Progress, option, output_option
 from stridetwin.cli.walk import load_with_notes
-from stridetwin.streams.errors import ConfigError, needing
-
-if TYPE_CHECKING:
-    from stridetwin.cli.recording import ViewOptions
+from stridetwin.streams.errors import needing
 
 _SMALLEST_PX, _LARGEST_PX = 16, 1024
 _NEED = "scenes need the simulator"
@@ -54,20 +51,22 @@ def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=lines)
 
 
-def play_command(arguments: ViewOptions, progress: Progress) -> Outcome:
-    """`view --mujoco`."""
+def play_walk(source: str, seed: int, progress: Progress) -> Outcome:
+    """Plays the walk of a scenario in MuJoCo's viewer until its window is closed.
+
+    Args:
+        source: Name in the catalogue, or a .yaml file.
+        seed: Seed of the walk.
+        progress: Receives the stage and its progress (0-1).
+    """
     from stridetwin.scenarios.record import make_twin
 
-    if arguments.output is not None:
-        raise ConfigError("view", "-o", str(arguments.output), "no -o with --mujoco, which writes nothing")
-    if arguments.lenient:
-        raise ConfigError("view", "--lenient", True, "no --lenient with --mujoco, which reads a scenario")
     with needing(_NEED, "twin"):
         from stridetwin.sim.scene.playback_window import check_display, play
-    scenario = load_with_notes(str(arguments.source))
+    scenario = load_with_notes(source)
     check_display()
     progress("walk", 0.0)
-    twin = make_twin(scenario, arguments.seed or 0)
+    twin = make_twin(scenario, seed)
     play(twin)
     data = {"scenario": scenario.config.name, "seed": twin.seed, "duration_s": twin.duration_s}
     return Outcome(data=data, lines=[f"{scenario.config.name}: {twin.duration_s:.1f} s"])

@@ -15,7 +15,7 @@ from stridetwin.gate.compare import Comparison
 from stridetwin.gate.formatting import failures, sentence
 from stridetwin.gate.metric_policy import scale_of
 from stridetwin.gate.score_table import checked_scores, is_text
-from stridetwin.outputs.path.scores import Scores
+from stridetwin.outputs.base import Scores
 from stridetwin.pages.html import multiples, page, section, table
 from stridetwin.pages.plot import PALETTE, Plot, data_range
 from stridetwin.streams.errors import StrideTwinError, Where

@@ -121,10 +121,10 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         "schema_version": recording.schema_version,
         "topics": topics,
         "camera_clocks": {topic: clock.row() for topic, clock in clocks.items()},
-        "findings": [vars(f) | {"spoils": f.is_error} for f in findings],  # the former name of is_error
+        "findings": [vars(f) for f in findings],
     }
     check = Check(data=data, findings=tuple(findings))
-    data["valid"] = data["fit"] = check.is_valid  # fit: the former name
+    data["valid"] = check.is_valid
     return check
 
 

@@ -6,6 +6,7 @@ fields of people, terrain, gait, faults and sensors are defined by their datacla
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
@@ -41,8 +42,6 @@ from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
-    DEG,
-    MM,
     OneKey,
     OneKind,
     ReadAs,
@@ -63,32 +62,23 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _UnevenStairs(_Model):
+@dataclass(frozen=True, kw_only=True)
+class _UnevenStairs(Stairs):
     """A stair with risers of different heights.
 
     Attributes:
-        risers_mm: Height of each riser, in walking order.
-        tread_m: Depth of a tread.
+        riser_m: Height of each riser, in walking order.
         down: Direction of the stair, as the walker takes it.
-        nosing_m, open_risers, tread_slope_rad, edge_radius_m, turn_rad: As of `Stairs`.
     """
 
-    risers_mm: Annotated[tuple[Riser, ...], Field(min_length=1)]
-    tread_m: Annotated[float, number(200, 600, key="tread_mm", scale=MM)] = Stairs.tread_m
-    down: Annotated[bool, words(DIRECTIONS, key="direction")]
-    nosing_m: Annotated[float, number(0, 40, key="nosing_mm", scale=MM)] = Stairs.nosing_m
-    open_risers: bool = Stairs.open_risers
-    tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = Stairs.tread_slope_rad
-    edge_radius_m: Annotated[float, number(0, 40, key="edge_radius_mm", scale=MM)] = Stairs.edge_radius_m
-    turn_rad: Annotated[float, number(-270, 270, key="turn_deg", scale=DEG)] = Stairs.turn_rad
+    # Keys that differ from those of `Stairs`; field() without a default makes a key required.
+    risers: int = field(init=False)
+    riser_m: Annotated[tuple[Riser, ...], Field(min_length=1, alias="risers_mm")] = field()
+    down: Annotated[bool, words(DIRECTIONS, key="direction")] = field()
 
     def build(self) -> Stairs:
-        """The stair."""
-        return Stairs(
-            risers=len(self.risers_mm), riser_m=self.risers_mm, tread_m=self.tread_m, down=self.down,
-            nosing_m=self.nosing_m, open_risers=self.open_risers, tread_slope_rad=self.tread_slope_rad,
-            edge_radius_m=self.edge_radius_m, turn_rad=self.turn_rad,
-        )  # fmt: skip
+        """The stair, with as many risers as there are heights."""
+        return Stairs(risers=len(self.riser_m), **vars(self))
 
 
 _Stairs = Annotated[

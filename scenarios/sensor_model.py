@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -81,15 +80,6 @@ def _valid(group: str, near: str = "") -> str:
     return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"
 
 
-def _with_current_key(clock: object) -> object:
-    """The keys of a clock, with `calibrated` for its former name `told`."""
-    if not isinstance(clock, dict) or "told" not in clock or "calibrated" in clock:
-        return clock
-    warnings.warn("clock: the key told is now calibrated; the former name goes with the next release",
-                  DeprecationWarning, stacklevel=2)  # fmt: skip
-    return {"calibrated" if key == "told" else key: value for key, value in clock.items()}
-
-
 def _without_nominal(clock: Clock) -> Clock:
     if clock.calibrated:
         raise refused("calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
@@ -111,8 +101,8 @@ def _one_aim(options: Any) -> Any:
 def _group(group: str) -> Any:
     """Type of a group in a file: `true`, `false`, a part, or keys."""
     hints = get_type_hints(SensorConfig, include_extras=True)
-    clock = hints["clock"] if group in _SHIFTED else Annotated[Clock, AfterValidator(_without_nominal)]
-    hints["clock"] = Annotated[clock, BeforeValidator(_with_current_key, json_schema_input_type=clock)]
+    if group not in _SHIFTED:
+        hints["clock"] = Annotated[Clock, AfterValidator(_without_nominal)]
     hints["board"] = Annotated[Facing, AfterValidator(_seat)]
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     names = (*_EVERY, *_OPTIONS.get(group, ()))

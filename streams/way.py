@@ -96,13 +96,15 @@ class Way:
         return grid[nearest] + np.sum((path - points[nearest]) * along, axis=1)
 
 
-def joined(segments: Sequence[CurveSegment]) -> Way:
-    """A way of segments; neighbouring lines of one direction are merged."""
-    found: list[CurveSegment] = []
+def join_segments(segments: Sequence[CurveSegment]) -> Way:
+    """The way that consists of these segments, with neighbouring lines of one direction merged."""
+    merged: list[CurveSegment] = []
     for segment in segments:
-        last = found[-1] if found else None
+        last = merged[-1] if merged else None
         if last is not None and last.curvature == segment.curvature == 0.0 and last.heading == segment.heading:
-            found[-1] = CurveSegment(s0=last.s0, s1=segment.s1, x=last.x, y=last.y, heading=last.heading, curvature=0.0)
+            merged[-1] = CurveSegment(
+                s0=last.s0, s1=segment.s1, x=last.x, y=last.y, heading=last.heading, curvature=0.0
+            )
         else:
-            found.append(segment)
-    return Way(segments=tuple(found))
+            merged.append(segment)
+    return Way(segments=tuple(merged))

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import with_current_names
 from stridetwin.scenarios.processes import as_done
 from stridetwin.scenarios.versions import digest
 from stridetwin.streams.errors import StrideTwinError
@@ -21,11 +20,6 @@ from stridetwin.studies.case import Case
 from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
 
 Progress = Callable[[str, float], None]
-
-_FORMER_KEYS = {"single_picture": "single_image", "told": "predicted"} | {
-    f"told_{name}": f"estimated_{name}" for name in ("elevation", "mode", "place", "slope")
-}
-"""Keys of rows that earlier versions have written, and those of today."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,8 +164,8 @@ def _read(case: Case) -> dict[str, Any]:
 
 
 def read_row(file: Path) -> dict[str, Any]:
-    """A case's row from its file, with the current names of methods and keys."""
-    row: dict[str, Any] = with_current_names(json.loads(file.read_text(encoding="utf-8")), _FORMER_KEYS)
+    """A case's row from its file."""
+    row: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return row
 
 

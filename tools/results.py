@@ -1,18 +1,15 @@
-"""Writes the result of an experiment to docs/results: its table, one line per case, and the packed rows.
+"""Writes the result of an experiment to docs/results: its table, and one line per case.
 
     python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [--at COMMIT] [-o FOLDER]
 
 DIR holds the rows of `stridetwin experiment NAME -o DIR`. Nothing is run. Rows of another version of the code are
-rejected unless `--at` names the commit that made them. To continue from packed rows, unpack them with
-`tar xJf docs/results/NAME.tar.xz -C DIR` and run the experiment with `--resume`.
+rejected unless `--at` names the commit that made them.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import io
-import tarfile
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -34,10 +31,11 @@ EXPLAINED = {
 }
 """Pages that explain the lines of an experiment's table, by the prefix of its name."""
 OF_MODES = "locomotion_mode.md#scores"
+ALL_VALUES = "With `-o DIR`, the command writes all values of each case to a JSON file."
 
 
 def main() -> None:
-    """Writes `NAME.md`, `NAME.csv` and `NAME.tar.xz`."""
+    """Writes `NAME.md` and `NAME.csv`."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name")
     parser.add_argument("folder", type=Path)
@@ -62,7 +60,6 @@ def main() -> None:
         writer = csv.DictWriter(file, list(dict.fromkeys(k for row in rows for k in row)), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    _pack(files, given.output / f"{stem}.tar.xz")
 
 
 def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: str) -> str:
@@ -73,7 +70,7 @@ def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: st
     )
     command = f"stridetwin experiment {name} {options}".strip()
     made = f"`{command}`{f', at commit {at}' if at else ''}"
-    files = f"one line per case: [{stem}.csv]({stem}.csv); all rows: [{stem}.tar.xz]({stem}.tar.xz)"
+    files = f"one line per case: [{stem}.csv]({stem}.csv). {ALL_VALUES}"
     count = f"\n\n{len(cases)} of {len(study.seeds)} cases." if len(cases) < len(study.seeds) else ""
     explained = next((page for begin, page in EXPLAINED.items() if name.startswith(begin)), OF_MODES)
     words = f"{words[0].upper()}{words[1:]}; [explanation of the lines](../{explained})."
@@ -82,16 +79,6 @@ def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: st
 
 def _key(name: str, case: dict[str, Any], folder: Path) -> str:
     return key_of(name, Case(seed=case["seed"], folder=folder, physics=case.get("physics", "dynamic")))
-
-
-def _pack(files: list[Path], archive: Path) -> None:
-    """Packs the rows; equal rows give equal bytes."""
-    with tarfile.open(archive, "w:xz", preset=9) as packed:
-        for file in files:
-            content = file.read_bytes()
-            entry = tarfile.TarInfo(file.name)
-            entry.size = len(content)
-            packed.addfile(entry, io.BytesIO(content))
 
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
@@ -113,7 +100,7 @@ def _row(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def _values(case: dict[str, Any]) -> dict[str, Any]:
-    """Scalars of a mapping, those of nested mappings under joined names; lists are only in the packed rows."""
+    """Scalars of a mapping, those of nested mappings under joined names; lists are left out."""
     row: dict[str, Any] = {}
     for name, value in case.items():
         if isinstance(value, dict):

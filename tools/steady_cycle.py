@@ -12,7 +12,7 @@ import numpy as np
 
 from stridetwin.sim.config import SIDES, Gaze, Person
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
-from stridetwin.sim.gait.footsteps import STEP, Footstep, Rhythm
+from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep, Rhythm
 from stridetwin.sim.gait.leg_ik import solve_leg
 from stridetwin.sim.gait.load import load_shares, pressure_centres, travel
 from stridetwin.sim.gait.pelvis import level_height
@@ -152,8 +152,8 @@ def _footsteps(style: Style, step_m: float, step_s: float) -> dict[str, list[Foo
     for k in range(-2, _FIRST + 6):
         foot, sign = ("l", 1.0) if k % 2 == 0 else ("r", -1.0)
         steps[foot].append(Footstep(
-            foot=foot, p_foot_in_world=np.array([k * step_m, sign * STEP.half_step_width_m, 0.0]),
-            R_world_sole=rot_z(np.array(sign * STEP.toe_out_rad)),
+            foot=foot, p_foot_in_world=np.array([k * step_m, sign * HALF_STEP_WIDTH_M, 0.0]),
+            R_world_sole=rot_z(np.array(sign * TOE_OUT_RAD)),
             s=k * step_m, heading=0.0, slope=0.0, rise=0.0, fall=0.0,
             terrain="level", mode="LG", arrival="heel", departure="push",
             t_touch=k * step_s if k >= 0 else -np.inf, t_off=(k + 1 + share) * step_s, style=style,

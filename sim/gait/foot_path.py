@@ -70,28 +70,21 @@ def _least_jerk(n: int) -> tuple[Array, Array, Array]:
     return third, Q, np.linalg.inv(R)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FootPathParameters:
-    """Where the heel rises and how a swing clears an edge; chosen by hand for the ankle angles in `docs/design.md`.
-
-    Uphill the ankle bends by the slope as well; on stairs the bent knee slackens the calf.
-    """
-
-    dorsiflexion_max_rad: float = np.radians(22.0)  # on the level
-    dorsiflexion_by_slope: float = 1.3  # additional rad per rad of slope uphill
-    dorsiflexion_bent_rad: float = np.radians(14.0)  # additional, on stairs
-    rise_before: float = 0.55  # share of a step before toe-off, when the load moves to the ball
-    rise_gain: float = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
-    rise_smoothing_s: float = 0.03  # SD of the Gaussian filter
-    rise_fade_s: float = 0.12
-    pivot_from: float = 0.30  # share of swing from which the moving point goes to the pivot of the landing
-    pivot_lasts: float = 0.55  # share of swing that this takes, once the foot is level
-    bump_max_m: float = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
-    near_edge_m: float = 0.004  # margin before and behind a riser
-    near_edge_down_m: float = 0.012  # likewise, going down
-
-
-_PATH = FootPathParameters()
+# Where the heel rises and how a swing clears an edge; chosen by hand for the ankle angles in `docs/design.md`.
+#
+# Uphill the ankle bends by the slope as well; on stairs the bent knee slackens the calf.
+_MAX_DORSIFLEXION_RAD = np.radians(22.0)  # on the level
+_DORSIFLEXION_BY_SLOPE = 1.3  # additional rad per rad of slope uphill
+_DORSIFLEXION_ON_STAIRS_RAD = np.radians(14.0)  # additional, on stairs
+_RISE_BEFORE = 0.55  # share of a step before toe-off, when the load moves to the ball
+_RISE_GAIN = 1.25  # rad of pitch per rad of excess: a rising heel bends the knee and tilts the shank farther
+_RISE_SMOOTHING_S = 0.03  # SD of the Gaussian filter
+_RISE_FADE_S = 0.12  # in which the additional pitch begins, and in which it ends before toe-off
+_PIVOT_FROM = 0.30  # share of swing from which the moving point goes to the pivot of the landing
+_PIVOT_LASTS = 0.55  # share of swing that this takes, once the foot is level
+_MAX_BUMP_M = 0.4  # higher, an edge lies too near a footprint for a bump, which rises slowly
+_NEAR_EDGE_M = 0.004  # margin before and behind a riser
+_NEAR_EDGE_DOWN_M = 0.012  # likewise, going down
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,14 +157,14 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
     toe, theta = path.toe_extension.copy(), path.pitch.copy()
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
-        late = (t[on] - step.t_off) / _PATH.rise_fade_s
+        late = (t[on] - step.t_off) / _RISE_FADE_S
         # at toe-off the foot is back on its path, so that the swing does not change
-        inside = ease(late + _PATH.rise_before * step_time(step, after) / _PATH.rise_fade_s + 1.0) * ease(-late)
-        bent = _PATH.dorsiflexion_bent_rad if step.arrival != "heel" else 0.0
-        limit = _PATH.dorsiflexion_max_rad + _PATH.dorsiflexion_by_slope * max(step.slope, 0.0) + bent
+        inside = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
+        bent = _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
+        limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0) + bent
         beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
-        smooth = gaussian_filter1d(beyond, _PATH.rise_smoothing_s / (t[1] - t[0]), mode="nearest")
-        theta[on] += inside * _PATH.rise_gain * smooth
+        smooth = gaussian_filter1d(beyond, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
+        theta[on] += inside * _RISE_GAIN * smooth
         p[on], R[on], toe[on] = _stance(step, shoe, theta[on])
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
@@ -196,7 +189,7 @@ def _swing(
     R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
     fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + _FINE * (b.t_touch - a.t_off)))
     sole = _sole(size.shoe, fine_R, quintic(_FINE, *toes))
-    near = (_PATH.near_edge_down_m if a.departure == "lower" else _PATH.near_edge_m) * np.array(
+    near = (_NEAR_EDGE_DOWN_M if a.departure == "lower" else _NEAR_EDGE_M) * np.array(
         [np.cos(b.heading), np.sin(b.heading)]
     )
 
@@ -205,7 +198,7 @@ def _swing(
         return _missing(p, sole, height, near, b.clearance_m)
 
     forward, lift_m = _DIRECT, _bump_needed(missing(_DIRECT)) if a.departure == "push" else np.inf
-    if lift_m <= _PATH.bump_max_m:
+    if lift_m <= _MAX_BUMP_M:
         lift = bump(s) * lift_m
     else:
         rise = float(b.p_foot_in_world[2] - a.p_foot_in_world[2])
@@ -244,7 +237,7 @@ def _swing_without_lift(
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     landing = np.array([shoe.heel_back_x, 0.0, 0.0]) if b.arrival == "heel" else hinge
-    share = soft_ease((s - _PATH.pivot_from) / _PATH.pivot_lasts)
+    share = soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)
     within = hinge + share[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing

@@ -22,35 +22,28 @@ _PITCH_GRID_S = 0.004
 _LANDING_KNOTS = 3  # of the swing's, from which the pitch prepares the landing
 
 
-@dataclass(frozen=True, kw_only=True)
-class PitchParameters:
-    """How the pitch depends on risers and slopes; chosen by hand for the ankle angles listed in `docs/design.md`.
-
-    Higher risers and steeper ramps than the usual ones bend the knee and tilt the shank farther: the heel stays up for
-    longer. Uphill the rear foot lifts the body: its heel rises earlier, and is higher at toe-off.
-    """
-
-    usual_riser_m: float = 0.155
-    usual_fall_m: float = 0.095  # of a step on a ramp
-    usual_slope_rad: float = 0.16
-    heel_off_by_riser: float = 3.0  # 1/m, longer time from heel-off to toe-off, per m beyond the usual riser
-    heel_off_by_fall: float = 12.0  # 1/m, likewise, per m beyond the usual fall
-    heel_off_by_slope: float = 2.5  # 1/rad, likewise, per rad beyond the usual slope
-    push_by_rise: float = 1.5  # rad/m, additional pitch at toe-off
-    push_by_slope: float = 0.9  # rad/rad, likewise, uphill
-    early_by_slope: float = 3.5  # 1/rad, earlier rise of the heel uphill
-    tiptoe_by_rise: float = 2.4  # rad/m, additional pitch at the landing on a high riser
-    tiptoe_by_slope: float = 1.8  # rad/rad, likewise, on a steep slope
-    heel_first_rad: float = 0.03  # least toe-up pitch of a landing on the heel
-    high_rise_m: float = 0.255  # of one step; on a higher one the foot stays on its ball until the body is over it
-    high_tiptoe_rad: float = 0.42  # additional pitch at that landing
-    high_lowering: tuple[float, float] = (0.6, 0.95)  # share of that time, share of the pitch at touch-down
-    flat_by: float = 0.6  # share of stance by which the foot is flat at the latest
-    pitch_smoothing_s: float = 0.020  # SD of the Gaussian filter
-    settling_s: float = 0.04  # from the end of the landing to a sole that lies exactly flat
-
-
-_PITCH = PitchParameters()
+# How the pitch depends on risers and slopes; chosen by hand for the ankle angles listed in `docs/design.md`.
+#
+# Higher risers and steeper ramps than the usual ones bend the knee and tilt the shank farther: the heel stays up for
+# longer. Uphill the rear foot lifts the body: its heel rises earlier, and is higher at toe-off.
+_USUAL_RISER_M = 0.155  # of the stairs whose ankle angles are listed
+_USUAL_FALL_M = 0.095  # of a step on a ramp
+_USUAL_SLOPE_RAD = 0.16  # of the ramps whose ankle angles are listed
+_HEEL_OFF_BY_RISER = 3.0  # 1/m, longer time from heel-off to toe-off, per m beyond the usual riser
+_HEEL_OFF_BY_FALL = 12.0  # 1/m, likewise, per m beyond the usual fall
+_HEEL_OFF_BY_SLOPE = 2.5  # 1/rad, likewise, per rad beyond the usual slope
+_PUSH_BY_RISE = 1.5  # rad/m, additional pitch at toe-off
+_PUSH_BY_SLOPE = 0.9  # rad/rad, likewise, uphill
+_EARLY_BY_SLOPE = 3.5  # 1/rad, earlier rise of the heel uphill
+_TIPTOE_BY_RISE = 2.4  # rad/m, additional pitch at the landing on a high riser
+_TIPTOE_BY_SLOPE = 1.8  # rad/rad, likewise, on a steep slope
+_MIN_HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
+_HIGH_RISE_M = 0.255  # of one step; on a higher one the foot stays on its ball until the body is over it
+_HIGH_TIPTOE_RAD = 0.42  # additional pitch at that landing
+_HIGH_LOWERING = (0.6, 0.95)  # share of that time, share of the pitch at touch-down
+_FLAT_BY = 0.6  # share of stance by which the foot is flat at the latest
+_PITCH_SMOOTHING_S = 0.020  # SD of the Gaussian filter
+_SETTLING_S = 0.04  # from the end of the landing to a sole that lies exactly flat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,45 +110,45 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
         leave, land = _toe_off(a, b.style), _landing(b)
         heel_off = leave.heel_off_before * duration
-        usual_fall, by_fall = _PITCH.usual_fall_m, _PITCH.heel_off_by_fall
+        usual_fall, by_fall = _USUAL_FALL_M, _HEEL_OFF_BY_FALL
         if a.departure == "lower":
-            usual_fall, by_fall = _PITCH.usual_riser_m, _PITCH.heel_off_by_riser
-        fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _PITCH.usual_riser_m, 0.0)
-        climb = max(-a.fall - _PITCH.usual_riser_m, 0.0)
-        steep = max(a.slope - _PITCH.usual_slope_rad, -b.slope - _PITCH.usual_slope_rad, 0.0)
-        heel_off = min(heel_off * (1.0 + by_fall * fall + _PITCH.heel_off_by_slope * steep), 0.9 * (a.t_off - flat))
-        high = b.rise > _PITCH.high_rise_m
-        tiptoe = _PITCH.high_tiptoe_rad if high else _PITCH.tiptoe_by_rise * rise
+            usual_fall, by_fall = _USUAL_RISER_M, _HEEL_OFF_BY_RISER
+        fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
+        climb = max(-a.fall - _USUAL_RISER_M, 0.0)
+        steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
+        heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
+        high = b.rise > _HIGH_RISE_M
+        tiptoe = _HIGH_TIPTOE_RAD if high else _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
-            tiptoe += _PITCH.tiptoe_by_slope * max(b.slope - _PITCH.usual_slope_rad, 0.0)
+            tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
         uphill = max(a.slope, 0.0)
-        push, early = _PITCH.push_by_slope * uphill, 1.0 / (1.0 + _PITCH.early_by_slope * uphill)
-        off = leave.off + _PITCH.push_by_rise * climb + push
+        push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
+        off = leave.off + _PUSH_BY_RISE * climb + push
         flats.append((flat, a.t_off - heel_off))
         knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in leave.rise]
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
-        landing = min(max(b.slope, 0.0), -land.touch - _PITCH.heel_first_rad) if land.touch < 0.0 else 0.0
+        landing = min(max(b.slope, 0.0), -land.touch - _MIN_HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
         swung, before = leave.swing, land.before
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swung, before = tuple((u, max(angle, land.touch)) for u, angle in swung), ()
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swung]
         knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in before]
-        flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _PITCH.flat_by * (b.t_off - b.t_touch))
+        flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
         touch, lasts = land.touch + landing + tiptoe, flat - b.t_touch
-        lowering = (_PITCH.high_lowering,) if high else land.lowering
+        lowering = (_HIGH_LOWERING,) if high else land.lowering
         knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in lowering), (flat, 0.0)]
     knots.append((t_end + 10.0, 0.0))
     flats.append((flat, t_end + 10.0))
     at = np.array(knots)
     grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)
     raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
-    smooth = gaussian_filter1d(raw, _PITCH.pitch_smoothing_s / _PITCH_GRID_S, truncate=5.0)
+    smooth = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
     spline = make_interp_spline(grid, smooth, k=5)
     first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:
         i = np.searchsorted(first, t, side="right") - 1  # the stance in which it may lie flat
-        lying = ease((t - first[i]) / _PITCH.settling_s) * ease((last[i] - t) / _PITCH.settling_s)
+        lying = ease((t - first[i]) / _SETTLING_S) * ease((last[i] - t) / _SETTLING_S)
         return spline(t) * (1.0 - lying)  # fades out the pitch that smoothing leaves on a flat foot
 
     return pitch

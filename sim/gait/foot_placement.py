@@ -25,42 +25,36 @@ _PLANNING_M = 0.005
 _GRID_M = 0.1
 
 
-@dataclass(frozen=True, kw_only=True)
-class TempoParameters:
-    """Speed and step length; chosen by hand where no source is named."""
-
-    turn_a_step_rad: float = np.radians(30.0)  # largest change of heading in one step
-    straight_from_m: float = 3.0  # radius from which a curve is walked at full speed
-    slowest: float = 0.4  # share of the speed, in the tightest curve
-    wider_m: float = 0.045  # on each side at the sharpest turn, so that the outer foot does not tread on the inner one
-    step_at_pace_1: float = 1.05  # leg lengths, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
-    brisk_mps: float = 1.2  # speed limit near standing, on ramps and in tight bends
-    to_riser_mps: float = 0.9  # speed limit where stairs begin and end: their steps are slow
-    tight_m: float = 2.0  # radius of a tight bend
-    gain_mps2: float = 0.5  # largest acceleration
-    stair_max_mps: float = 1.6  # speed limit for the cadence on stairs
-    quickest_shuffle_s: float = 0.48  # shortest step at full shuffle
-    wobble: float = 0.20  # speed of a stroll: SD as a fraction
-    wobble_m: float = 2.0  # distance over which it changes
-
-
-TEMPO = TempoParameters()
+# Speed and step length; chosen by hand where no source is named.
+_MAX_TURN_PER_STEP_RAD = np.radians(30.0)  # largest change of heading in one step
+_STRAIGHT_RADIUS_M = 3.0  # radius from which a curve is walked at full speed
+_MIN_SPEED_SHARE = 0.4  # share of the speed, in the tightest curve
+_WIDER_M = 0.045  # on each side at the sharpest turn, so that the outer foot does not tread on the inner one
+_STEP_AT_PACE_1 = 1.05  # leg lengths, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
+_BRISK_MPS = 1.2  # speed limit near standing, on ramps and in tight bends
+_TO_RISER_MPS = 0.9  # speed limit where stairs begin and end: their steps are slow
+_TIGHT_RADIUS_M = 2.0  # radius of a tight bend
+_MAX_ACCELERATION_MPS2 = 0.5  # largest acceleration
+_MAX_STAIR_MPS = 1.6  # speed limit for the cadence on stairs
+_MIN_SHUFFLE_STEP_S = 0.48  # shortest step at full shuffle
+_STROLL_SPEED_SD = 0.20  # speed of a stroll: SD as a fraction
+_STROLL_SPEED_M = 2.0  # distance over which it changes
 
 
 def speed_share(way: Way, s: Array) -> Array:
     """Speed relative to a straight way: it follows curvature to the power -1/3 (Hicheur et al. 2005)."""
     radius = 1.0 / np.maximum(np.abs(way.curvature(s)), 1e-6)
-    return np.clip(np.cbrt(radius / TEMPO.straight_from_m), TEMPO.slowest, 1.0)
+    return np.clip(np.cbrt(radius / _STRAIGHT_RADIUS_M), _MIN_SPEED_SHARE, 1.0)
 
 
 def turn_share(way: Way, s0: float, s1: float) -> float:
     """Change of heading between two arc lengths, relative to the largest change in one step."""
-    return abs(float(way.heading(s1) - way.heading(s0))) / TEMPO.turn_a_step_rad
+    return abs(float(way.heading(s1) - way.heading(s0))) / _MAX_TURN_PER_STEP_RAD
 
 
 def widening(way: Way, s0: float, s1: float) -> float:
     """Additional lateral distance of a foot, m, for a turn between two arc lengths."""
-    return TEMPO.wider_m * min(turn_share(way, s0, s1), 1.0)
+    return _WIDER_M * min(turn_share(way, s0, s1), 1.0)
 
 
 def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
@@ -70,7 +64,7 @@ def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -
     """
     s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
     middle = (s[1:] + s[:-1]) / 2
-    turning = np.abs(way.curvature(middle)) / TEMPO.turn_a_step_rad
+    turning = np.abs(way.curvature(middle)) / _MAX_TURN_PER_STEP_RAD
     density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), turning)
     return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])
 
@@ -103,28 +97,28 @@ class Tempo:
         uneven = [np.arange(strip.s0, strip.s1 + _GRID_M, _GRID_M) for strip in profile if strip.terrain != "level"]
         risers = [a.s1 for a, b in pairwise(profile) if a.z1 != b.z0]
         grid = np.arange(0.0, end + _GRID_M, _GRID_M)
-        tight = grid[np.abs(layout.way.curvature(grid)) > 1.0 / TEMPO.tight_m]
+        tight = grid[np.abs(layout.way.curvature(grid)) > 1.0 / _TIGHT_RADIUS_M]
         slow = np.concatenate([risers, [0.0, end], tight, *uneven])
-        most = np.full(len(slow), TEMPO.brisk_mps)
-        most[: len(risers)] = TEMPO.to_riser_mps
+        most = np.full(len(slow), _BRISK_MPS)
+        most[: len(risers)] = _TO_RISER_MPS
         share = np.ones_like(grid)
         if gait.pattern == "wander":
-            smoothing = TEMPO.wobble_m / _GRID_M
+            smoothing = _STROLL_SPEED_M / _GRID_M
             wobble = gaussian_filter1d(rng.standard_normal(len(grid)), smoothing, mode="reflect")
             # the SD after a Gaussian filter of white noise; the SD of a short way would magnify its mean
-            share = np.exp(TEMPO.wobble * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
+            share = np.exp(_STROLL_SPEED_SD * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
         return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
 
     def speed(self, s: Array | float) -> Array:
         """(...) m/s, planned speed on a straight way at (...) arc lengths."""
         s = np.asarray(s, dtype=float)
         away = np.abs(s[..., None] - self.slow)
-        most = np.sqrt(np.min(self.most**2 + 2 * TEMPO.gain_mps2 * away, axis=-1))
+        most = np.sqrt(np.min(self.most**2 + 2 * _MAX_ACCELERATION_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
     def on_stairs(self, s: float) -> float:
         """Speed on the level, m/s, with the same cadence as the walker has on stairs there."""
-        return min(self.gait.speed_mps * float(np.interp(s, self.grid, self.share)), TEMPO.stair_max_mps)
+        return min(self.gait.speed_mps * float(np.interp(s, self.grid, self.share)), _MAX_STAIR_MPS)
 
     def step(self, s: Array | float) -> Array:
         """(...) m, step length on a straight level way at (...) arc lengths."""
@@ -132,43 +126,37 @@ class Tempo:
 
     def duration(self, s: float) -> float:
         """Duration of that step, s."""
-        least = TEMPO.quickest_shuffle_s * self.gait.shuffle
+        least = _MIN_SHUFFLE_STEP_S * self.gait.shuffle
         return max(float(self.step(s) / self.speed(s)), least)
 
 
 def preferred_step(speed_mps: Array | float, size: Wearer) -> Array:
     """Preferred step length on level ground, m, at (...) m/s; sources in `style.walk_growth`."""
-    return TEMPO.step_at_pace_1 * walk_growth(np.asarray(speed_mps) * pace(1.0, size)) * leg_length(size)
+    return _STEP_AT_PACE_1 * walk_growth(np.asarray(speed_mps) * pace(1.0, size)) * leg_length(size)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlacementParameters:
-    """Footholds; chosen by hand."""
-
-    steep_rad: float = np.radians(9.0)  # on steeper ramps steps are shorter
-    shorter_steep: float = 2.2  # share of a step per rad beyond
-    edge_m: float = 0.01  # between the sole and any edge
-    toe_to_riser_m: float = 0.07
-    tread_share: float = 0.8  # of the free part of a tread, between the foot and the riser
-    before_riser_m: float = 0.012  # going up, least distance of the toes from the next riser
-    heel_from_riser_m: float = 0.03
-    behind_on_tread_m: float = 0.022  # going down, the heel stays clear of the riser and the toes overhang the edge
-    inner_edge_m: float = 0.15  # from the way to the inner edge of the inner foot, at its toes, in a bend
-    one_pace: float = 1.25  # tread that is crossed in one pace, level steps
-    two_paces_m: float = 0.2  # least room on a tread for a second footprint
-    two_rise: float = 0.36  # highest rise of a step over two treads, leg lengths
-    two_treads: float = 0.64  # greatest depth of these treads together, leg lengths
-    ramp_step: float = 0.92  # step length relative to the level
-    first_step: float = 0.7  # likewise, from standing
-    another_step: float = 0.35  # share of a step from which another one is made
-    largest_error: float = 0.06  # share of a step length, limit of its variability
-    stops_from_mps: float = 1.2  # faster walkers stop with a shorter last step
-    stroll_steps: int = 9  # on average between two pauses
-    pause_s: tuple[float, float] = (0.6, 2.5)  # shortest and longest
-    into_pause: float = 0.35  # of a step: the feet end nearly side by side
-
-
-PLACEMENT = PlacementParameters()
+# Footholds; chosen by hand.
+STEEP_RAD = np.radians(9.0)  # on steeper ramps steps are shorter
+_STEEP_LENGTH_BY_SLOPE = 2.2  # share of a step per rad beyond
+_EDGE_M = 0.01  # between the sole and any edge
+_TOE_TO_RISER_M = 0.07  # before stairs that lead up
+_TREAD_SHARE = 0.8  # of the free part of a tread, between the foot and the riser
+_MIN_TOE_TO_RISER_UP_M = 0.012  # going up, least distance of the toes from the next riser
+_HEEL_FROM_RISER_M = 0.03  # behind it, on a tread or a landing
+_HEEL_BEHIND_DOWN_M = 0.022  # going down, the heel stays clear of the riser and the toes overhang the edge
+_INNER_EDGE_M = 0.15  # from the way to the inner edge of the inner foot, at its toes, in a bend
+_MAX_ONE_PACE_TREAD = 1.25  # tread that is crossed in one pace, level steps
+_MIN_SECOND_FOOTPRINT_M = 0.2  # least room on a tread for a second footprint
+_MAX_TWO_TREADS_RISE = 0.36  # highest rise of a step over two treads, leg lengths
+_MAX_TWO_TREADS_DEPTH = 0.64  # greatest depth of these treads together, leg lengths
+_RAMP_STEP = 0.92  # step length relative to the level
+_FIRST_STEP = 0.7  # likewise, from standing
+_MIN_EXTRA_STEP = 0.35  # share of a step from which another one is made
+_MAX_LENGTH_ERROR = 0.06  # share of a step length, limit of its variability
+_SHORT_STOP_MPS = 1.2  # faster walkers stop with a shorter last step
+_STROLL_STEPS = 9  # on average between two pauses
+_PAUSE_RANGE_S = (0.6, 2.5)  # shortest and longest
+_STEP_INTO_PAUSE = 0.35  # of a step: the feet end nearly side by side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +217,7 @@ def _on_strip(
         return []
     both = gait.stairs == "step_by_step"
     if strip.terrain == "stair" and strip.s1 - strip.s0 < max(
-        PLACEMENT.one_pace * float(tempo.step(strip.s0)), heel + toe + PLACEMENT.two_paces_m
+        _MAX_ONE_PACE_TREAD * float(tempo.step(strip.s0)), heel + toe + _MIN_SECOND_FOOTPRINT_M
     ):
         rising, bend = strip.z0 > profile[k - 1].z1, float(layout.way.curvature(0.5 * (strip.s0 + strip.s1)))
         feet = [_foot(first + i) for i in range(2 if both else 1)]
@@ -237,55 +225,55 @@ def _on_strip(
         return [Foothold(foot=f, s=s, strip=strip) for f in feet]
 
     def step(s: Array) -> Array:
-        steeper = max(abs(strip.slope) - PLACEMENT.steep_rad, 0)
-        share = PLACEMENT.ramp_step - PLACEMENT.shorter_steep * steeper
+        steeper = max(abs(strip.slope) - STEEP_RAD, 0)
+        share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * steeper
         return tempo.step(s) * (share if strip.terrain == "ramp" else 1.0)
 
     def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
-        return max((float(tempo.step(s)) - heel - toe) / 2, PLACEMENT.edge_m)
+        return max((float(tempo.step(s)) - heel - toe) / 2, _EDGE_M)
 
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
-    clear = PLACEMENT.heel_from_riser_m if riser_before else across(strip.s0)
+    clear = _HEEL_FROM_RISER_M if riser_before else across(strip.s0)
     start = 0.0 if first_strip else strip.s0 + heel + clear
     if last_strip:
         stop = end
     elif riser_after:
-        stop = end - toe - (PLACEMENT.toe_to_riser_m if profile[k + 1].z0 > strip.z1 else PLACEMENT.edge_m)
+        stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
     else:
         stop = end - toe - across(strip.s1)
     joined = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     led = gait.leading_foot if both and riser_after else None
     if stop < start - 1e-9:
         middle = (strip.s0 + end - toe + heel) / 2
-        if end - strip.s0 < heel + toe + 2 * PLACEMENT.edge_m:
+        if end - strip.s0 < heel + toe + 2 * _EDGE_M:
             raise ConfigError(
                 "terrain", f"{strip.terrain} at s = {strip.s0:.2f} m", f"{strip.s1 - strip.s0:.2f} m long",
-                f"at least {heel + toe + 2 * PLACEMENT.edge_m:.2f} m, the length of a shoe",
+                f"at least {heel + toe + 2 * _EDGE_M:.2f} m, the length of a shoe",
             )  # fmt: skip
         count = len(joined) + 1
         if led is not None and _foot(first + count) != led:
             count += 1
         return [Foothold(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
-    lead = PLACEMENT.first_step if first_strip else 0.0
+    lead = _FIRST_STEP if first_strip else 0.0
     along, paces = paced(layout.way, start, stop, step)
     if first_strip:
         count = max(1, round(paces[-1] + 1 - lead))
     else:
-        count = max(1, round(paces[-1])) + 1 if paces[-1] > PLACEMENT.another_step else 1
+        count = max(1, round(paces[-1])) + 1 if paces[-1] > _MIN_EXTRA_STEP else 1
     if led is not None and _foot(first + len(joined) + count) != led:
         count += 1
     feet = [_foot(first + len(joined) + i) for i in range(count)]
     pauses = _pauses(count, strip, gait, rng)
-    weights = np.array([limp(gait, foot) for foot in feet]) * np.where(pauses > 0, PLACEMENT.into_pause, 1.0)
+    weights = np.array([limp(gait, foot) for foot in feet]) * np.where(pauses > 0, _STEP_INTO_PAUSE, 1.0)
     weights[0] *= lead
     if last_strip:
-        weights[-1] *= min(PLACEMENT.stops_from_mps / gait.speed_mps, 1.0)
+        weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:
         lengths = np.gradient(s)[1:-1]
-        most = PLACEMENT.largest_error
+        most = _MAX_LENGTH_ERROR
         s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -most, most) * lengths
     before = [Foothold(foot=_foot(first), s=x, strip=strip) for x in joined]
     return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
@@ -294,7 +282,7 @@ def _on_strip(
 def _narrower(foot: str, curvature: float) -> float:
     """Depth of a tread at the inner edge of a foot, relative to the middle of the way, where the stair winds."""
     toward = curvature if foot == "l" else -curvature
-    return 1.0 - max(toward, 0.0) * PLACEMENT.inner_edge_m
+    return 1.0 - max(toward, 0.0) * _INNER_EDGE_M
 
 
 def _on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
@@ -303,10 +291,10 @@ def _on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: flo
     A foot longer than the tread overhangs the free edge.
     """
     heel, toe = heel / narrower, toe / narrower
-    free = PLACEMENT.tread_share * (strip.s1 - strip.s0 - heel - toe)
+    free = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)
     if rising:
-        return strip.s1 - max(free, PLACEMENT.before_riser_m) - toe
-    return strip.s0 + max(free, PLACEMENT.behind_on_tread_m) + heel
+        return strip.s1 - max(free, _MIN_TOE_TO_RISER_UP_M) - toe
+    return strip.s0 + max(free, _HEEL_BEHIND_DOWN_M) + heel
 
 
 def _passed_over(profile: Sequence[Strip], size: Wearer) -> list[bool]:
@@ -315,8 +303,8 @@ def _passed_over(profile: Sequence[Strip], size: Wearer) -> list[bool]:
     for k in range(1, len(profile) - 1):
         before, strip, beyond = profile[k - 1 : k + 2]
         up = before.z1 < strip.z0 and strip.z1 < beyond.z0
-        low = beyond.z0 <= before.z1 + PLACEMENT.two_rise * leg
-        short = 2.0 * (strip.s1 - strip.s0) <= PLACEMENT.two_treads * leg
+        low = beyond.z0 <= before.z1 + _MAX_TWO_TREADS_RISE * leg
+        short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg
         passed[k] = strip.terrain == "stair" and not passed[k - 1] and up and low and short
     return passed
 
@@ -325,8 +313,8 @@ def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> A
     """(count,) s of standing at each foothold of a strip: now and then on the level, away from edges."""
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:
-        stands = rng.uniform(size=count) < 1.0 / PLACEMENT.stroll_steps
+        stands = rng.uniform(size=count) < 1.0 / _STROLL_STEPS
         stands[[0, 1, -2, -1]] = False
         stands[1:] &= ~stands[:-1]
-        pauses[stands] = rng.uniform(*PLACEMENT.pause_s, size=int(stands.sum()))
+        pauses[stands] = rng.uniform(*_PAUSE_RANGE_S, size=int(stands.sum()))
     return pauses

@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from stridetwin.sim.config import ASYMMETRY_MAX, GAZES, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
 from stridetwin.sim.gait.foot_placement import (
-    PLACEMENT,
+    STEEP_RAD,
     Foothold,
     Tempo,
     footholds,
@@ -37,44 +37,38 @@ GAZE_YAW_MAX_RAD = 0.7
 SWAY_MAX_RAD, SWAY_MAX_RADPS = 0.7, 5.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class StepParameters:
-    """Timing and places of steps; chosen by hand, except for what the styles prescribe."""
-
-    stair_double_support: float = 0.18  # share of a step; the same share of the stride is spent on both feet
-    come_down_double_support: float = 0.30  # likewise, downstairs, where it takes time to lower the heel
-    stair_transfer: float = 0.85  # share of double support in which the load moves, upstairs
-    down_transfer: float = 0.60  # likewise, downstairs
-    ramp_time: float = 1.04  # step time relative to the level
-    up_time: float = 1.16  # relative to `stair_step_s`
-    down_time: float = 1.04  # likewise
-    stair_step_s: float = 0.60  # at the preferred speed of 1.2 m/s
-    stair_swing_max_s: float = 0.75  # slower climbers stand on both feet for longer
-    high_riser_m: float = 0.18  # steps over higher ones take longer, in proportion
-    two_treads_time: float = 1.1  # of a step over two treads at a time, relative to one
-    two_treads_mps: float = 1.1  # nobody takes two treads more slowly than at this speed
-    preferred_mps: float = 1.2  # speed at which `stair_step_s` holds
-    time_by_length: float = 0.45  # growth of the step time with the step length, relative to both
-    length_range: tuple[float, float] = (0.3, 1.3)  # within which it grows
-    first_and_last: float = 0.9  # least time of these steps relative to the usual one
-    largest_error: float = 0.06  # share of a step time, limit of its variability
-    shared_time: tuple[float, float, float] = (0.2, 0.6, 0.2)  # neighbouring steps share their tempo
-    shared_speed: tuple[float, float, float] = (0.25, 0.5, 0.25)  # likewise, the speed that determines the style
-    side_sd: float = 0.4  # m, lateral SD of a foothold per unit of `Gait.step_sd`
-    largest_side_m: float = 0.015  # limit of that
-    slower_steep: float = 2.5  # share of a step time per rad beyond `PLACEMENT.steep_rad`
-    half_step_width_m: float = 0.060  # the shoes carry housings on their inner sides
-    toe_out_rad: float = 0.09
-    clearance_m: float = 0.018  # of the sole in swing
-    sliding_m: float = 0.005  # likewise, of a foot that shuffles
-    flat_shuffle: float = 0.4  # above this shuffle, the foot lands on the whole sole
-    lead_s: float = 0.3  # from the end of standing to the first step
-    shift_s: float = 0.55  # weight shift from both feet to one, before the first step
-    settle_s: float = 0.60  # and back to both after the last step
-    smoothing_s: float = 0.09  # SD of the filter of what changes from step to step
-
-
-STEP = StepParameters()
+# Timing and places of steps; chosen by hand, except for what the styles prescribe.
+_STAIR_DOUBLE_SUPPORT = 0.18  # share of a step; the same share of the stride is spent on both feet
+_DOWNSTAIRS_DOUBLE_SUPPORT = 0.30  # likewise, downstairs, where it takes time to lower the heel
+_STAIR_TRANSFER = 0.85  # share of double support in which the load moves, upstairs
+_DOWNSTAIRS_TRANSFER = 0.60  # likewise, downstairs
+_RAMP_TIME = 1.04  # step time relative to the level
+_UPSTAIRS_TIME = 1.16  # relative to `_STAIR_STEP_S`
+_DOWNSTAIRS_TIME = 1.04  # likewise
+_STAIR_STEP_S = 0.60  # at the preferred speed of 1.2 m/s
+_MAX_STAIR_SWING_S = 0.75  # slower climbers stand on both feet for longer
+_HIGH_RISER_M = 0.18  # steps over higher ones take longer, in proportion
+_TWO_TREADS_TIME = 1.1  # of a step over two treads at a time, relative to one
+_MIN_TWO_TREADS_MPS = 1.1  # nobody takes two treads more slowly than at this speed
+_PREFERRED_MPS = 1.2  # speed at which `_STAIR_STEP_S` holds
+_TIME_BY_LENGTH = 0.45  # growth of the step time with the step length, relative to both
+_LENGTH_RANGE = (0.3, 1.3)  # within which it grows
+_MIN_FIRST_AND_LAST_TIME = 0.9  # least time of these steps relative to the usual one
+_MAX_TIME_ERROR = 0.06  # share of a step time, limit of its variability
+_SHARED_TIME = (0.2, 0.6, 0.2)  # neighbouring steps share their tempo
+_SHARED_SPEED = (0.25, 0.5, 0.25)  # likewise, the speed that determines the style
+_SIDE_SD_M = 0.4  # m, lateral SD of a foothold per unit of `Gait.step_sd`
+_MAX_SIDE_M = 0.015  # limit of that
+_STEEP_TIME_BY_SLOPE = 2.5  # share of a step time per rad beyond `foot_placement.STEEP_RAD`
+HALF_STEP_WIDTH_M = 0.060  # the shoes carry housings on their inner sides
+TOE_OUT_RAD = 0.09  # of each foot, from the direction of the way
+CLEARANCE_M = 0.018  # of the sole in swing
+_SLIDING_CLEARANCE_M = 0.005  # likewise, of a foot that shuffles
+_FLAT_SHUFFLE = 0.4  # above this shuffle, the foot lands on the whole sole
+_LEAD_S = 0.3  # from the end of standing to the first step
+WEIGHT_SHIFT_S = 0.55  # weight shift from both feet to one, before the first step
+SETTLE_S = 0.60  # and back to both after the last step
+_SMOOTHING_S = 0.09  # SD of the filter of what changes from step to step
 _RISER_M = 0.02  # lower differences of height are no risers
 _STAIR_MODE_M = 0.07  # riser from which a step is SA or SD (Zhao et al. 2023)
 
@@ -150,43 +144,43 @@ def _durations(
         middle = (s + previous) / 2
         level_step = tempo.duration(middle)
         if rise:
-            speed, high, own = tempo.on_stairs(s), abs(rise), STEP.up_time if rise > 0.0 else STEP.down_time
+            speed, high, own = tempo.on_stairs(s), abs(rise), _UPSTAIRS_TIME if rise > 0.0 else _DOWNSTAIRS_TIME
             if hold.treads > 1:
-                speed, high, own = max(speed, STEP.two_treads_mps), high / hold.treads, own * STEP.two_treads_time
-            stair_step = STEP.stair_step_s * np.sqrt(STEP.preferred_mps / speed)
-            duration = stair_step * own * max(high / STEP.high_riser_m, 1.0)
+                speed, high, own = max(speed, _MIN_TWO_TREADS_MPS), high / hold.treads, own * _TWO_TREADS_TIME
+            stair_step = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed)
+            duration = stair_step * own * max(high / _HIGH_RISER_M, 1.0)
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s))
-            ratio = np.clip(ratio, *STEP.length_range)
+            ratio = np.clip(ratio, *_LENGTH_RANGE)
             ramp = hold.strip.terrain == "ramp"
-            steep = max(abs(hold.strip.slope) - PLACEMENT.steep_rad, 0.0) if ramp else 0.0
-            own = (STEP.ramp_time if ramp else 1.0) * (1.0 + STEP.slower_steep * steep) / slower
-            duration = level_step * own * (1.0 - STEP.time_by_length + STEP.time_by_length * ratio)
+            steep = max(abs(hold.strip.slope) - STEEP_RAD, 0.0) if ramp else 0.0
+            own = (_RAMP_TIME if ramp else 1.0) * (1.0 + _STEEP_TIME_BY_SLOPE * steep) / slower
+            duration = level_step * own * (1.0 - _TIME_BY_LENGTH + _TIME_BY_LENGTH * ratio)
         if i == 0 or i == len(holds) - 1:
-            duration = max(duration, STEP.first_and_last * level_step)
-        error = np.clip(rng.normal(0.0, gait.step_sd), -STEP.largest_error, STEP.largest_error)
+            duration = max(duration, _MIN_FIRST_AND_LAST_TIME * level_step)
+        error = np.clip(rng.normal(0.0, gait.step_sd), -_MAX_TIME_ERROR, _MAX_TIME_ERROR)
         durations.append(duration * (1.0 + error))
         previous = s
     # people do not change cadence abruptly
-    return np.convolve(np.pad(durations, 1, mode="edge"), STEP.shared_time, mode="valid")
+    return np.convolve(np.pad(durations, 1, mode="edge"), _SHARED_TIME, mode="valid")
 
 
 def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
     """Style of each step, by its own speed."""
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
-    speeds = np.convolve(np.pad(speeds, 1, mode="edge"), STEP.shared_speed, mode="valid")
+    speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
     styles = []
     for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
         style = style_at(pace(speed, size))
         if rise:
             level = level_style(pace(speed, size))
-            transfer = STEP.stair_transfer if rise > 0.0 else STEP.down_transfer
-            style = replace(level, double_support=STEP.stair_double_support, transfer=transfer)
+            transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
+            style = replace(level, double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
         if before < 0.0:
-            style = replace(style, double_support=max(style.double_support, STEP.come_down_double_support))
+            style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))
         swing = duration * (1.0 - float(style.double_support))
-        styles.append(prolonged(style, max(swing / STEP.stair_swing_max_s, 1.0)) if rise else style)
+        styles.append(prolonged(style, max(swing / _MAX_STAIR_SWING_S, 1.0)) if rise else style)
     return styles
 
 
@@ -228,7 +222,7 @@ class Footstep:
     t_touch: float
     t_off: float
     style: Style
-    clearance_m: float = STEP.clearance_m
+    clearance_m: float = CLEARANCE_M
 
 
 def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
@@ -244,7 +238,7 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
     tempo = Tempo.along(layout, size, gait, rng)
     holds = footholds(layout, size, gait, tempo, rng)
     durations, styles = timing(layout.way, holds, size, gait, tempo, rng)
-    touch = gait.stand_s + STEP.lead_s + np.cumsum(durations)
+    touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
     rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
@@ -257,7 +251,7 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]
         steps.append(_footstep(layout.way, row, before, own_before, ahead, after, t_off, rng, gait))
-    return steps, float(touch[-1] + STEP.settle_s + gait.stand_s)
+    return steps, float(touch[-1] + SETTLE_S + gait.stand_s)
 
 
 @dataclass(frozen=True)
@@ -284,22 +278,22 @@ def _footstep(
     mode = "SA" if risen >= _STAIR_MODE_M else "SD" if risen <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
-    steep = slope > PLACEMENT.steep_rad + 0.05
+    steep = slope > STEEP_RAD + 0.05
     flat = risen > _RISER_M or joined != 0.0 or steep
-    flat |= gait.shuffle > STEP.flat_shuffle and risen >= -_RISER_M
+    flat |= gait.shuffle > _FLAT_SHUFFLE and risen >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
     wider = widening(way, before.s, row.s)
-    error = np.clip(rng.normal(0.0, STEP.side_sd * gait.step_sd), -STEP.largest_side_m, STEP.largest_side_m)
-    left = side * (STEP.half_step_width_m + wider) + float(error)
+    error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
+    left = side * (HALF_STEP_WIDTH_M + wider) + float(error)
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
     return Footstep(
         foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
-        R_world_sole=R_world_ground @ rot_z(np.array(side * STEP.toe_out_rad)), s=row.s, heading=heading, slope=slope,
+        R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)), s=row.s, heading=heading, slope=slope,
         rise=rise, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
         arrival="flat" if flat else "forefoot" if risen < -_RISER_M else "heel",
         departure="climb" if next_risen > _RISER_M else "lower" if next_risen < -_RISER_M else "push",
         t_touch=row.t_touch, t_off=t_off, style=row.style,
-        clearance_m=STEP.clearance_m + gait.shuffle * (STEP.sliding_m - STEP.clearance_m),
+        clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
     )  # fmt: skip
 
 
@@ -340,13 +334,13 @@ class Rhythm:
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)
         inside = np.clip(t, knots[0], knots[-1])
-        return smoothed(PchipInterpolator(knots, count)(inside), STEP.smoothing_s, t[1] - t[0])
+        return smoothed(PchipInterpolator(knots, count)(inside), _SMOOTHING_S, t[1] - t[0])
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""
         middle = (self.begin + self.end) / 2
-        at = np.concatenate([[self.begin[0] - STEP.shift_s / 2], middle, [self.end[-1] + STEP.settle_s / 2]])
-        return smoothed(np.interp(t, at, np.concatenate([[before], values, [after]])), STEP.smoothing_s, t[1] - t[0])
+        at = np.concatenate([[self.begin[0] - WEIGHT_SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
+        return smoothed(np.interp(t, at, np.concatenate([[before], values, [after]])), _SMOOTHING_S, t[1] - t[0])
 
     def styled(self, t: Array, name: str, rest: float, index: int | None = None) -> Array:
         """(N,) a field of the steps' styles, blended as in `blend`."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from stridetwin.sim.gait.footsteps import STEP, Footstep
+from stridetwin.sim.gait.footsteps import SETTLE_S, WEIGHT_SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.wearer.dimensions import Shoe
@@ -18,26 +17,26 @@ _FLAT_RAD = 5e-4
 _Knots = tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LoadParameters:
-    """Path of the centre of pressure under one foot, chosen by hand; on the heel it follows the style of the step.
-
-    Knots are (share of stance, x as a share of the toe hinge's x).
-    """
-
-    flat: _Knots = ((0.0, 0.45), (0.15, 0.40), (0.55, 0.85), (0.86, 1.12), (1.0, 1.10))
-    forefoot: _Knots = (
-        (0.0, 1.34), (0.17, 1.32), (0.23, 1.06), (0.32, 0.45), (0.46, 0.60), (0.62, 0.95), (0.86, 1.06), (1.0, 1.08)
-    )  # under the toes until the heel is down  # fmt: skip
-    standing: float = 0.50  # share of the toe hinge's x, in quiet stance
-    ball: float = 0.03  # likewise, from the border of the area in contact
-    inside_m: float = 0.003  # from the heel's edge
-    passing_s: float = 0.07  # transition when the foot becomes flat or ceases to be flat
-    tip_in_m: float = 0.005  # least part of a tread that the tip needs to stand on
-    drop_m: float = 0.03  # ground that is lower by more belongs to another tread
-
-
-_LOAD = LoadParameters()
+# Path of the centre of pressure under one foot, chosen by hand; on the heel it follows the style of the step.
+#
+# Knots are (share of stance, x as a share of the toe hinge's x).
+_FLAT_KNOTS: _Knots = ((0.0, 0.45), (0.15, 0.40), (0.55, 0.85), (0.86, 1.12), (1.0, 1.10))
+_FOREFOOT_KNOTS: _Knots = (
+    (0.0, 1.34),  # under the toes until the heel is down
+    (0.17, 1.32),
+    (0.23, 1.06),
+    (0.32, 0.45),
+    (0.46, 0.60),
+    (0.62, 0.95),
+    (0.86, 1.06),
+    (1.0, 1.08),
+)
+_STANDING_X = 0.50  # share of the toe hinge's x, in quiet stance
+_BALL_MARGIN = 0.03  # likewise, from the border of the area in contact
+_HEEL_MARGIN_M = 0.003  # from the heel's edge
+_PASSING_S = 0.07  # transition when the foot becomes flat or ceases to be flat
+_MIN_TIP_ON_TREAD_M = 0.005  # least part of a tread that the tip needs to stand on
+_MAX_DROP_M = 0.03  # ground that is lower by more belongs to another tread
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
@@ -63,7 +62,7 @@ def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footst
     """Shares with quiet stance at both ends: half on each foot, then a transition to the stance foot."""
     first = min(s.t_off for own in steps.values() for s in own)
     last = max(s.t_touch for own in steps.values() for s in own)
-    stand = np.maximum(ease((first - t) / STEP.shift_s), ease((t - last) / STEP.settle_s))
+    stand = np.maximum(ease((first - t) / WEIGHT_SHIFT_S), ease((t - last) / SETTLE_S))
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
 
@@ -71,18 +70,18 @@ def travel(steps: Sequence[Footstep], t: Array) -> Array:
     """(N,) planned centre of pressure under one foot by (N,) time alone, as a share of the toe hinge's x."""
     x = np.empty(len(t))
     for step, on in _by_step(steps, t):
-        knots = np.array(_LOAD.forefoot if step.arrival == "forefoot" else _LOAD.flat)
+        knots = np.array(_FOREFOOT_KNOTS if step.arrival == "forefoot" else _FLAT_KNOTS)
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
             u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
             x[on] = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
         elif np.isfinite(step.t_off):
-            x[on] = _LOAD.standing + (knots[-1, 1] - _LOAD.standing) * ease(
-                (t[on] - step.t_off + STEP.shift_s) / STEP.shift_s
+            x[on] = _STANDING_X + (knots[-1, 1] - _STANDING_X) * ease(
+                (t[on] - step.t_off + WEIGHT_SHIFT_S) / WEIGHT_SHIFT_S
             )
         else:
-            x[on] = knots[0, 1] + (_LOAD.standing - knots[0, 1]) * ease((t[on] - step.t_touch) / STEP.settle_s)
+            x[on] = knots[0, 1] + (_STANDING_X - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
     return x
 
 
@@ -119,8 +118,8 @@ def _by_step(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, sl
 
 def _tip_hangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array]) -> bool:
     """Whether a shoe longer than the tread overhangs its edge."""
-    tip = step.p_foot_in_world + step.R_world_sole[:, 0] * (shoe.flat_tip_x + _LOAD.tip_in_m)
-    return float(tip[2] - height(tip[:2])) > _LOAD.drop_m
+    tip = step.p_foot_in_world + step.R_world_sole[:, 0] * (shoe.flat_tip_x + _MIN_TIP_ON_TREAD_M)
+    return float(tip[2] - height(tip[:2])) > _MAX_DROP_M
 
 
 def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:
@@ -132,13 +131,13 @@ def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sho
     flat = stance[tilt[stance] <= max(_FLAT_RAD, tilt[stance].min())]
     if flat[0] > stance[0]:
         landed = _when_flat(t, tilt, flat[0] - 1, flat[0])
-        first = np.maximum(x, 1.0 + _LOAD.ball)
+        first = np.maximum(x, 1.0 + _BALL_MARGIN)
         if step.arrival == "heel":
-            first = np.full_like(x, (shoe.heel_back_x + _LOAD.inside_m) / shoe.toe_hinge_x)
-        x = first + (x - first) * ease((t - landed) / _LOAD.passing_s)
+            first = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
+        x = first + (x - first) * ease((t - landed) / _PASSING_S)
     if flat[-1] < stance[-1]:
         lifted = _when_flat(t, tilt, flat[-1] + 1, flat[-1])
-        x = x + (np.maximum(x, 1.0 + _LOAD.ball) - x) * ease((t - lifted) / _LOAD.passing_s + 1.0)
+        x = x + (np.maximum(x, 1.0 + _BALL_MARGIN) - x) * ease((t - lifted) / _PASSING_S + 1.0)
     return x
 
 

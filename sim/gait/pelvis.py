@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,26 +18,19 @@ from stridetwin.streams.samples import Array
 _SETTLED_M = 1e-5
 
 
-@dataclass(frozen=True, kw_only=True)
-class PelvisParameters:
-    """Least flexion of the knees, and the height of the pelvis; chosen by hand, within what the legs reach.
-
-    Off the level the least flexion is larger: down stairs people land on a bent knee; uphill, a nearly straight rear
-    leg would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip.
-    """
-
-    knee_min_rad: float = np.radians(7.0)  # determines the height of the pelvis on the level
-    knee_hard_min_rad: float = np.radians(1.5)  # to which the legs may straighten
-    knee_down_stairs_rad: float = np.radians(16.0)
-    knee_up_stairs_rad: float = np.radians(12.0)
-    knee_uphill: float = 1.5  # additional rad per rad of slope
-    knee_uphill_max_rad: float = np.radians(20.0)
-    standing_height: float = 0.99  # leg lengths
-    smoothness: float = 2e-3  # s³, weight of the third derivative of the height
-    above_reach: float = 5e3  # weight of a height beyond the legs' reach relative to the distance from the goal
-
-
-PELVIS = PelvisParameters()
+# Least flexion of the knees, and the height of the pelvis; chosen by hand, within what the legs reach.
+#
+# Off the level the least flexion is larger: down stairs people land on a bent knee; uphill, a nearly straight rear leg
+# would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip.
+_MIN_KNEE_RAD = np.radians(7.0)  # determines the height of the pelvis on the level
+HARD_MIN_KNEE_RAD = np.radians(1.5)  # to which the legs may straighten
+_KNEE_DOWNSTAIRS_RAD = np.radians(16.0)  # least flexion at the landing on a tread, downstairs
+_KNEE_UPSTAIRS_RAD = np.radians(12.0)  # least flexion upstairs
+_KNEE_BY_SLOPE = 1.5  # additional rad per rad of slope
+_MAX_KNEE_BY_SLOPE_RAD = np.radians(20.0)  # limit of the least flexion uphill
+_STANDING_HEIGHT = 0.99  # leg lengths
+_SMOOTHNESS = 2e-3  # s³, weight of the third derivative of the height
+_ABOVE_REACH_WEIGHT = 5e3  # weight of a height beyond the legs' reach relative to the distance from the goal
 
 
 def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
@@ -75,13 +67,13 @@ def highest(
 def least_knee(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad at (N,) uniform s, least knee flexion that determines the height of the pelvis."""
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
-    of_mode = {"SD": PELVIS.knee_down_stairs_rad, "SA": PELVIS.knee_up_stairs_rad}
-    bent = np.array([of_mode.get(step.mode, PELVIS.knee_min_rad) for step in rhythm.steps])
-    bent = np.minimum(bent + PELVIS.knee_uphill * uphill, np.maximum(bent, PELVIS.knee_uphill_max_rad))
+    of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}
+    bent = np.array([of_mode.get(step.mode, _MIN_KNEE_RAD) for step in rhythm.steps])
+    bent = np.minimum(bent + _KNEE_BY_SLOPE * uphill, np.maximum(bent, _MAX_KNEE_BY_SLOPE_RAD))
     climbing = np.where([step.mode in ("SA", "RA") for step in rhythm.steps], bent, 0.0)
     for late in (1, 2):  # the rear foot leaves the ground during the next step or the one after
         bent[late:] = np.maximum(bent[late:], climbing[:-late])
-    return rhythm.blend(t, bent, PELVIS.knee_min_rad, PELVIS.knee_min_rad)
+    return rhythm.blend(t, bent, _MIN_KNEE_RAD, _MIN_KNEE_RAD)
 
 
 def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:
@@ -94,7 +86,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
     footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
     ground = rhythm.blend(t, footprints, 0.0, footprints[-1])
-    mean = ground + leg_m * rhythm.styled(t, "height", PELVIS.standing_height, 0)
+    mean = ground + leg_m * rhythm.styled(t, "height", _STANDING_HEIGHT, 0)
     psi = 2 * np.pi * rhythm.phase(t)
     wave = np.zeros_like(t)
     for k in (1, 2, 3):
@@ -112,13 +104,13 @@ def height_near(goal: Array, limit: Array, dt: float) -> Array:
     bands = np.zeros((4, n))
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:
-            bands[3 - offset, offset:] = PELVIS.smoothness**2 * row[offset:n]
+            bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
     above = np.zeros(n, dtype=bool)
     z = goal
     for _ in range(40):
         system = bands.copy()
-        system[3] += np.where(above, PELVIS.above_reach, 1.0)
-        before, z = z, solveh_banded(system, np.where(above, PELVIS.above_reach * limit, goal))
+        system[3] += np.where(above, _ABOVE_REACH_WEIGHT, 1.0)
+        before, z = z, solveh_banded(system, np.where(above, _ABOVE_REACH_WEIGHT * limit, goal))
         if np.abs(z - before).max() < _SETTLED_M:
             break
         above = z > limit

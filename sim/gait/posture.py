@@ -19,36 +19,29 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler
 from stridetwin.streams.terrain_truth import Strip, profile_height
 
-
-@dataclass(frozen=True, kw_only=True)
-class GazeParameters:
-    """Rotations of head and chest with the gaze; chosen by hand where no source is named."""
-
-    level_pitch: float = 0.06  # rad, down
-    by_climb: float = 0.45  # rad per unit of slope: on stairs and ramps the head pitches down farther
-    ahead_s: float = 1.8  # two steps (Marigold & Patla 2007: mostly this far, 1.5-2 s)
-    ahead_min_m: float = 1.1
-    head_share: float = 0.45  # of a downward gaze; the eyes do the rest
-    eyes_legs: float = 1.78  # height of the eyes, leg lengths
-    pitch_smoothing_s: float = 0.22
-    hold_s: float = 1.1  # median time for which a direction is held
-    hold_spread: float = 0.5  # SD of its logarithm
-    hold_range_s: tuple[float, float] = (0.35, 4.0)
-    yaw_sd: float = np.radians(22.0)  # of the held directions
-    yaw_max: float = np.radians(40.0)
-    pitch_sd: float = 0.24  # rad
-    pitch_min: float = -0.62  # rad
-    pitch_max: float = 0.75  # rad
-    move_s: float = 0.22  # duration of a movement between two directions
-    move_s_per_rad: float = 0.32  # and more for a larger one
-    sway_onset_s: float = 1.0  # the head is still for this time, and reaches full sway after twice this time
-    head_limit_rad: float = 1.0  # neck relative to trunk; approached, never exceeded
-    chest_yaw: float = 0.22  # share of the head's rotation
-    chest_pitch: float = 0.12  # likewise
-    chest_smoothing_s: float = 0.30
-
-
-_GAZE = GazeParameters()
+# Rotations of head and chest with the gaze; chosen by hand where no source is named.
+_LEVEL_PITCH_RAD = 0.06  # down
+_PITCH_BY_CLIMB = 0.45  # rad per unit of slope: on stairs and ramps the head pitches down farther
+_LOOK_AHEAD_S = 1.8  # two steps (Marigold & Patla 2007: mostly this far, 1.5-2 s)
+_MIN_LOOK_AHEAD_M = 1.1  # for slow walkers
+_HEAD_SHARE = 0.45  # of a downward gaze; the eyes do the rest
+_EYE_HEIGHT_LEGS = 1.78  # height of the eyes, leg lengths
+_PITCH_SMOOTHING_S = 0.22  # SD of the filter of the head's pitch towards the ground
+_HOLD_S = 1.1  # median time for which a direction is held
+_HOLD_LOG_SD = 0.5  # SD of its logarithm
+_HOLD_RANGE_S = (0.35, 4.0)  # limits of that time
+_YAW_SD_RAD = np.radians(22.0)  # of the held directions
+_MAX_YAW_RAD = np.radians(40.0)  # limit of the held directions
+_PITCH_SD_RAD = 0.24  # of the held directions
+_MIN_PITCH_RAD = -0.62  # limit of the held directions, up
+_MAX_PITCH_RAD = 0.75  # likewise, down
+_MOVE_S = 0.22  # duration of a movement between two directions
+_MOVE_S_PER_RAD = 0.32  # and more for a larger one
+_SWAY_ONSET_S = 1.0  # the head is still for this time, and reaches full sway after twice this time
+_MAX_NECK_RAD = 1.0  # neck relative to trunk; approached, never exceeded
+_CHEST_YAW_SHARE = 0.22  # share of the head's rotation
+_CHEST_PITCH_SHARE = 0.12  # likewise
+_CHEST_SMOOTHING_S = 0.30  # SD of the filter of the chest's share
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,11 +66,11 @@ def look(
 ) -> Look:  # fmt: skip
     """Rotations of head and chest at (N,) m along the way, with (N,) mean slope nearby; the rest as for `posture`."""
     dt = float(t[1] - t[0])
-    usual = _GAZE.level_pitch + _GAZE.by_climb * np.abs(climb)
+    usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
-        toward = smoothed(_toward_ground(s, dt, profile, leg_m), _GAZE.pitch_smoothing_s, dt)
-        pitch = usual - _GAZE.level_pitch + toward
+        toward = smoothed(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
+        pitch = usual - _LEVEL_PITCH_RAD + toward
     elif gaze.kind == "wandering":
         away, yaw = _wander(t, rng)
         pitch = usual + away
@@ -85,22 +78,22 @@ def look(
         return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
     yaw_sway, pitch_sway = _sway(gaze, t)
     pitch, yaw = pitch + pitch_sway, yaw + yaw_sway
-    pitch, yaw = (_GAZE.head_limit_rad * np.tanh((x + more) / _GAZE.head_limit_rad)
+    pitch, yaw = (_MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
                   for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
     return Look(
         head_pitch=pitch,
         head_yaw=yaw,
-        chest_pitch=_GAZE.chest_pitch * smoothed(pitch - usual, _GAZE.chest_smoothing_s, dt),
-        chest_yaw=_GAZE.chest_yaw * smoothed(yaw, _GAZE.chest_smoothing_s, dt),
+        chest_pitch=_CHEST_PITCH_SHARE * smoothed(pitch - usual, _CHEST_SMOOTHING_S, dt),
+        chest_yaw=_CHEST_YAW_SHARE * smoothed(yaw, _CHEST_SMOOTHING_S, dt),
     )
 
 
 def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
-    """(N,) pitch of a head that looks at the ground where the walker will be in `_GAZE.ahead_s`."""
+    """(N,) pitch of a head that looks at the ground where the walker will be in `_LOOK_AHEAD_S`."""
     rows = np.arange(len(s))
-    ahead = np.maximum(np.interp(rows + _GAZE.ahead_s / dt, rows, s) - s, _GAZE.ahead_min_m)
-    below = _GAZE.eyes_legs * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
-    return _GAZE.head_share * np.arctan2(np.maximum(below, 0.0), ahead)
+    ahead = np.maximum(np.interp(rows + _LOOK_AHEAD_S / dt, rows, s) - s, _MIN_LOOK_AHEAD_M)
+    below = _EYE_HEIGHT_LEGS * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
+    return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
 
 
 def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -108,11 +101,11 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     angles = [np.zeros_like(t), np.zeros_like(t)]
     now, last = t[0], np.zeros(2)
     while now < t[-1]:
-        now += float(np.clip(_GAZE.hold_s * np.exp(_GAZE.hold_spread * rng.standard_normal()), *_GAZE.hold_range_s))
-        pitch = np.clip(rng.normal(0.0, _GAZE.pitch_sd), _GAZE.pitch_min, _GAZE.pitch_max)
-        yaw = np.clip(rng.normal(0.0, _GAZE.yaw_sd), -_GAZE.yaw_max, _GAZE.yaw_max)
+        now += float(np.clip(_HOLD_S * np.exp(_HOLD_LOG_SD * rng.standard_normal()), *_HOLD_RANGE_S))
+        pitch = np.clip(rng.normal(0.0, _PITCH_SD_RAD), _MIN_PITCH_RAD, _MAX_PITCH_RAD)
+        yaw = np.clip(rng.normal(0.0, _YAW_SD_RAD), -_MAX_YAW_RAD, _MAX_YAW_RAD)
         goal = np.array([pitch, yaw])
-        move = _GAZE.move_s + _GAZE.move_s_per_rad * float(np.hypot(*(goal - last)))
+        move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
         for angle, step in zip(angles, goal - last):
             angle += step * ease((t - now) / move)
         now, last = now + move, goal
@@ -121,39 +114,33 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
 
 def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
     """(N,) yaw and (N,) pitch of a commanded periodic head motion."""
-    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _GAZE.sway_onset_s - 1.0)
+    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
     return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PostureParameters:
-    """Orientation of pelvis and trunk, and the swing of the arms; chosen by hand where no source is named."""
-
-    standing_tilt_rad: float = np.radians(11.0)  # of the pelvis
-    tilt_by_effort: float = 0.20  # rad per unit of slope uphill
-    upright_down: float = 0.31  # rad per unit of slope: downhill the pelvis tilts back
-    list_peak: float = 0.34  # share of a step after touch-down
-    torso_lean: float = 0.03  # rad
-    lean_by_effort: float = 0.26  # rad per unit of slope uphill
-    effort_max: float = 0.7  # slope
-    torso_against_pelvis: tuple[float, float] = (0.6, 0.35)  # share of the pelvis' yaw and roll, opposite
-    head_with_pelvis: float = 0.1  # share of the pelvis' yaw
-    arm_swing_rad: float = 0.62  # per leg length of distance between the feet
-    arm_forward: float = 0.8  # forward swing relative to backward swing
-    arm_flexion_rad: float = 0.02  # mean
-    arm_abduction_rad: float = 0.16
-    elbow_flexion_rad: float = 0.42  # mean
-    elbow_swing_rad: float = 0.33
-    look_ahead_m: float = 1.6  # twice the distance over which the slope ahead counts
-    look_behind_m: float = 0.3
-    climb_smoothing_s: float = 0.35
-    turn_smoothing_s: float = 0.15
-    swing_smoothing_s: float = 0.03
-    head_leads_s: float = 0.40  # before a turn (Grasso et al. 1996: 0.2-0.5 s)
-    trunk_leads_s: float = 0.15
-
-
-_POSTURE = PostureParameters()
+# Orientation of pelvis and trunk, and the swing of the arms; chosen by hand where no source is named.
+_STANDING_TILT_RAD = np.radians(11.0)  # of the pelvis
+_TILT_BY_EFFORT = 0.20  # rad per unit of slope uphill
+_TILT_BACK_BY_DESCENT = 0.31  # rad per unit of slope: downhill the pelvis tilts back
+_LIST_PEAK = 0.34  # share of a step after touch-down
+_TORSO_LEAN_RAD = 0.03  # forward, on level ground
+_LEAN_BY_EFFORT = 0.26  # rad per unit of slope uphill
+_MAX_EFFORT = 0.7  # slope
+_TORSO_AGAINST_PELVIS = (0.6, 0.35)  # share of the pelvis' yaw and roll, opposite
+_HEAD_WITH_PELVIS = 0.1  # share of the pelvis' yaw
+_ARM_SWING_RAD = 0.62  # per leg length of distance between the feet
+_ARM_FORWARD = 0.8  # forward swing relative to backward swing
+_ARM_FLEXION_RAD = 0.02  # mean
+_ARM_ABDUCTION_RAD = 0.16  # constant
+_ELBOW_FLEXION_RAD = 0.42  # mean
+_ELBOW_SWING_RAD = 0.33  # per leg length of distance between the feet
+_SLOPE_AHEAD_M = 1.6  # twice the distance over which the slope ahead counts
+_SLOPE_BEHIND_M = 0.3  # distance behind the walker over which the slope counts
+_CLIMB_SMOOTHING_S = 0.35  # SD of the filter of that slope
+_TURN_SMOOTHING_S = 0.15  # SD of the filter of the pelvis' heading
+_SWING_SMOOTHING_S = 0.03  # SD of the filter of the swing of the arms
+_HEAD_LEADS_S = 0.40  # before a turn (Grasso et al. 1996: 0.2-0.5 s)
+_TRUNK_LEADS_S = 0.15  # likewise
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -185,28 +172,28 @@ def posture(
         rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
-    heading = smoothed((paths["l"].heading + paths["r"].heading) / 2, _POSTURE.turn_smoothing_s, dt)
+    heading = smoothed((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
-    stride = smoothed(ahead, _POSTURE.swing_smoothing_s, dt)
+    stride = smoothed(ahead, _SWING_SMOOTHING_S, dt)
     left_first = float(rhythm.steps[0].foot == "l")  # a side of the pelvis is highest early in its stance
-    list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _POSTURE.list_peak))
+    list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
-    climb = smoothed(_incline(s, profile), _POSTURE.climb_smoothing_s, dt)
-    effort = np.clip(climb, 0.0, _POSTURE.effort_max)
+    climb = smoothed(_incline(s, profile), _CLIMB_SMOOTHING_S, dt)
+    effort = np.clip(climb, 0.0, _MAX_EFFORT)
     yaw = rhythm.styled(t, "turn", 0.0) * stride
     roll = rhythm.styled(t, "list_", 0.0) * list_to_left
-    pitch = rhythm.styled(t, "tilt", _POSTURE.standing_tilt_rad) + _POSTURE.tilt_by_effort * effort
-    pitch = pitch + _POSTURE.upright_down * np.minimum(climb, 0.0)
+    pitch = rhythm.styled(t, "tilt", _STANDING_TILT_RAD) + _TILT_BY_EFFORT * effort
+    pitch = pitch + _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0)
     eyes = look(gaze, t, s, climb, profile, leg_m, rng)
-    torso_pitch = _POSTURE.torso_lean + _POSTURE.lean_by_effort * effort + eyes.chest_pitch
-    trunk = _ahead_of_time(heading, _POSTURE.trunk_leads_s, dt) - heading
-    head = _ahead_of_time(heading, _POSTURE.head_leads_s, dt) - heading
+    torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch
+    trunk = _ahead_of_time(heading, _TRUNK_LEADS_S, dt) - heading
+    head = _ahead_of_time(heading, _HEAD_LEADS_S, dt) - heading
     # from the heading's own frame, so that several full turns do not matter
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
-    against_yaw, against_roll = _POSTURE.torso_against_pelvis
+    against_yaw, against_roll = _TORSO_AGAINST_PELVIS
     R_torso = from_euler(np.stack([trunk - against_yaw * yaw + eyes.chest_yaw, torso_pitch, -against_roll * roll], -1))
-    head_yaw = head + _POSTURE.head_with_pelvis * yaw + eyes.head_yaw
+    head_yaw = head + _HEAD_WITH_PELVIS * yaw + eyes.head_yaw
     R_head = from_euler(np.stack([head_yaw, eyes.head_pitch, np.zeros_like(yaw)], -1))
     joints = {
         **_three_axes("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
@@ -214,18 +201,16 @@ def posture(
     }
     for side, sign in (("l", 1.0), ("r", -1.0)):
         swing = sign * stride  # the left arm moves with the right foot
-        flexion = torso_pitch + _POSTURE.arm_swing_rad * swing * np.where(swing > 0, _POSTURE.arm_forward, 1.0)
-        joints[f"shoulder_flexion_{side}"] = smoothed(
-            flexion + _POSTURE.arm_flexion_rad, _POSTURE.swing_smoothing_s, dt
-        )
-        joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, _POSTURE.arm_abduction_rad)
-        joints[f"elbow_flexion_{side}"] = _POSTURE.elbow_flexion_rad + _POSTURE.elbow_swing_rad * swing
+        flexion = torso_pitch + _ARM_SWING_RAD * swing * np.where(swing > 0, _ARM_FORWARD, 1.0)
+        joints[f"shoulder_flexion_{side}"] = smoothed(flexion + _ARM_FLEXION_RAD, _SWING_SMOOTHING_S, dt)
+        joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, _ARM_ABDUCTION_RAD)
+        joints[f"elbow_flexion_{side}"] = _ELBOW_FLEXION_RAD + _ELBOW_SWING_RAD * swing
     return Posture(pelvis=np.stack([heading + yaw, pitch, roll], -1), joints=joints)
 
 
 def _incline(s: Array, profile: Sequence[Strip]) -> Array:
     """(N,) mean slope of the ground from just behind the feet at s to the point of gaze."""
-    ahead, behind = _POSTURE.look_ahead_m / 2, _POSTURE.look_behind_m
+    ahead, behind = _SLOPE_AHEAD_M / 2, _SLOPE_BEHIND_M
     return (profile_height(profile, s + ahead) - profile_height(profile, s - behind)) / (ahead + behind)
 
 

@@ -23,7 +23,7 @@ from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
 from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend, travel
-from stridetwin.sim.gait.pelvis import PELVIS, cart_table, height_near, highest, least_knee, level_height
+from stridetwin.sim.gait.pelvis import HARD_MIN_KNEE_RAD, cart_table, height_near, highest, least_knee, level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
@@ -41,7 +41,7 @@ def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, Foo
     """Angles of both legs that bring the feet to their paths under a pelvis at (N, 3), (N, 3, 3)."""
     return {
         side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
-                        PELVIS.knee_hard_min_rad)
+                        HARD_MIN_KNEE_RAD)
         for side in SIDES
     }  # fmt: skip
 

@@ -110,28 +110,21 @@ def _table() -> tuple[Array, Array]:
     return np.array(values["pace"]), np.array([values[label] for label in LABELS])
 
 
-@dataclass(frozen=True, kw_only=True)
-class MannerParameters:
-    """Styles outside the table and of shuffling feet; chosen by hand, so that the legs reach the footsteps.
-
-    The changes beyond the table's fastest style are per unit of dimensionless speed, those of a shuffle are shares of
-    the usual value at full shuffle.
-    """
-
-    swing_with_step: float = 0.35  # swing time grows as step time to this power: slow walkers stay longer on both feet
-    least_share: float = 0.2  # of the table's amplitudes, at the lowest speed
-    height_slow: float = 0.985  # pelvis at the lowest speed, leg lengths
-    least_double_support: float = 0.08  # share of a step
-    shorter_support_faster: float = 0.16  # share of a step by which double support continues to shrink
-    lower_faster: float = 0.12  # leg lengths by which the pelvis is lower
-    less_lead: float = 2.0  # share by which the swing foot reaches less far forward
-    shuffle_shortens: float = 0.45  # step length
-    shuffle_flattens: float = 0.75  # pitch and pelvis
-    shuffle_lowers: float = 0.85  # lift of the swing foot
-    shuffle_stays: float = 0.25  # swing time
-
-
-_MANNER = MannerParameters()
+# Styles outside the table and of shuffling feet; chosen by hand, so that the legs reach the footsteps.
+#
+# The changes beyond the table's fastest style are per unit of dimensionless speed, those of a shuffle are shares of
+# the usual value at full shuffle.
+_SWING_WITH_STEP = 0.35  # swing time grows as step time to this power: slow walkers stay longer on both feet
+_MIN_AMPLITUDE_SHARE = 0.2  # of the table's amplitudes, at the lowest speed
+_HEIGHT_SLOW = 0.985  # pelvis at the lowest speed, leg lengths
+_MIN_DOUBLE_SUPPORT = 0.08  # share of a step
+_SHORTER_SUPPORT_FASTER = 0.16  # share of a step by which double support continues to shrink
+_LOWER_FASTER = 0.12  # leg lengths by which the pelvis is lower
+_LESS_LEAD = 2.0  # share by which the swing foot reaches less far forward
+_SHUFFLE_SHORTENS = 0.45  # step length
+_SHUFFLE_FLATTENS = 0.75  # pitch and pelvis
+_SHUFFLE_LOWERS = 0.85  # lift of the swing foot
+_SHUFFLE_STAYS = 0.25  # swing time
 
 
 def walk_growth(pace: Array | float) -> Array:
@@ -156,35 +149,33 @@ def style_at(pace: float) -> Style:
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()
-        height[0] -= _MANNER.lower_faster * beyond
-        support = style.double_support - _MANNER.shorter_support_faster * beyond
-        forward = style.forward * max(1.0 - _MANNER.less_lead * beyond, 0.0)
-        return replace(
-            style, double_support=np.maximum(support, _MANNER.least_double_support), height=height, forward=forward
-        )
+        height[0] -= _LOWER_FASTER * beyond
+        support = style.double_support - _SHORTER_SUPPORT_FASTER * beyond
+        forward = style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0)
+        return replace(style, double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT), height=height, forward=forward)
     if pace >= slowest:
         return style
     shorter = float(walk_growth(pace) / walk_growth(slowest))
     longer = shorter * slowest / max(pace, 1e-6)
-    style = _scaled(style, max(shorter, _MANNER.least_share))
+    style = _scaled(style, max(shorter, _MIN_AMPLITUDE_SHARE))
     height = style.height.copy()
-    height[0] += (1.0 - shorter) * (_MANNER.height_slow - height[0])
-    return prolonged(replace(style, height=height), longer, longer**_MANNER.swing_with_step)
+    height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])
+    return prolonged(replace(style, height=height), longer, longer**_SWING_WITH_STEP)
 
 
 def shuffled(style: Style, shuffle: float) -> Style:
     """Style of feet that slide along: flat, low, and with short swings; `shuffle` from 0 to 1."""
     if shuffle == 0.0:
         return style
-    k = 1.0 - _MANNER.shuffle_lowers * shuffle
-    flat = _scaled(style, 1.0 - _MANNER.shuffle_flattens * shuffle)
+    k = 1.0 - _SHUFFLE_LOWERS * shuffle
+    flat = _scaled(style, 1.0 - _SHUFFLE_FLATTENS * shuffle)
     flat = replace(flat, forward=style.forward * k, lift=style.lift * k)
-    return prolonged(flat, 1.0, 1.0 - _MANNER.shuffle_stays * shuffle)
+    return prolonged(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)
 
 
 def shuffled_share(shuffle: float) -> float:
     """Step length of a shuffling walker as a share of the normal one."""
-    return 1.0 - _MANNER.shuffle_shortens * shuffle
+    return 1.0 - _SHUFFLE_SHORTENS * shuffle
 
 
 def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:

@@ -7,8 +7,6 @@ couplings (`exo_couplings`). Bodies, joints and geoms stay as composed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
@@ -25,31 +23,13 @@ from stridetwin.streams.samples import Array
 KEYFRAME = "stand"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ServoParameters:
-    """Servos of the wearer's joints; chosen by hand.
-
-    Attributes:
-        trunk_nm_rad: N m/rad of legs and lumbar spine: three times the weight's pull at the ankles of a tall person,
-            who falls below 0.5 kN m/rad per ankle.
-        limb_nm_rad: N m/rad of neck and arms, which carry only themselves.
-        toe_nm_rad: N m/rad, as of the simulated walk's toes (`soles.TOE_STIFFNESS`).
-        damping_ratio: Share of critical damping.
-    """
-
-    trunk_nm_rad: float = 1500.0
-    limb_nm_rad: float = 80.0
-    toe_nm_rad: float = 40.0
-    damping_ratio: float = 1.0
-
-    def stiffness(self, joint: str) -> float:
-        """N m/rad at a joint of the wearer."""
-        if joint.startswith("toe"):
-            return self.toe_nm_rad
-        return self.limb_nm_rad if joint.startswith(("neck", "shoulder", "elbow")) else self.trunk_nm_rad
-
-
-_SERVO = ServoParameters()
+# Servos of the wearer's joints; chosen by hand.
+_TRUNK_NM_RAD = 1500.0
+"""Legs and lumbar spine: three times the weight's pull at the ankles of a tall person, who falls below 0.5 kN m/rad per
+ankle."""
+_LIMB_NM_RAD = 80.0  # neck and arms, which carry only themselves
+_TOE_NM_RAD = 40.0  # the same as the toes of the simulated walk (`soles.TOE_STIFFNESS`)
+_DAMPING_RATIO = 1.0  # share of critical damping
 _SEED = 0  # of the bystanders' size and places
 
 
@@ -99,12 +79,19 @@ def _site_size() -> Array:
     return np.array([0.005, 0.005, 0.005])
 
 
+def _servo_stiffness(joint: str) -> float:
+    """Stiffness of the servo of one of the wearer's joints, N m/rad."""
+    if joint.startswith("toe"):
+        return _TOE_NM_RAD
+    return _LIMB_NM_RAD if joint.startswith(("neck", "shoulder", "elbow")) else _TRUNK_NM_RAD
+
+
 def _add_actuators(spec: mujoco.MjSpec, config: TwinConfig) -> None:
     """Servos named as the wearer's hinges, and motors named as those of the exoskeleton that modules drive."""
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE and not joint.name.startswith("exo_"):
             servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo.set_to_position(kp=_SERVO.stiffness(joint.name), dampratio=_SERVO.damping_ratio)
+            servo.set_to_position(kp=_servo_stiffness(joint.name), dampratio=_DAMPING_RATIO)
     if config.exo is None:
         return
     for name, module in modules(config.exo).items():

@@ -38,36 +38,30 @@ BALLS = {
 _GRID_S = 0.02
 
 
-@dataclass(frozen=True, kw_only=True)
-class BystanderParameters:
-    """Paths and steps of bystanders; chosen by hand so that they pass the walker without meeting them."""
-
-    ahead_m: float = 2.5  # largest distance in front of the walker
-    turns_per_s: float = 0.45 / (2 * np.pi)  # round the walker
-    square: float = 3.0  # how soon a crossing bystander is back at the side
-    beside_m: float = 0.72  # least distance from the middle of the way when passing
-    edge_m: float = 0.08  # from the border of the way to a foot
-    keep_m: float = 0.80  # from the walker's pelvis
-    smoothing_s: float = 0.5  # SD of the filter of the walker's progress
-    clip_smoothing_s: float = 0.3  # likewise, at the ends of the way
-    corner_s: float = 0.35  # likewise, over which a corner is rounded
-    path_smoothing_s: float = 0.10
-    velocity_smoothing_s: float = 0.15
-    yaw_smoothing_s: float = 0.30
-    hip_smoothing_s: float = 0.07
-    step_m: float = 0.56
-    support: float = 0.60  # half of the distance that a stance foot supports, in steps
-    stance_half_m: float = 0.07  # from the middle of the body to a foot
-    off_rad: float = 0.75  # pitch of a foot at toe-off
-    touch_rad: float = -0.22  # and at touch-down
-    lift_m: float = 0.06  # of a swinging foot
-    arm_swing_rad: float = 0.45  # at the reach of one step
-    elbow_rad: float = 0.35
-    trunk_lean: float = 0.04  # rad
-    sizes: tuple[float, float] = (0.93, 1.05)  # stature as a share of 1.75 m
-
-
-_P = BystanderParameters()
+# Paths and steps of bystanders; chosen by hand so that they pass the walker without meeting them.
+_MAX_AHEAD_M = 2.5  # largest distance in front of the walker
+_TURNS_PER_S = 0.45 / (2 * np.pi)  # round the walker
+_CROSSING_SQUARENESS = 3.0  # how soon a crossing bystander is back at the side
+_MIN_BESIDE_M = 0.72  # least distance from the middle of the way when passing
+_EDGE_M = 0.08  # from the border of the way to a foot
+_KEEP_AWAY_M = 0.80  # from the walker's pelvis
+_PROGRESS_SMOOTHING_S = 0.5  # SD of the filter of the walker's progress
+_ENDS_SMOOTHING_S = 0.3  # likewise, at the ends of the way
+_CORNER_SMOOTHING_S = 0.35  # likewise, over which a corner is rounded
+_PATH_SMOOTHING_S = 0.10  # likewise, of the path
+_VELOCITY_SMOOTHING_S = 0.15  # likewise, of the velocity
+_YAW_SMOOTHING_S = 0.30  # likewise, of the heading
+_HIP_SMOOTHING_S = 0.07  # likewise, of the hips' height
+_STEP_M = 0.56  # length of a step
+_SUPPORT = 0.60  # half of the distance that a stance foot supports, in steps
+_HALF_STANCE_M = 0.07  # from the middle of the body to a foot
+_TOE_OFF_PITCH_RAD = 0.75  # pitch of a foot at toe-off
+_TOUCH_DOWN_PITCH_RAD = -0.22  # and at touch-down
+_LIFT_M = 0.06  # of a swinging foot
+_ARM_SWING_RAD = 0.45  # at the reach of one step
+_ELBOW_RAD = 0.35  # constant flexion
+_TRUNK_LEAN_RAD = 0.04  # forward
+_SIZE_RANGE = (0.93, 1.05)  # stature as a share of 1.75 m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,17 +93,17 @@ class Bystander:
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
-        k, origins, axes = self.size, [p], [_frame(left, up + _P.trunk_lean * ahead)]
+        k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):
             ankle, R_foot, reach = self._foot(steps, odd)
             hip = p + sign * HIP_M * k * left
             knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
             shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
-            swing = -_P.arm_swing_rad * reach / _P.step_m
+            swing = -_ARM_SWING_RAD * reach / _STEP_M
             upper = _pitched(left, ahead, swing)
             origins += [hip, knee, ankle, shoulder, shoulder - UPPER_ARM_M * k * upper[:, :, 2]]
             axes += [_frame(left, hip - knee), _frame(left, knee - ankle), R_foot, upper]
-            axes.append(_pitched(left, ahead, swing + _P.elbow_rad))
+            axes.append(_pitched(left, ahead, swing + _ELBOW_RAD))
         return np.stack(origins, 1), np.stack(axes, 1)
 
     def track(self, t_ns: NDArray[np.int64]) -> Track:
@@ -137,23 +131,25 @@ class Bystander:
     def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
         """(M, 3) ankle, (M, 3, 3) axes and (M,) m in front of the hips of one foot."""
         count = steps - odd
-        cycle = np.floor((count + _P.support) / 2)
+        cycle = np.floor((count + _SUPPORT) / 2)
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
         at = (2 * cycle + odd - self.first).astype(int)
         a, b = self.holds[at], self.holds[at + 2]
-        share = np.clip((r - _P.support) / (2 - 2 * _P.support), 0.0, 1.0)
+        share = np.clip((r - _SUPPORT) / (2 - 2 * _SUPPORT), 0.0, 1.0)
         rise = b[:, 2] - a[:, 2]
         sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
-        pitch = _P.off_rad * ease((r - 0.15) / (_P.support - 0.15)) * (1 - ease(share / 0.55))
-        pitch += _P.touch_rad * (ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _P.support) / 0.2)) * (r < 0))
+        pitch = _TOE_OFF_PITCH_RAD * ease((r - 0.15) / (_SUPPORT - 0.15)) * (1 - ease(share / 0.55))
+        pitch += _TOUCH_DOWN_PITCH_RAD * (
+            ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _SUPPORT) / 0.2)) * (r < 0)
+        )
         bump = (4 * share * (1 - share)) ** 2
-        ball[:, 2] += bump * (_P.lift_m + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
+        ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
         ahead, left = _horizontal(yaw)
         R = _pitched(left, ahead, -pitch)
-        reach = np.where(share > 0, 2 * ease(share) - r, -r) * _P.step_m
+        reach = np.where(share > 0, 2 * ease(share) - r, -r) * _STEP_M
         return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
 
 
@@ -178,33 +174,35 @@ def bystanders(
         rng: Draws their size and their start positions.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
-    along = _smooth(np.interp(grid, t, s), _P.smoothing_s)
+    along = _smooth(np.interp(grid, t, s), _PROGRESS_SMOOTHING_S)
     walker = np.stack([np.interp(grid, t, column) for column in p_walker.T], -1)
     start = rng.uniform(0.0, 1.0)
     sense = float(rng.choice([-1.0, 1.0]))
     people = []
     for i in range(count):
-        turn = sense * 2 * np.pi * (grid * _P.turns_per_s + start + i / count)
-        people.append(_one(terrain, grid, along, walker, turn, size=rng.uniform(*_P.sizes)))
+        turn = sense * 2 * np.pi * (grid * _TURNS_PER_S + start + i / count)
+        people.append(_one(terrain, grid, along, walker, turn, size=rng.uniform(*_SIZE_RANGE)))
     return Crowd(people=tuple(people))
 
 
 def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
     way, profile = terrain.layout.way, terrain.profile
-    beside = max(terrain.route.width_m / 2 - _P.edge_m - _P.stance_half_m, _P.beside_m)
+    beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
-    s = along + _P.ahead_m * np.cos(turn)
-    s = _smooth(np.clip(s, low, high), _P.clip_smoothing_s)
-    left = beside * np.tanh(_P.square * np.sin(turn)) / np.tanh(_P.square)
-    p = _smooth(way.point(s, left), _P.corner_s)
+    s = along + _MAX_AHEAD_M * np.cos(turn)
+    s = _smooth(np.clip(s, low, high), _ENDS_SMOOTHING_S)
+    left = beside * np.tanh(_CROSSING_SQUARENESS * np.sin(turn)) / np.tanh(_CROSSING_SQUARENESS)
+    p = _smooth(way.point(s, left), _CORNER_SMOOTHING_S)
     away = p - walker
     distance = np.linalg.norm(away, axis=1, keepdims=True)
-    p = p + away / np.maximum(distance, 1e-6) * np.maximum(_P.keep_m - distance, 0.0)  # at corners they may come close
-    p = _smooth(p, _P.path_smoothing_s)
-    v = _smooth(np.gradient(p, t, axis=0), _P.velocity_smoothing_s)
-    yaw = _smooth(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _P.yaw_smoothing_s)
+    p = p + away / np.maximum(distance, 1e-6) * np.maximum(
+        _KEEP_AWAY_M - distance, 0.0
+    )  # at corners they may come close
+    p = _smooth(p, _PATH_SMOOTHING_S)
+    v = _smooth(np.gradient(p, t, axis=0), _VELOCITY_SMOOTHING_S)
+    yaw = _smooth(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S)
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
-    steps = gone / (_P.step_m * size)
+    steps = gone / (_STEP_M * size)
     relative_yaw = yaw - way.heading(s)
     holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, relative_yaw]), yaw, steps, profile, size)
     body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
@@ -227,13 +225,13 @@ def _footholds(
     """
     first = -3
     count = np.arange(first, int(steps[-1]) + 5)
-    beyond = (count - np.clip(count, 0.0, steps[-1])) * _P.step_m * size
+    beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size
     heading = np.interp(count, steps, yaw)
     ahead, aside = (np.stack(a, -1) for a in ((np.cos(heading), np.sin(heading)), (-np.sin(heading), np.cos(heading))))
     sign = np.where(count % 2 == 0, 1.0, -1.0)
     x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
     forward = beyond + 0.5 * BALL_M
-    ball = np.stack([x, y], -1) + _P.stance_half_m * sign[:, None] * aside + forward[:, None] * ahead
+    ball = np.stack([x, y], -1) + _HALF_STANCE_M * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
     ground = _ground(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
@@ -256,7 +254,7 @@ def _hip_height(body: Bystander) -> Array:
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
         level = np.linalg.norm(ankle[:, :2] - hip, axis=1)
         limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - level**2, 0.3)))
-    return _smooth(np.minimum(*limits), _P.hip_smoothing_s) - 0.01
+    return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01
 
 
 def _smooth(x: Array, sigma_s: float) -> Array:

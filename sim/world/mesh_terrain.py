@@ -82,25 +82,19 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitParameters:
-    """How a profile is divided into levels, ramps and stairs; chosen by hand for meshes with errors of millimetres."""
-
-    largest_error_m: float = 0.010  # of the mesh from its replacement, anywhere on the way but beside risers
-    beside_riser_m: float = 0.025
-    step_m: float = 0.005  # spacing of the samples along the way
-    jump_m: float = 0.015  # between neighbouring samples: steeper than any ramp
-    straight_m: float = 0.003  # largest distance of a sample from a level or ramp
-    level_m: float = 0.004  # largest rise of a level
-    steepest: float = 0.5  # least upward part of a walkable triangle's normal
-    reach_m: float = 0.45  # surfaces higher than this above the last sample are not ground
-    same_tread_m: float = 0.01  # largest difference of equal treads
-    tread_max_m: float = 0.6
-    shortest_m: float = 0.5  # half of the shortest way
-    rows: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
-
-
-_FIT = FitParameters()
+# How a profile is divided into levels, ramps and stairs; chosen by hand for meshes with errors of millimetres.
+_MAX_ERROR_M = 0.010  # of the mesh from its replacement, anywhere on the way but beside risers
+_BESIDE_RISER_M = 0.025  # on both sides of a riser, where the error is not checked
+_SAMPLE_M = 0.005  # spacing of the samples along the way
+_MIN_JUMP_M = 0.015  # between neighbouring samples: steeper than any ramp
+_MAX_STRAIGHT_ERROR_M = 0.003  # largest distance of a sample from a level or ramp
+_MAX_LEVEL_RISE_M = 0.004  # largest rise of a level
+_MIN_NORMAL_UP = 0.5  # least upward part of a walkable triangle's normal
+_REACH_M = 0.45  # surfaces higher than this above the last sample are not ground
+_MAX_TREAD_DIFFERENCE_M = 0.01  # largest difference of equal treads
+_MAX_TREAD_M = 0.6  # deeper ones are levels
+_MIN_HALF_WAY_M = 0.5  # half of the shortest way
+_ROWS: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
 Part = Level | Ramp | Stairs
 _Start = Annotated[float, number(-1000, 1000)]
 
@@ -142,20 +136,20 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
         StrideTwinError: The file cannot be read.
     """
     corners = _in_way(read_triangles(way.path, way.scale), way)
-    length = way.length_m or float(corners[:, :, 0].max()) - _FIT.step_m
-    if not 2 * _FIT.shortest_m < length < 500.0:
-        raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _FIT.shortest_m:g}-500 m")
-    s = np.arange(0.0, length, _FIT.step_m)
-    heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _FIT.rows])
-    middle = heights[:, len(_FIT.rows) // 2] - heights[0, len(_FIT.rows) // 2]
+    length = way.length_m or float(corners[:, :, 0].max()) - _SAMPLE_M
+    if not 2 * _MIN_HALF_WAY_M < length < 500.0:
+        raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _MIN_HALF_WAY_M:g}-500 m")
+    s = np.arange(0.0, length, _SAMPLE_M)
+    heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
+    middle = heights[:, len(_ROWS) // 2] - heights[0, len(_ROWS) // 2]
     segments = _segments(s, middle, way)
-    off = _error(segments, s, heights - heights[0, len(_FIT.rows) // 2], width_m, way)
+    off = _error(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
     summary = (
         f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
-        f"{1e3 * _FIT.largest_error_m:g} mm is accepted; {1e3 * _FIT.beside_riser_m:g} mm beside risers are excluded)"
+        f"{1e3 * _MAX_ERROR_M:g} mm is accepted; {1e3 * _BESIDE_RISER_M:g} mm beside risers are excluded)"
     )
     return MeshTerrain(segments=segments, summary=summary)
 
@@ -176,7 +170,7 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)
     near = (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
-    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _FIT.steepest * size)
+    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _MIN_NORMAL_UP * size)
     if np.any(flat & (normal[:, 2] > 0)):
         flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
     near &= flat
@@ -191,10 +185,10 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     heights = np.empty(len(s))
     last_z = min(at[0], default=0.0, key=abs)
     for i, found in enumerate(at):
-        low = [z for z in found if abs(z - last_z) <= _FIT.reach_m]
+        low = [z for z in found if abs(z - last_z) <= _REACH_M]
         if not low:
             where = f"{s[i]:.2f} m along, {left:+.2f} m to the left"
-            valid = f"ground all along the way, without steps of more than {_FIT.reach_m:g} m"
+            valid = f"ground all along the way, without steps of more than {_REACH_M:g} m"
             raise ConfigError(way.path, where, "no ground that can be stepped onto" if found else "a hole", valid)
         heights[i] = last_z = max(low)
     return heights
@@ -203,7 +197,7 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
 def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
     """Levels, ramps and stairs of a profile that begins at height 0."""
     parts: list[Part] = []
-    jumps = np.flatnonzero(np.abs(np.diff(z)) > _FIT.jump_m)
+    jumps = np.flatnonzero(np.abs(np.diff(z)) > _MIN_JUMP_M)
     starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]
     risers: list[float] = []
     treads: list[float] = []
@@ -217,8 +211,8 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
                 raise ConfigError(way.path, at, f"{1e3 * rise:.0f} mm", "one direction per flight")
             risers.append(rise)
         run = _between(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)
-        flat = abs(z[b] - z[a]) < _FIT.level_m and np.ptp(z[a : b + 1]) < 2 * _FIT.level_m
-        tread = flat and run <= _FIT.tread_max_m
+        flat = abs(z[b] - z[a]) < _MAX_LEVEL_RISE_M and np.ptp(z[a : b + 1]) < 2 * _MAX_LEVEL_RISE_M
+        tread = flat and run <= _MAX_TREAD_M
         if i and i < len(starts) - 1 and tread and (z[starts[i + 1]] - z[b]) * risers[-1] > 0:
             if run < TREAD_MIN_M:
                 valid = f"at least {1e3 * TREAD_MIN_M:g} mm"
@@ -244,7 +238,7 @@ def _flight(risers: list[float], treads: list[float]) -> list[Part]:
     if not risers:
         return []
     down, heights = risers[0] < 0, tuple(abs(r) for r in risers)
-    if not treads or max(treads) - min(treads) < _FIT.same_tread_m:
+    if not treads or max(treads) - min(treads) < _MAX_TREAD_DIFFERENCE_M:
         tread = float(np.mean(treads)) if treads else Stairs.tread_m
         return [Stairs(risers=len(risers), riser_m=heights, tread_m=tread, down=down)]
     parts: list[Part] = []
@@ -262,7 +256,7 @@ def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
         if k in (0, len(knots) - 2):  # the half steps at the ends
             length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
-        if abs(rise) < _FIT.level_m:
+        if abs(rise) < _MAX_LEVEL_RISE_M:
             parts.append(Level(length_m=length))
             continue
         angle = math.atan2(abs(rise), length)
@@ -281,7 +275,7 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
         line = z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)
         off = np.abs(z[i : j + 1] - line)
         worst = int(np.argmax(off))
-        if off[worst] > _FIT.straight_m and j - i > 1:
+        if off[worst] > _MAX_STRAIGHT_ERROR_M and j - i > 1:
             todo.append(i + worst)
         else:
             done.append(todo.pop())
@@ -296,17 +290,17 @@ def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float,
         terrain = Terrain.from_route(Route(segments=segments, width_m=width_m))
     except ConfigError as error:
         raise ConfigError(way.path, f"the resulting {error.field}", error.value, error.valid) from error
-    left = 0.5 * width_m * np.array(_FIT.rows)
+    left = 0.5 * width_m * np.array(_ROWS)
     points = np.stack(np.broadcast_arrays(s[:, None], left), -1)
     edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
-    edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _FIT.jump_m)]
+    edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _MIN_JUMP_M)]
     away = np.ones(len(s), bool)
     for edge in edges:
-        away &= np.abs(s - edge) > _FIT.beside_riser_m
+        away &= np.abs(s - edge) > _BESIDE_RISER_M
     off = np.abs(terrain.height(points) - heights)[away]
-    if off.max() > _FIT.largest_error_m:
+    if off.max() > _MAX_ERROR_M:
         row, column = np.unravel_index(int(np.argmax(off)), off.shape)
         where = f"{s[away][row]:.2f} m along, {left[column]:+.2f} m to the left"
-        valid = f"up to {1e3 * _FIT.largest_error_m:g} mm from levels, ramps and stairs across the way"
+        valid = f"up to {1e3 * _MAX_ERROR_M:g} mm from levels, ramps and stairs across the way"
         raise ConfigError(way.path, where, f"{1e3 * off[row, column]:.0f} mm off", valid)
     return np.asarray(off).ravel()

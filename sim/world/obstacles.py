@@ -24,31 +24,25 @@ from stridetwin.streams.terrain_truth import Layout, Slab, Strip, profile_height
 _SEED = 20260  # the world looks the same in every walk
 
 
-@dataclass(frozen=True, kw_only=True)
-class ObstacleParameters:
-    """Sizes and distances of objects, m; chosen by hand, as large as such objects commonly are."""
-
-    clearance: float = 0.35  # between walkable ground and objects outdoors and in rooms
-    spacing: float = 2.2  # of objects along the way
-    room_margin: float = 3.0  # from the way to the walls of a room
-    room_height: float = 2.7
-    wall: float = 0.12  # thickness of a corridor's walls
-    brick: float = 0.2  # length of the parts that they are tested in
-    table_width: float = 1.40
-    table_height: float = 0.72
-    board: float = 0.04  # thickness of a table's board
-    leg: float = 0.06  # width of a table's leg
-    seat: float = 0.45  # height and width of a chair's seat
-    back: float = 0.90  # height of its back
-    crate_width: float = 0.60
-    crate_height: float = 0.20  # that of a step
-    wall_width: float = 3.0
-    wall_height: float = 2.5
-    lift: float = 0.001  # height of paint, so that the ground does not shine through
-    body: float = 0.40  # clearance from the middle of the way, and beyond the end of the walk
-
-
-_M = ObstacleParameters()
+# Sizes and distances of objects, m; chosen by hand, as large as such objects commonly are.
+_CLEARANCE_M = 0.35  # between walkable ground and objects outdoors and in rooms
+_SPACING_M = 2.2  # of objects along the way
+_ROOM_MARGIN_M = 3.0  # from the way to the walls of a room
+_ROOM_HEIGHT_M = 2.7  # of walls of rooms and corridors
+_CORRIDOR_WALL_M = 0.12  # thickness of a corridor's walls
+_BRICK_M = 0.2  # length of the parts that they are tested in
+_TABLE_WIDTH_M = 1.40
+_TABLE_HEIGHT_M = 0.72
+_BOARD_M = 0.04  # thickness of a table's board
+_LEG_M = 0.06  # width of a table's leg
+_SEAT_M = 0.45  # height and width of a chair's seat
+_BACK_HEIGHT_M = 0.90  # height of its back
+_CRATE_WIDTH_M = 0.60
+_CRATE_HEIGHT_M = 0.20  # that of a step
+_WALL_WIDTH_M = 3.0
+_WALL_HEIGHT_M = 2.5
+_PAINT_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
+_BODY_CLEARANCE_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
 LENGTHS_M = {
     "stripe": 0.30, "shadow": 1.20, "mat": 0.90, "table": 0.70, "chair": 0.45, "crate": 0.40, "wall": 0.15,
     "glass": 0.02,
@@ -94,7 +88,7 @@ def surroundings(
     kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
         "outdoor": _outdoor, "room": _room, "corridor": _corridor
     }  # fmt: skip
-    clearance = 0.0 if scenery == "corridor" else _M.clearance
+    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     kept = list(standing)
     for group in kinds[scenery](layout, bottom_m):
         if all(_clear(mark.box, layout, kept, clearance) for mark in group):
@@ -118,7 +112,7 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
     """Lowest and highest x and y of the inside of a room around the way."""
     s = np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1)
     points = layout.way.point(s)
-    return points.min(axis=0) - _M.room_margin, points.max(axis=0) + _M.room_margin
+    return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
 
 
 def _clear(box: Solid, layout: Layout, others: list[Landmark], clearance: float) -> bool:
@@ -154,9 +148,9 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Planters and pillars along both sides of the way and a wall beyond its end."""
     rng = np.random.default_rng(_SEED)
     first, last = layout.profile[0], layout.profile[-1]
-    half = layout.slabs[0].left + _M.clearance
+    half = layout.slabs[0].left + _CLEARANCE_M
     for side in (-1.0, 1.0):
-        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _M.spacing).tolist()):
+        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
             elif i % 3 == 0:
@@ -176,7 +170,7 @@ def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
     for slab in layout.slabs:
         p, q = slab.local(np.array([x, y]))
         if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
-            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _M.clearance)
+            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
     x, y = layout.way.point(s, side * reach).tolist()
     return _Frame(x=x, y=y, yaw=yaw, z=float(profile_height(layout.profile, s)))
 
@@ -203,29 +197,29 @@ def _planter(
 def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Walls along both sides of all straight parts, around their ends if there is space, and across both ends."""
     lines, profile = layout.way.segments, layout.profile
-    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _M.room_height
+    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
     built: list[Landmark] = []
-    for line, along in ((lines[0], -_M.wall), (lines[-1], lines[-1].s1 - lines[-1].s0 + _M.wall)):
+    for line, along in ((lines[0], -_CORRIDOR_WALL_M), (lines[-1], lines[-1].s1 - lines[-1].s0 + _CORRIDOR_WALL_M)):
         end = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0)
-        yield [end.box("brick", _M.wall, 2 * half, bottom, top, along=along)]
+        yield [end.box("brick", _CORRIDOR_WALL_M, 2 * half, bottom, top, along=along)]
     for line in lines:
         if line.curvature:
             continue
         start, length = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0), line.s1 - line.s0
         for side in (-1.0, 1.0):
-            left = side * (half + _M.wall / 2)
+            left = side * (half + _CORRIDOR_WALL_M / 2)
             bricks = []
-            for along in np.arange(-2 * half, length + 2 * half, _M.brick).tolist():
-                material = "brick" if math.floor((line.s0 + along) / _M.spacing + side) % 3 == 0 else "plaster"
-                brick = start.box(material, _M.brick, _M.wall, bottom, top, along=along, left=left)
+            for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
+                material = "brick" if math.floor((line.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
+                brick = start.box(material, _BRICK_M, _CORRIDOR_WALL_M, bottom, top, along=along, left=left)
                 free = _clear(brick.box, layout, built, 0.0)
                 built += [brick] * free
                 bricks.append((material if free else "", along))
             for material, run in groupby(bricks, key=itemgetter(0)):
                 if material:
                     places = [along for _, along in run]
-                    middle, long = (places[0] + places[-1]) / 2, len(places) * _M.brick
-                    yield [start.box(material, long, _M.wall, bottom, top, along=middle, left=left)]
+                    middle, long = (places[0] + places[-1]) / 2, len(places) * _BRICK_M
+                    yield [start.box(material, long, _CORRIDOR_WALL_M, bottom, top, along=middle, left=left)]
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
@@ -235,7 +229,7 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     middle, (length, width) = (low + high) / 2, high - low
     z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
     room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
-    top = max(max(s.z0, s.z1) for s in layout.profile) + _M.room_height
+    top = max(max(s.z0, s.z1) for s in layout.profile) + _ROOM_HEIGHT_M
     for sign in (-1.0, 1.0):
         yield [room.box("plaster", length, 0.1, bottom, top, left=sign * (width / 2 + 0.05))]
         yield [room.box("plaster", 0.1, width, bottom, top, along=sign * (length / 2 + 0.05))]
@@ -299,7 +293,7 @@ def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Pai
 def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float, material: str) -> Painted:
     half, s = 0.5 * width_m, np.array([start, start, end, end])
     xy = layout.way.point(s, thing.left_m + half * np.array([1.0, -1.0, -1.0, 1.0]))
-    z = _strip(layout, start).z0 + _M.lift
+    z = _strip(layout, start).z0 + _PAINT_LIFT_M
     return Painted(corners=np.column_stack([xy, np.full(4, z)]), material=material)
 
 
@@ -318,32 +312,32 @@ def _at(thing: Thing, layout: Layout) -> _Frame:
 
 
 def _wall(at: _Frame) -> Iterator[Landmark]:
-    yield at.box("plaster", LENGTHS_M["wall"], _M.wall_width, at.z, at.z + _M.wall_height)
+    yield at.box("plaster", LENGTHS_M["wall"], _WALL_WIDTH_M, at.z, at.z + _WALL_HEIGHT_M)
 
 
 def _pane(at: _Frame) -> Iterator[Landmark]:
-    yield at.box(GLASS, LENGTHS_M["glass"], _M.wall_width, at.z, at.z + _M.wall_height)
+    yield at.box(GLASS, LENGTHS_M["glass"], _WALL_WIDTH_M, at.z, at.z + _WALL_HEIGHT_M)
 
 
 def _long_table(at: _Frame) -> Iterator[Landmark]:
     """A board on two sides."""
-    below, side = at.z + _M.table_height - _M.board, _M.table_width / 2 - 0.1
-    yield at.box("wood", LENGTHS_M["table"], _M.table_width, below, below + _M.board)
+    below, side = at.z + _TABLE_HEIGHT_M - _BOARD_M, _TABLE_WIDTH_M / 2 - 0.1
+    yield at.box("wood", LENGTHS_M["table"], _TABLE_WIDTH_M, below, below + _BOARD_M)
     for left in (-side, side):
-        yield at.box("wood", LENGTHS_M["table"], _M.leg, at.z, below, left=left)
+        yield at.box("wood", LENGTHS_M["table"], _LEG_M, at.z, below, left=left)
 
 
 def _chair(at: _Frame) -> Iterator[Landmark]:
     """A seat on four legs, and a back across the way."""
-    half, below = (_M.seat - _M.leg) / 2, at.z + _M.seat - _M.board
-    yield at.box("wood", _M.seat, _M.seat, below, below + _M.board)
-    yield at.box("wood", _M.board, _M.seat, below + _M.board, at.z + _M.back, along=(_M.seat - _M.board) / 2)
+    half, below = (_SEAT_M - _LEG_M) / 2, at.z + _SEAT_M - _BOARD_M
+    yield at.box("wood", _SEAT_M, _SEAT_M, below, below + _BOARD_M)
+    yield at.box("wood", _BOARD_M, _SEAT_M, below + _BOARD_M, at.z + _BACK_HEIGHT_M, along=(_SEAT_M - _BOARD_M) / 2)
     for along, left in ((-half, -half), (-half, half), (half, -half), (half, half)):
-        yield at.box("wood", _M.leg, _M.leg, at.z, below, along=along, left=left)
+        yield at.box("wood", _LEG_M, _LEG_M, at.z, below, along=along, left=left)
 
 
 def _crate(at: _Frame) -> Iterator[Landmark]:
-    yield at.box("wood", LENGTHS_M["crate"], _M.crate_width, at.z, at.z + _M.crate_height)
+    yield at.box("wood", LENGTHS_M["crate"], _CRATE_WIDTH_M, at.z, at.z + _CRATE_HEIGHT_M)
 
 
 _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
@@ -370,8 +364,8 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
         for mark in standing((thing,), layout):
-            if _distance(mark.box, walked).min() < _M.body:
-                valid = f"{_M.body:g} m clear of where the walker goes"
+            if _distance(mark.box, walked).min() < _BODY_CLEARANCE_M:
+                valid = f"{_BODY_CLEARANCE_M:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)
 
 

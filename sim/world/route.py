@@ -11,7 +11,7 @@ from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Tu
 from stridetwin.sim.world.route_checks import check_segments
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
-from stridetwin.streams.way import CurveSegment, Way, joined
+from stridetwin.streams.way import CurveSegment, Way, join_segments
 
 LEAD_IN_M = 2.0
 RUN_OUT_M = 2.0
@@ -48,7 +48,7 @@ def lay_out(route: Route) -> Layout:
             case _:
                 _lay(pen, segment, half)
     _refuse_conflicts(pen, len(route.segments))
-    return Layout(way=joined(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
+    return Layout(way=join_segments(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
 
 
 @dataclass(kw_only=True)

@@ -21,7 +21,7 @@ from stridetwin.streams.formats.euroc import IMU_COLUMNS, IMU_UNITS, NAMES, POSE
 from stridetwin.streams.formats.image_files import chosen_camera, write_image
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.recording.writer import RIG_NAME
+from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Image
 

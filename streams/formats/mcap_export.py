@@ -18,9 +18,9 @@ from stridetwin.streams.formats.bag_files import McapBag
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
+from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.recording.topic_reader import selected
-from stridetwin.streams.recording.writer import RIG_NAME
 from stridetwin.streams.samples import Depth, Image
 
 _SECOND_NS = 1_000_000_000

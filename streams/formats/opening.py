@@ -17,6 +17,7 @@ from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag import Bag, read_bag, side_of
 from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
+from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridged
 from stridetwin.streams.formats.imu_folder import is_imu_folder
@@ -30,13 +31,12 @@ from stridetwin.streams.recording.imported import ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration, unreadable
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.topic_reader import finite, increasing
-from stridetwin.streams.recording.writer import RIG_NAME
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
 from stridetwin.streams.yaml_file import read_yaml
 
-KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "strayscanner", "record3d", "vrs", "table")
 TABLE_TOPIC = "/foot_l/imu"
 _BAGS = ("mcap", "rosbag1", "rosbag2")
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
@@ -52,7 +52,7 @@ class ImportOptions:
     """Options for reading a foreign source.
 
     Attributes:
-        kind: One of `KINDS`; None detects it from the content.
+        kind: One of `FILE_FORMATS`; None detects it from the content.
         names: Topic of a stream, by its name in the source or its default topic.
         rig: Kalibr YAML whose calibrations replace those of the source.
         depth_scale: Units of a folder's depth images per metre; None for the layout's.
@@ -70,7 +70,7 @@ def recognise(path: Path) -> str:
     """Kind of a source, detected from its content.
 
     Raises:
-        StrideTwinError: The source does not exist or is not one of `KINDS`.
+        StrideTwinError: The source does not exist or is not one of `FILE_FORMATS`.
     """
     try:
         if path.is_dir():
@@ -94,7 +94,8 @@ def recognise(path: Path) -> str:
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
-    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {', '.join(KINDS)}")
+    kinds = ", ".join(FILE_FORMATS)
+    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}")
 
 
 def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:
@@ -113,8 +114,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
             field, value and what is valid.
     """
     path, options = Path(path), options or ImportOptions()
-    if options.kind is not None and options.kind not in KINDS:
-        raise ConfigError("import", "--as", options.kind, ", ".join(KINDS))
+    if options.kind is not None and options.kind not in FILE_FORMATS:
+        raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
     kind = options.kind or recognise(path)
     is_plain = not options.names and options.rig is None
     own = _own_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
@@ -178,7 +179,7 @@ def _folder_kind(path: Path) -> str:
         return "record3d"
     if is_imu_folder(path):
         return "table"
-    kinds = ", ".join(kind for kind in KINDS[2:] if kind != "vrs")
+    kinds = ", ".join(kind for kind in FILE_FORMATS[2:] if kind != "vrs")
     raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
 
 

@@ -26,7 +26,7 @@ from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.recording.writer import RIG_NAME
+from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
 from stridetwin.streams.trajectory import Trajectory

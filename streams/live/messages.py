@@ -18,12 +18,12 @@ from stridetwin.streams.bounded_images import check_pixels, image_size
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.recording import index
 from stridetwin.streams.recording.cdr import Layout, layout_of
 from stridetwin.streams.recording.index import RecordingIndex
 from stridetwin.streams.recording.mcap_scan import chunk_contents, read_chunk
 from stridetwin.streams.recording.mcap_writer import McapWriter, message_rows
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, version_metadata
 from stridetwin.streams.recording.ros_images import (
     CAMERA_INFO,
     COMPRESSED,
@@ -38,7 +38,6 @@ from stridetwin.streams.recording.ros_images import (
 from stridetwin.streams.recording.ros_samples import SMALL, Small, block_of, fill, frame_id, small_for, stamps
 from stridetwin.streams.recording.ros_types import definition, deserialise, serialise, typestore
 from stridetwin.streams.recording.topic_reader import READABLE, increasing
-from stridetwin.streams.recording.writer import METADATA_NAME, RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
@@ -240,7 +239,7 @@ class LiveRecorder:
             self._file = McapWriter(partial_path(path), "stridetwin")
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
-        self._file.metadata(index.RECORD, index.written())
+        self._file.metadata(VERSION_RECORD, version_metadata())
 
     def __enter__(self) -> Self:
         return self

@@ -1,9 +1,4 @@
-"""Index of a recording's contents, problems and schema version, from one pass over the file.
-
-The schema version covers topics, message types, metadata and calibration. A new minor version adds items that older
-readers ignore; a new major version changes the meaning of existing items. Recordings without a version are those of
-major version 0, and are read as 1.0.
-"""
+"""Index of a recording's contents, problems and schema version, from one pass over the file."""
 
 from __future__ import annotations
 
@@ -21,42 +16,17 @@ from numpy.typing import NDArray
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.recording.mcap_scan import CutOffError, DamagedError, Messages, Unpacking, parse, top_records
+from stridetwin.streams.recording.recording_schema import (
+    METADATA_NAME,
+    NO_VERSION,
+    RIG_NAME,
+    VERSION_RECORD,
+    read_version,
+)
 from stridetwin.streams.recording.ros_types import Definitions
 from stridetwin.streams.recording.topic_reader import READABLE, TopicReader, finite, increasing, selected
-from stridetwin.streams.recording.writer import METADATA_NAME, RIG_NAME
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu, Sample
-
-RECORD = "stridetwin_schema"
-"""Name of the MCAP metadata record with the version."""
-VERSION = "1.0"
-NO_VERSION = "0.0"
-
-
-def written() -> dict[str, str]:
-    """Contents of the record of a new recording."""
-    return {"version": VERSION}
-
-
-def read(values: Mapping[str, str], source: object) -> str:
-    """The version in a recording's record.
-
-    Raises:
-        RecordingError: The version is invalid, or of a newer major version.
-    """
-    version = values.get("version", "")
-    major, _, minor = version.partition(".")
-    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
-        raise RecordingError(
-            f"{source}: invalid schema version {version[:40]!r}: expected MAJOR.MINOR, up to {VERSION}"
-        )
-    if int(major) > int(VERSION.partition(".")[0]):
-        raise RecordingError(
-            f"{source}: made by a newer release: its schema version is {version}, and this release reads "
-            f"up to {VERSION}; update stridetwin to read it"
-        )
-    return version
-
 
 KEPT_BYTES = 32 << 20
 """IMU samples of a file that stay in memory after the first pass: an hour of one IMU."""
@@ -251,8 +221,8 @@ class RecordingIndex:
             self.rig = attached_rig(body) or self.rig
         elif opcode == Opcode.METADATA:
             metadata = parse(records.Metadata, body)
-            if metadata.name == RECORD:
-                self.schema_version = read(metadata.metadata, self.path)
+            if metadata.name == VERSION_RECORD:
+                self.schema_version = read_version(metadata.metadata, self.path)
             elif metadata.name == METADATA_NAME:
                 self.metadata.update(metadata.metadata)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -353,7 +323,7 @@ def is_ours(path: Path, if_damaged: bool) -> bool:
                 return True
             if opcode == Opcode.METADATA and parse(records.Metadata, body).name in (
                 METADATA_NAME,
-                RECORD,
+                VERSION_RECORD,
             ):
                 return True
             if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
@@ -396,8 +366,8 @@ def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
                     notes.problem(Problem("", None, str(error)))
             elif opcode == Opcode.METADATA:
                 record = parse(records.Metadata, body)
-                if record.name == RECORD:
-                    read(record.metadata, path)
+                if record.name == VERSION_RECORD:
+                    read_version(record.metadata, path)
                 elif record.name == METADATA_NAME:
                     metadata.update(record.metadata)
             elif opcode != Opcode.HEADER:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.recording.index import Problem, TopicInfo
 from stridetwin.streams.recording.mcap_contents import McapContents
-from stridetwin.streams.recording.writer import RIG_NAME, RecordingWriter
+from stridetwin.streams.recording.recording_schema import RIG_NAME
+from stridetwin.streams.recording.writer import RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.recording import index
 from stridetwin.streams.recording.cdr import Layout
 from stridetwin.streams.recording.mcap_writer import McapWriter, message_rows
+from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, version_metadata
 from stridetwin.streams.recording.ros_images import (
     CAMERA_INFO,
     COMPRESSED,
@@ -35,8 +35,6 @@ from stridetwin.streams.recording.ros_types import definition
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
-METADATA_NAME = "stridetwin"
-RIG_NAME = "rig.yaml"
 _INFO_PERIOD_NS = 1_000_000_000
 _ENCODERS = 2
 _IMAGE_LANE = 1
@@ -86,7 +84,7 @@ class RecordingWriter:
             self._file = McapWriter(partial_path(self.path), "stridetwin")
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
-        self._file.metadata(index.RECORD, index.written())
+        self._file.metadata(VERSION_RECORD, version_metadata())
         self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
 

@@ -7,11 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import FORMATS, Walk
-from stridetwin.cli import options
 from stridetwin.cli.main import main
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import RecordingError
-from stridetwin.streams.formats import opening
 from stridetwin.streams.formats.imu_table import read_imu_table
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.formats.tum import read_tum
@@ -25,10 +23,6 @@ from stridetwin.streams.samples import Block, Depth, Image, Imu, Odometry
 def sources(tmp_path_factory):
     folder = tmp_path_factory.mktemp("foreign")
     return {name: write(folder, Walk()) for name, write in FORMATS.items()}
-
-
-def test_the_help_names_every_kind():
-    assert options.KINDS == opening.KINDS
 
 
 def call(capsys, *words):

@@ -121,17 +121,10 @@ ONLY_ON_PAGES = (
 """Entries of FORBIDDEN that are ambiguous in code."""
 CODE_WORDS = {pattern: words for pattern, words in FORBIDDEN.items() if pattern not in ONLY_ON_PAGES}
 ALLOWED_IN_FILES = {
-    "cli/bridge.py": r"skip.pictures",  # former names, which work and warn
     "estimators/foot_to_foot/__init__.py": r"Board Sighting",
     "estimators/foot_to_foot/filter.py": r"\bsightings\b",
-    "report/runner.py": r"\bpictures\b",
-    "scenarios/check.py": r"^spoils$",
-    "scenarios/sensor_model.py": r"\btold\b",
     "report/run_report.py": r"^nis sightings$",  # keys of files that earlier versions have written
     "studies/jao2020/jao_walk.py": r"\bsightings\b",
-    "studies/registry.py": r"^told$|^single picture$",
-    "studies/zhao2023/mode_fusion.py": r"\btold\b",
-    "studies/zhao2023/mode_not_fooled.py": r"\btold\b",
     "streams/formats/bag_files.py": r"^tell$",  # the method of a file or of an optimiser
     "streams/recording/mcap_scan.py": r"^tell$",
     "streams/recording/mcap_writer.py": r"^tell$",

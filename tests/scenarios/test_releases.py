@@ -11,9 +11,9 @@ from stridetwin.outputs.path.scores import compare, score
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.opening import open_any
-from stridetwin.streams.recording import index
+from stridetwin.streams.recording import recording_schema, writer
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
-from stridetwin.streams.recording.writer import METADATA_NAME
+from stridetwin.streams.recording.recording_schema import METADATA_NAME
 from stridetwin.streams.rig import Rig
 
 RELEASES = Path(__file__).parents[1] / "streams" / "releases"
@@ -26,7 +26,7 @@ SCORES = {
 def written(path, version=None):
     with pytest.MonkeyPatch.context() as patch:
         if version is not None:
-            patch.setattr(index, "VERSION", version)
+            patch.setattr(recording_schema, "VERSION", version)
         with RecordingWriter(path, Rig(), {"seed": "1"}):
             pass
     return path
@@ -34,11 +34,11 @@ def written(path, version=None):
 
 def test_a_recording_names_its_version(tmp_path):
     recording = Recording(written(tmp_path / "a.mcap"))
-    assert recording.schema_version == index.VERSION == "1.0"
+    assert recording.schema_version == recording_schema.VERSION == "1.0"
     assert recording.metadata == {"seed": "1"}
     with (tmp_path / "a.mcap").open("rb") as file:
         metadata = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
-    assert metadata[index.RECORD] == {"version": "1.0"}
+    assert metadata[recording_schema.VERSION_RECORD] == {"version": "1.0"}
     assert metadata[METADATA_NAME] == {"seed": "1"}
 
 
@@ -55,7 +55,7 @@ def test_newer_minor_versions_are_read_and_newer_major_ones_are_not(tmp_path):
 
 def test_recordings_without_a_version_are_read(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(index, "RECORD", "something_else")
+        patch.setattr(writer, "VERSION_RECORD", "something_else")
         with RecordingWriter(tmp_path / "old.mcap", Rig()):
             pass
     assert Recording(tmp_path / "old.mcap").schema_version == "0.0"

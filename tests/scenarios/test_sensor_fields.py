@@ -91,12 +91,6 @@ def test_a_trigger_offset_is_in_the_calibration_if_the_clock_says_so(calibrated)
     assert worn.sensors["/foot_l/camera"].clock.shift_s == pytest.approx(0.005)
 
 
-def test_the_former_key_of_a_calibrated_clock_still_works_and_warns():
-    with pytest.warns(DeprecationWarning, match="calibrated"):
-        worn = fitted({"foot_camera": {"clock": {"offset_s": 0.004, "told": True}}})
-    assert worn.rig.cameras["/foot_l/camera"].timeshift_cam_imu_s == pytest.approx(-0.004)  # t_imu = t_cam + shift
-
-
 @pytest.mark.parametrize(
     ("node", "words"),
     [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from benchmarks import gait
 from stridetwin.sim.config import Gait, Gaze, Level, Ramp, Route, Segment, Stairs, Turn, TwinConfig
-from stridetwin.sim.gait.footsteps import STEP, Footstep
+from stridetwin.sim.gait.footsteps import CLEARANCE_M, Footstep
 from stridetwin.sim.gait.style import style_at
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
@@ -152,7 +152,7 @@ def test_a_shuffler_slides_along_flat_in_short_steps(twins: dict[str, Twin]) -> 
     shuffling = in_order(twins["shuffle"])
     usual = in_order(make(RAMP, Gait(speed_mps=0.4)))
     assert {s.arrival for s in shuffling} == {"flat"}
-    assert max(s.clearance_m for s in shuffling) < 0.4 * STEP.clearance_m
+    assert max(s.clearance_m for s in shuffling) < 0.4 * CLEARANCE_M
     assert len(shuffling) > 1.5 * len(usual)
     assert np.mean([s.style.double_support for s in shuffling]) > np.mean([s.style.double_support for s in usual]) + 0.1
 

@@ -13,8 +13,9 @@ from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, W
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.bag import bag_names
 from stridetwin.streams.formats.derived import joined
+from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.mcap_export import write_recording
-from stridetwin.streams.formats.opening import KINDS, ImportOptions, open_any, recognise
+from stridetwin.streams.formats.opening import ImportOptions, open_any, recognise
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
@@ -582,7 +583,7 @@ def test_a_gyro_and_an_accelerometer_apart_become_one_imu():
     assert "joined as /camera/imu" in notes.warnings[0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", FILE_FORMATS)
 def test_a_wrong_kind_is_an_error_in_one_line(sources, kind):
     for name, source in sources.items():
         if kind not in (KIND.get(name, name), "rosbag2" if source.suffix == ".mcap" else ""):

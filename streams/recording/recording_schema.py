@@ -1,0 +1,46 @@
+"""What a recording holds beside its topics: the names of calibration and metadata, and the version of the schema.
+
+The schema version covers topics, message types, metadata and calibration. A new minor version adds items that older
+readers ignore; a new major version changes the meaning of existing items. Recordings without a version are those of
+major version 0, and are read as 1.0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stridetwin.streams.errors import RecordingError
+
+RIG_NAME = "rig.yaml"
+"""Name of the MCAP attachment with the calibration."""
+METADATA_NAME = "stridetwin"
+"""Name of the MCAP metadata record with the walk's metadata."""
+VERSION_RECORD = "stridetwin_schema"
+"""Name of the MCAP metadata record with the version."""
+VERSION = "1.0"
+NO_VERSION = "0.0"
+
+
+def version_metadata() -> dict[str, str]:
+    """Contents of the version record of a new recording."""
+    return {"version": VERSION}
+
+
+def read_version(values: Mapping[str, str], source: object) -> str:
+    """The version in a recording's version record.
+
+    Raises:
+        RecordingError: The version is invalid, or of a newer major version.
+    """
+    version = values.get("version", "")
+    major, _, minor = version.partition(".")
+    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
+        raise RecordingError(
+            f"{source}: invalid schema version {version[:40]!r}: expected MAJOR.MINOR, up to {VERSION}"
+        )
+    if int(major) > int(VERSION.partition(".")[0]):
+        raise RecordingError(
+            f"{source}: made by a newer release: its schema version is {version}, and this release reads "
+            f"up to {VERSION}; update stridetwin to read it"
+        )
+    return version
