@@ -11,9 +11,7 @@ import cv2
 import numpy as np
 
 from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream, deprecated
-from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.feet import Feet
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import NavState
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
@@ -108,10 +106,9 @@ class Dvio:
         options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
         parameters: Replace those of the method.
         mount: Deprecated form of `options.mount`.
-        exoskeleton: Its legs measure the speed if the parameters have `feet`; its samples are then used too.
 
     Raises:
-        ConfigError: An unknown mount, or feet without an exoskeleton.
+        ConfigError: An unknown mount.
         StrideTwinError: The rig has no camera or IMU there.
     """
 
@@ -123,7 +120,7 @@ class Dvio:
 
     def __init__(
         self, rig: Rig, *, options: Options | None = None, mount: str | None = None,
-        parameters: DvioParameters | None = None, exoskeleton: Exoskeleton | None = None,
+        parameters: DvioParameters | None = None,
     ) -> None:  # fmt: skip
         options = options or Options()
         if mount is None:
@@ -140,11 +137,6 @@ class Dvio:
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
         self._parameters = parameters or named(options.method)
         recovery = self._parameters.recovery
-        self._feet: Feet | None = None
-        if self._parameters.feet:
-            if exoskeleton is None:
-                raise ConfigError("Dvio", "feet", True, "false, or an exoskeleton whose legs measure the speed")
-            self._feet = Feet.of(exoskeleton, self._parameters.legs)
         self._alone_s = max(recovery.alone_s, recovery.alone_frames / camera.rate_hz)
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
@@ -224,9 +216,6 @@ class Dvio:
         """
         if isinstance(sample, Imu) and sample.topic == self._imu:
             return self._sense(sample)
-        if self._feet is not None and sample.topic in self._feet.topics:
-            self._feet.take(sample)
-            return None
         queue: deque[Image] | deque[Depth]
         if isinstance(sample, Image) and sample.topic == self._color:
             fine, queue = sample.pixels.shape[:2] == self._shape, self._images
@@ -323,12 +312,8 @@ class Dvio:
                 core.start(frame, core.nav.covariance.copy())
                 self._health = TRACKING if core.tracking else IMU_ONLY
             return
-        feet = self._feet
-        legs = feet.at(t_ns) if feet is not None else None
-        core.take(frame, core.inertial.stationary(t_ns), legs)
+        core.take(frame, core.inertial.stationary(t_ns))
         self._health = TRACKING if core.tracking else IMU_ONLY
-        if feet is not None and self._health == TRACKING:
-            feet.compare(int(core.nav.t_ns[0]), core.nav.v)
         if not core.plausible:
             self._lose()
 
@@ -390,8 +375,6 @@ class Dvio:
         """Holds the last valid pose, with a large covariance, until a new start."""
         nav, already = self._core.nav, self._health == LOST
         self._health, self._begun_ns = LOST, None
-        if self._feet is not None:
-            self._feet.reset()
         self._images.clear()
         self._initializer.reset()
         if already:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from stridetwin.estimators.base import PROPOSED, current_name
-from stridetwin.estimators.dvio.feet import LegParameters
 from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
 from stridetwin.estimators.dvio.state import (
     FactorParameters,
@@ -28,7 +27,6 @@ _GROUPS = (
     "depth",
     "plane",
     "level",
-    "legs",
     "imu",
     "inflation",
     "plausible",
@@ -222,7 +220,6 @@ class DvioParameters:
         max_gap_s: A longer gap of the IMU causes a new start.
         level_ground: Whether ground that looks level measures the tilt (13).
         planes: Whether floors and walls in the depth image are states too.
-        feet: Whether the legs of an exoskeleton measure the speed when the camera observes little.
         wait_s: Longest wait for the depth image of a colour image.
         unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, typical of a room.
         measured_sd: From this many standard deviations of inverse depth on, parallax counts as a measurement.
@@ -237,7 +234,6 @@ class DvioParameters:
         depth: Of measured depths at points.
         plane: Of planes.
         level: Of level ground.
-        legs: Of the legs' velocity.
         imu: Of the IMU's samples.
         inflation: Of the noise that images show.
         plausible: Limits of the state.
@@ -296,7 +292,6 @@ class DvioParameters:
     max_gap_s: float = 0.5
     level_ground: bool = True
     planes: bool = False
-    feet: bool = False
     wait_s: float = 0.05
     unknown_inverse_depth_per_m: float = 0.15
     measured_sd: float = 8.0
@@ -311,7 +306,6 @@ class DvioParameters:
     depth: DepthParameters = field(default_factory=DepthParameters)
     plane: PlaneParameters = field(default_factory=PlaneParameters)
     level: LevelParameters = field(default_factory=LevelParameters)
-    legs: LegParameters = field(default_factory=LegParameters)
     imu: ImuParameters = ImuParameters()
     inflation: InflationParameters = field(default_factory=InflationParameters)
     plausible: PlausibleState = field(default_factory=PlausibleState)

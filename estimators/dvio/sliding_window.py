@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.feet import LegMeasurement
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
@@ -26,7 +25,6 @@ from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_SCALE,
-    D_VELOCITY,
     FRAME,
     NO_HOST,
     PLANES,
@@ -141,10 +139,10 @@ class Core:
         P[range(9, 15), range(9, 15)] = self.bias_sd**2
         return P
 
-    def take(self, frame: CameraFrame, stationary: bool, legs: LegMeasurement | None = None) -> None:
+    def take(self, frame: CameraFrame, stationary: bool) -> None:
         """Takes the next image; the IMU samples up to its time are already here.
 
-        `stationary` is by the IMU; `legs` are used when the camera observes little.
+        `stationary` says whether the IMU measures no motion.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1
@@ -152,15 +150,11 @@ class Core:
         t_ns = self.imu_time(frame.t_ns)
         predicted = self._predicted(before, t_ns)
         moved = self._follow(frame, predicted, before, slot)
-        few = self._alive.sum() < p.observations_min
-        still = moved < p.stationary_px and self._drift(slot, frame.t_ns) < p.stationary_drift_px
-        stationary &= still or (few and legs is not None and legs.resting)
+        stationary &= moved < p.stationary_px and self._drift(slot, frame.t_ns) < p.stationary_drift_px
         f.count[0] = slot + 1
         self._place(slot, frame.t_ns, predicted)
         f.held[slot] = 0
         f.zero_velocity_sd[slot] = p.stationary_speed_sd_mps if stationary and p.zero_velocity_updates else np.inf
-        if p.feet:
-            self._set_leg_velocity(slot, legs.v_in_world if few and legs is not None else None)
         preintegrate(
             w.preintegrations, slot - 1, self.inertial.kept, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
             self.noise,
@@ -241,21 +235,6 @@ class Core:
         f.R[slot], f.p[slot], f.v[slot], f.bias[slot] = state.R, state.p, state.v, state.bias
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.zero_velocity_sd[slot] = np.inf
-
-    def _set_leg_velocity(self, slot: int, v: Array | None) -> None:
-        """Sets the measured velocity (3,) of the newest frame, m/s, or none, as a prior of that frame."""
-        f, prior, first = self.window.frames, self.window.prior, self.window.shared + FRAME * slot
-        own = slice(first, first + FRAME)
-        # The slot may have held another frame before.
-        prior.H[own], prior.H[:, own], prior.b[own] = 0.0, 0.0, 0.0
-        if v is None:
-            return
-        hold(self.window, slot)
-        weight = self.parameters.legs.speed_sd_mps**-2
-        for i in range(3):
-            at = own.start + D_VELOCITY + i
-            prior.H[at, at] = weight
-            prior.b[at] = weight * (v[i] - f.v[slot, i])
 
     def _predicted(self, before: int, t_ns: int) -> NavState:
         f = self.window.frames

@@ -1,4 +1,4 @@
-"""Parts of the odometry against plain arithmetic: prediction, samples, planes of an image, legs, level ground."""
+"""Parts of the odometry against plain arithmetic: prediction, samples, planes of an image, level ground."""
 
 import math
 from types import SimpleNamespace
@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.contact_terrain.speed import LegSpeed
 from stridetwin.estimators.dvio import DvioParameters, level, nav_state, plane_cells
-from stridetwin.estimators.dvio.feet import Feet, LegParameters
 from stridetwin.estimators.dvio.level import LevelGround, Slope
 from stridetwin.estimators.dvio.nav_state import Inertial, blank_nav_state
 from stridetwin.estimators.dvio.parameters import PlausibleState
@@ -239,52 +237,6 @@ def test_an_image_without_depth_or_that_is_rough_has_no_planes():
     rough = (1.0 / np.random.default_rng(0).uniform(0.3, 0.9, depth.shape)).astype(np.float32)
     for image in (np.zeros_like(depth), np.full_like(depth, np.nan), 0.1 * depth, 9.0 * depth, rough):
         assert read(image, rays, P, 0.45, 0.002, planes, weights) == 0
-
-
-def legs(parameters=LegParameters(), velocities=()):  # noqa: B008
-    queue = list(velocities)
-    feet = Feet(("/a",), SimpleNamespace(update=lambda sample: queue.pop(0)), parameters)
-    while queue:
-        feet.take(None)
-    return feet
-
-
-def leg(t_s, v, resting=False):
-    return LegSpeed(t_ns=round(t_s * 1e9), v_back_in_world=np.array(v, float), resting=resting)
-
-
-def test_the_heading_of_the_legs_is_the_weighted_mean_of_the_directions():
-    """Directions count by the product of both speeds and the time, and fade over ten seconds."""
-    rng = np.random.default_rng(0)
-    turns, speeds = rng.normal(0.7, 0.1, 20), rng.uniform(0.5, 1.5, 20)
-    v = [leg(0.1 * (k + 1), (speeds[k], 0.2 * speeds[k], 0.05)) for k in range(20)]
-    feet, total, weight = legs(velocities=v), 0j, 0.0
-    for k in range(20):
-        a = complex(speeds[k], 0.2 * speeds[k])
-        b = 1.1 * a * np.exp(1j * turns[k])
-        feet.compare(v[k].t_ns, np.array([b.real, b.imag, 0.0]))
-        total = math.exp(-0.1 / 10.0) * total + 0.1 * b * a.conjugate()
-        weight = math.exp(-0.1 / 10.0) * weight + 0.1 * abs(a) * abs(b)
-        found = feet.at(v[k].t_ns).v_in_world
-        assert (found is not None) == (weight > 1.0)
-    c = total / abs(total) * complex(speeds[19], 0.2 * speeds[19])
-    np.testing.assert_allclose(found, [c.real, c.imag, 0.05], rtol=1e-9)
-    assert feet.at(v[19].t_ns + 59_000_000) is not None
-    assert feet.at(v[19].t_ns + 61_000_000) is None
-    feet.compare(v[19].t_ns + 61_000_000, np.array([9.0, 9.0, 9.0]))  # nothing of that time to compare with
-    np.testing.assert_allclose(feet.at(v[19].t_ns).v_in_world, [c.real, c.imag, 0.05], rtol=1e-9)
-    feet.reset()
-    assert feet.at(v[19].t_ns).v_in_world is None
-
-
-def test_directions_that_do_not_agree_give_no_heading():
-    v = [leg(0.1 * (k + 1), (1.0, 0.0, 0.0)) for k in range(40)]
-    for spread, known in ((0.40, True), (0.50, False)):  # cos 0.4 = 0.92, cos 0.5 = 0.88
-        feet = legs(velocities=v)
-        for k, of in enumerate(v):
-            angle = spread if k % 2 else -spread
-            feet.compare(of.t_ns, np.array([math.cos(angle), math.sin(angle), 0.0]))
-        assert (feet.at(v[-1].t_ns).v_in_world is not None) == known
 
 
 LEVEL = LevelParameters()
