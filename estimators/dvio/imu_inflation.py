@@ -3,7 +3,7 @@
 A data sheet gives the white noise of a part. It knows neither the errors of axes and scale nor the vibration of a
 mount, and a rig may name another part. So the residuals of each increment are compared with their expected sizes
 (Förstner 1979), for gyroscope and accelerometer apart, and larger ones raise the noise of later increments. See
-docs/dvio.md (16).
+docs/dvio.md (15).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.level import covariance_of
-from stridetwin.estimators.dvio.state import FRAME, FactorParameters, ImuNoise, InflationParameters, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, InflationParameters, Window
 from stridetwin.streams.samples import Array
 
 # Rows of the IMU residual (7): its rotation is the gyroscope's, its position and velocity are the accelerometer's.
@@ -78,7 +78,7 @@ def residuals(window: Window, k: int, factors: FactorParameters, L: Array) -> tu
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     kernel.increment_residual(window, k, factors, r, J)
     # The rest of L is that of the later frames alone, after the earlier ones are eliminated.
-    own = slice(window.shared + FRAME * k, window.shared + FRAME * int(window.frames.count[0]))
+    own = slice(CALIBRATION + FRAME * k, CALIBRATION + FRAME * int(window.frames.count[0]))
     P = covariance_of(np.arange(2 * FRAME), L[own, own], own.stop - own.start)
     weight, covariance = window.preintegrations.weight[k], window.preintegrations.covariance[k]
     squared = r * (weight @ r)

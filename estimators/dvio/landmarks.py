@@ -235,7 +235,7 @@ def add_camera_factors(
     H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
     used, and (8) only if `host_depth`.
     """
-    frames, marks, calibration, shared = window.frames, window.landmarks, window.calibration, window.shared
+    frames, marks, calibration = window.frames, window.landmarks, window.calibration
     m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs
     clear_block(s.H, m)
     clear(s.b)
@@ -249,23 +249,23 @@ def add_camera_factors(
                 _eliminate(s, l, host, marks.seen[l], last)
         _gather(s, host, last)
     for i in range(m):
-        row, own = H[state(i, shared)], s.H[i]
-        b[state(i, shared)] += s.b[i]
+        row, own = H[state(i)], s.H[i]
+        b[state(i)] += s.b[i]
         for e in range(CALIBRATION):
             row[e] += own[e]
         for k in range(last + 1):
-            o, q = shared + FRAME * k, CALIBRATION + POSE * k
+            o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
             for e in range(POSE):
                 row[o + e] += own[q + e]
     return cost
 
 
 @njit(error_model="numpy", **INSIDE)
-def state(i: int, shared: int) -> int:
+def state(i: int) -> int:
     """Index among all states of the i-th of calibration and poses."""
     if i < CALIBRATION:
         return i
-    return shared + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
+    return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
 
 
 @njit(error_model="numpy", **INSIDE)

@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import hold
-from stridetwin.estimators.dvio.state import D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import hat
 
@@ -59,7 +59,7 @@ class LevelGround:
         """
         if not len(measured):
             return
-        covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
+        covariance = covariance_of(columns(slot), L, CALIBRATION + FRAME * (slot + 1))
         at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < self._p.spacing_m
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
         level = [slope for slope in slopes if level_weight(slope, covariance, self._p, at_start=at_start)]
@@ -92,7 +92,7 @@ class Slope(NamedTuple):
 
 
 def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = None) -> Slope:
-    """Slope of a plane seen by the frame in a slot. See docs/dvio.md (13).
+    """Slope of a plane seen by the frame in a slot. See docs/dvio.md (12).
 
     Args:
         window: With the frame.
@@ -181,9 +181,9 @@ def start_slope(slopes: Sequence[Slope], covariance: Array, p: LevelParameters) 
     return common if common.variance < p.start_scatter_max_rad**2 else None
 
 
-def columns(window: Window, slot: int) -> NDArray[np.int64]:
+def columns(slot: int) -> NDArray[np.int64]:
     """(6,) indices, among all states, of the errors that a slope depends on."""
-    own = window.shared + FRAME * slot + D_ATTITUDE
+    own = CALIBRATION + FRAME * slot + D_ATTITUDE
     return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, own : own + 3]
 
 
@@ -198,9 +198,9 @@ def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
 def add_level(window: Window, slot: int, slope: Slope, weight: float) -> None:
     """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration.
 
-    See docs/dvio.md (13).
+    See docs/dvio.md (12).
     """
-    f, prior, at = window.frames, window.prior, columns(window, slot)
+    f, prior, at = window.frames, window.prior, columns(slot)
     if not f.held[slot]:
         hold(window, slot)
     moved = np.concatenate(

@@ -5,7 +5,7 @@ maximisation). A mount as calibrated thus keeps the accuracy of its calibration,
 The variance of the rotation begins as the calibration has it: if it begins wide, a wrong rotation explains the first
 images of a plain corridor, and the odometry diverges. That of the position begins wide and waits for a measurement,
 because walking measures it slowly. The calibration is never marginalised, so its own prior remains a separate summand
-of the window's prior, which can be exchanged. See docs/dvio.md (14).
+of the window's prior, which can be exchanged. See docs/dvio.md (13).
 """
 
 from __future__ import annotations

@@ -219,7 +219,6 @@ class DvioParameters:
         start_s: Duration of that mean.
         max_gap_s: A longer gap of the IMU causes a new start.
         level_ground: Whether ground that looks level measures the tilt (13).
-        planes: Whether floors and walls in the depth image are states too.
         wait_s: Longest wait for the depth image of a colour image.
         unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, typical of a room.
         measured_sd: From this many standard deviations of inverse depth on, parallax counts as a measurement.
@@ -291,7 +290,6 @@ class DvioParameters:
     start_s: float = 1.0
     max_gap_s: float = 0.5
     level_ground: bool = True
-    planes: bool = False
     wait_s: float = 0.05
     unknown_inverse_depth_per_m: float = 0.15
     measured_sd: float = 8.0
@@ -353,7 +351,7 @@ class DvioParameters:
         return FactorParameters(
             gravity=self.gravity_mps2, pixel_weight=(focal_px / self.pixel_noise_px) ** 2,
             pixel_limit=self.pixel_limit, depth_weight=self.inverse_depth_sd_per_m**-2,
-            later_depth_weight=self.inverse_depth_again_sd_per_m**-2, depth_limit=self.depth_limit, planes=self.plane,
+            later_depth_weight=self.inverse_depth_again_sd_per_m**-2, depth_limit=self.depth_limit,
             host_depth=self.host_depth == "factor", depth_fixed=self.host_depth == "fixed",
             projection_depth=self.projection_depth, host_depth_in_prior=self.host_depth_in_prior,
             first_estimates=self.first_estimates, rate_walk=noise.rate_walk, force_walk=noise.force_walk,

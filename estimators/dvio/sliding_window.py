@@ -20,14 +20,12 @@ from stridetwin.estimators.dvio.optimiser import (
 )
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
-from stridetwin.estimators.dvio.planes import free_slot
 from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_SCALE,
     FRAME,
     NO_HOST,
-    PLANES,
     Window,
     blank_preintegration,
     blank_window,
@@ -38,6 +36,7 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
 
 _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
+_PLANES = 6  # largest number of planes read from a depth image
 
 
 class Core:
@@ -67,8 +66,7 @@ class Core:
         slots = parameters.landmark_slots
         self.tracker = Tracker(self.lens.shape, parameters)
         self._frames = parameters.keyframes + 2
-        planes = PLANES if parameters.planes and parameters.uses_depth else 0
-        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s, planes)
+        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s)
         self._work = blank_work(self.window)
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
@@ -78,7 +76,7 @@ class Core:
         self._pixels = np.zeros((slots, 2), np.float32)
         at = sample_pixels(self.lens.shape, parameters.plane)
         self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
-        self._measured_planes = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3)), np.zeros(PLANES, np.int64)
+        self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
         self._newest_is_key = False
         self._mount = MountPrior(
             np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
@@ -104,7 +102,6 @@ class Core:
         f, c = w.frames, w.calibration
         self._alive[:] = 0
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
-        w.planes.used[:], w.planes.held[:], w.planes.seen[:] = 0, 0, 0
         f.held[:], f.count[0] = 0, 1
         self._place(0, frame.t_ns, self.nav)
         hold(w, 0)
@@ -116,7 +113,7 @@ class Core:
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _FIXED_SD) ** -2
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
-        own = slice(w.shared, w.shared + FRAME)
+        own = slice(CALIBRATION, CALIBRATION + FRAME)
         w.prior.H[own, own] = np.linalg.inv(covariance)
         self._level.restart()
         self.inflation.restart()
@@ -162,7 +159,7 @@ class Core:
         key = self._is_key(slot)
         minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
         self._measure()
-        o = w.shared + FRAME * slot
+        o = CALIBRATION + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(np.tril(L))
         self.nav.covariance[:] = inverse.T @ inverse
@@ -170,8 +167,8 @@ class Core:
         if key:
             self._find(frame, slot)
             if self._mount.adapts:
-                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
-            self._observe_ground(frame, slot)
+                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, CALIBRATION + FRAME * (slot + 1)))
+            self._observe_level_ground(frame, slot)
             if p.imu_noise_from_images:
                 self.inflation.follow(w, self.factors, self._work.factor)
                 self.noise = self.inflation.noise
@@ -253,7 +250,6 @@ class Core:
             w.frames, marks, w.calibration, predicted.R, predicted.p, before, expected, start, warp, known
         )
         marks.seen[:, slot] = 0
-        w.planes.seen[:, slot] = 0
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
         self._alive[:] = 0
         was = self._pixels[ids]
@@ -309,8 +305,6 @@ class Core:
     def _cull(self) -> int:
         """Removes outliers; returns the number of remaining observations of the newest frame."""
         w, factors, work = self.window, self.factors, self._work
-        if len(w.planes.used):
-            kernel.cull_planes(w.frames, w.calibration, w.planes, factors, work.plane)
         kernel.view(w.frames, w.calibration, factors.first_estimates, work.views)
         return int(
             kernel.cull(
@@ -370,32 +364,16 @@ class Core:
         self._alive[ids] = 1
         self._pixels[ids] = points
 
-    def _observe_ground(self, frame: CameraFrame, slot: int) -> None:
-        """Planes in the depth image of the newest frame, a keyframe: level ground, known planes and new ones."""
+    def _observe_level_ground(self, frame: CameraFrame, slot: int) -> None:
+        """Measures the tilt by level ground in the depth image of the newest frame, a keyframe, where that is due."""
         p, w = self.parameters, self.window
-        level = self._level.due(w.frames.p[slot])
-        if frame.depth is None or not (level or len(w.planes.used)):
+        if frame.depth is None or not self._level.due(w.frames.p[slot]):
             return
-        rho, weights, _ = self._measured_planes
+        rho, weights = self._measured_planes
         count = kernel.read_planes(
             frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
-        if level:
-            self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
-        if len(w.planes.used):
-            self._observe_planes(count)
-
-    def _observe_planes(self, count: int) -> None:
-        """Observations of known planes, or new ones, from the measured planes."""
-        w, (rho, weights, new) = self.window, self._measured_planes
-        unmatched = kernel.match_planes(
-            w.frames, w.calibration, w.planes, self.factors, self._work.plane, self._work.factor, rho, weights, count,
-            new,
-        )  # fmt: skip
-        for i in new[:unmatched]:
-            k = free_slot(w)
-            if k is not None:
-                kernel.add_plane(w.frames, w.calibration, w.planes, k, rho[i], weights[i])
+        self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
 
     def _anchor(self, frame: CameraFrame, slot: int) -> None:
         """Stores the patches of the landmarks that the slot hosts."""

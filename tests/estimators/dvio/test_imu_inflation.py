@@ -13,7 +13,7 @@ from stridetwin.estimators.dvio.imu_inflation import ImuInflation, residuals
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, InflationParameters, Window
 from stridetwin.streams.samples import Imu, Sample
-from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, seen_window
+from tests.estimators.dvio.scenes import FACTORS, NOISE, seen_window
 from tests.estimators.dvio.test_dvio import errors, followed
 from tests.estimators.dvio.wall import IMU_HZ, Wall, rig, swaying
 
@@ -44,7 +44,7 @@ def noisy_increments(rng: np.random.Generator, times: float) -> Window:
         z.covariance[k], z.weight[k] = np.diag(SD**2), np.diag(SD**-2)
     shared = range(CALIBRATION)
     w.prior.H[shared, shared] = 1e12
-    first = range(SHARED, SHARED + FRAME)
+    first = range(CALIBRATION, CALIBRATION + FRAME)
     sd = np.repeat([1e-6, 1e-6, 0.1, 0.01, 0.05], 3)
     w.prior.H[first, first] = sd**-2.0
     w.prior.b[first] = rng.normal(size=FRAME) / sd

@@ -25,7 +25,7 @@ from stridetwin.estimators.dvio.level import (
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
 from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
-from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
+from tests.estimators.dvio.scenes import FACTORS, moved, seen_window
 
 P = LevelParameters()
 STEP = 1e-6
@@ -46,8 +46,8 @@ def test_the_jacobian_of_a_slope_is_its_derivative(seed):
     w.calibration.focal[:] = [0.01, -0.02]
     measured = ground(w, 2, 0.02) + 0.01 * rng.normal(size=3)
     slope = slope_of(w, 2, measured)
-    for column, i in enumerate(columns(w, 2)):
-        other, error = copy.deepcopy(w), np.zeros(SHARED + FRAME * 4)
+    for column, i in enumerate(columns(2)):
+        other, error = copy.deepcopy(w), np.zeros(CALIBRATION + FRAME * 4)
         error[i] = STEP
         moved(other, error)
         derivative = (slope_of(other, 2, measured).r - slope.r) / STEP
@@ -141,9 +141,9 @@ def test_the_ground_of_the_start_may_be_steeper(slope_rad, at_start, later):
 
 def prior_of(w: Window, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
     """A prior of all states, in which the first frame's tilt is uncertain."""
-    n = CALIBRATION + FRAME * 4 + (w.shared - CALIBRATION)
+    n = CALIBRATION + FRAME * 4
     w.prior.H[range(n), range(n)] = 1e6
-    own = w.shared + D_ATTITUDE
+    own = CALIBRATION + D_ATTITUDE
     w.prior.H[range(own, own + 3), range(own, own + 3)] = tilt_sd**-2
     at = range(D_ATTITUDE_IC, D_ATTITUDE_IC + 3)
     w.prior.H[at, at] = mount_sd**-2
@@ -157,9 +157,9 @@ def test_level_ground_corrects_the_tilt():
     w.frames.R[0] = Rotation.from_euler("x", 0.01).as_matrix() @ truth
     work = blank_work(w)
     minimise(w, FACTORS, work, 1, 1e-3)
-    size = w.shared + FRAME
+    size = CALIBRATION + FRAME
     before = slope_of(w, 0, measured)
-    covariance = covariance_of(columns(w, 0), work.factor, size)
+    covariance = covariance_of(columns(0), work.factor, size)
     assert np.sqrt(np.diag(covariance)) == pytest.approx([5e-3] * 3 + [0.01] * 3, rel=1e-3)
     weight = level_weight(before, covariance, P)
     assert weight > 0
@@ -169,7 +169,7 @@ def test_level_ground_corrects_the_tilt():
     assert np.linalg.norm(before.r) == pytest.approx(0.01, rel=0.01)
     expected = P.sd_rad**2 / (P.sd_rad**2 + 0.01**2 + 5e-3**2)
     assert np.linalg.norm(after.r) == pytest.approx(expected * 0.01, rel=0.05)
-    tilt = after.J @ covariance_of(columns(w, 0), work.factor, size) @ after.J.T
+    tilt = after.J @ covariance_of(columns(0), work.factor, size) @ after.J.T
     assert np.sqrt(np.diag(tilt)).max() < P.sd_rad
 
 

@@ -287,7 +287,7 @@ def window_of_points(rng, count):
     )  # fmt: skip
     T_imu_camera = np.eye(4)
     T_imu_camera[:3, :3], T_imu_camera[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.1, 0.1, 3)
-    window = blank_window(3, count, T_imu_camera, 0.0, 0)
+    window = blank_window(3, count, T_imu_camera, 0.0)
     marks = window.landmarks
     marks.host[:], marks.measured[:], marks.inverse_depth[:] = 0, 1, rng.uniform(0.2, 1.0, count)
     marks.at[:, 0] = rng.uniform([-0.5, -0.3], [0.5, 0.3], (count, 2))
