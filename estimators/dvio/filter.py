@@ -10,7 +10,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream, deprecated
+from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import NavState
@@ -80,12 +80,6 @@ class DvioEstimate:
         assert self.pose.covariance is not None
         return self.pose.covariance
 
-    @property
-    def T_world_imu(self) -> Array:
-        """(4, 4) IMU to world, m; deprecated, see `pose`."""
-        deprecated("DvioEstimate.T_world_imu", "pose.T_world_frame")
-        return self.pose.T_world_frame
-
 
 MOUNTS = ("head", "chest")
 HELD = 4  # images that may wait for the IMU or for their depth; the oldest is dropped first
@@ -105,7 +99,6 @@ class Dvio:
         rig: Calibration.
         options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
         parameters: Replace those of the method.
-        mount: Deprecated form of `options.mount`.
 
     Raises:
         ConfigError: An unknown mount.
@@ -118,15 +111,9 @@ class Dvio:
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )  # fmt: skip
 
-    def __init__(
-        self, rig: Rig, *, options: Options | None = None, mount: str | None = None,
-        parameters: DvioParameters | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
         options = options or Options()
-        if mount is None:
-            mount = _mount(rig, options)
-        else:
-            deprecated("Dvio(mount=...)", "Dvio(rig, options=Options(mount=...))")
+        mount = _mount(rig, options)
         if mount not in MOUNTS:
             raise ConfigError("Dvio", "mount", mount, " or ".join(MOUNTS))
         self._frame = f"{mount}/imu"

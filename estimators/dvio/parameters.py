@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
-from stridetwin.estimators.base import PROPOSED, current_name
+from stridetwin.estimators.base import PROPOSED
 from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
 from stridetwin.estimators.dvio.state import (
     FactorParameters,
@@ -392,7 +392,6 @@ def named(method: str) -> DvioParameters:
     Raises:
         ConfigError: Unknown method; the message lists the available ones.
     """
-    method = current_name(method)
     if method not in METHODS:
         raise ConfigError("Dvio", "method", method, ", ".join(METHODS))
     return METHODS[method]

@@ -139,7 +139,9 @@ def with_noise(samples: list[Sample], times: float) -> Iterator[Sample]:
 def test_parts_as_their_data_sheets_say_are_not_touched(wall):
     samples = list(wall.samples())
     by_images, by_data_sheet = (followed(wall, samples, imu_noise_from_images=use)[1] for use in (True, False))
-    assert all((a.T_world_imu == b.T_world_imu).all() for a, b in zip(by_images, by_data_sheet, strict=True))
+    assert all(
+        (a.pose.T_world_frame == b.pose.T_world_frame).all() for a, b in zip(by_images, by_data_sheet, strict=True)
+    )
 
 
 def test_a_mount_that_vibrates_is_found():
