@@ -13,9 +13,9 @@ import numpy as np
 from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.nav_state import NavState
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
-from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, Core
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -24,6 +24,22 @@ from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
 IMU_ONLY, LOST = "imu_only", "lost"
+# Hand-chosen on tuning seeds.
+_SIMULTANEOUS_S = 0.012  # colour and depth closer in time: less than half a frame period at 30 Hz
+_MAX_IMU_GAP_S = 0.5  # a longer one causes a new start
+_MAX_BLIND_S = 3.0  # after this long without an image the window restarts at the state from the IMU alone
+# After this long without an image, or after so many frames of a slow camera, the estimate is dead reckoning.
+_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES = 0.3, 2.0
+_MAX_ALIGN_S = 3.0  # in motion, wait for vision and IMU to align; then the mean force is taken as the vertical
+_MEAN_FORCE_S = 1.0  # duration of that mean
+_MOVING_SPEED_SD_MPS, _MOVING_TILT_SD_RAD = 0.5, 0.15  # of a start by the mean force, in motion
+_RESTING_TILT_SD_RAD = 0.03  # of a stationary start
+_START_SD = 1e-4  # m and rad: the first position and heading define the world
+# After a failure: position (m) and attitude (rad) in addition to the previous uncertainty, velocity (m/s), and biases
+# of gyroscope (rad/s) and accelerometer (m/s²).
+_LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
+LOST_WALK_M_RTS = 1.0
+"""Growth of the position error while lost, because the wearer walks on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,10 +139,9 @@ class Dvio:
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
         self._parameters = parameters or named(options.method)
-        recovery = self._parameters.recovery
-        self._alone_s = max(recovery.alone_s, recovery.alone_frames / camera.rate_hz)
+        self._alone_s = max(_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES / camera.rate_hz)
         self._shape = (camera.height, camera.width)
-        self._waits = camera.depth_topic != "" and self._parameters.uses_depth
+        self._waits = camera.depth_topic != "" and self._parameters.method.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)
         self._camera_pose = self._mounted(0)
@@ -166,7 +181,7 @@ class Dvio:
         rig, parameters = recording.rig, named(options.method)
         topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
         samples: Iterable[Sample] = recording.samples(topics)
-        if depth not in recording.topics and right in recording.topics and parameters.uses_depth:
+        if depth not in recording.topics and right in recording.topics and parameters.method.uses_depth:
             stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount))
@@ -242,7 +257,7 @@ class Dvio:
         core = self._core
         if not core.inertial.take(sample):
             return None
-        if self._health and core.inertial.gap_s() > self._parameters.max_gap_s:
+        if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:
             self._lose()
         while (frame := self._next()) is not None:
             if self._health in (TRACKING, IMU_ONLY):
@@ -254,7 +269,7 @@ class Dvio:
             return None
         if self._health == LOST:
             seconds = (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
-            core.nav.covariance[range(3), range(3)] += self._parameters.recovery.lost_walk_m_rts**2 * max(seconds, 0.0)
+            core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
             core.nav.t_ns[0] = sample.t_ns
         else:
             core.propagate(sample.t_ns)
@@ -277,9 +292,9 @@ class Dvio:
             return None
         depth = None
         for d in self._depths:
-            if abs(d.t_ns - image.t_ns) * 1e-9 < self._parameters.recovery.same_s:
+            if abs(d.t_ns - image.t_ns) * 1e-9 < _SIMULTANEOUS_S:
                 depth = d.depth
-        late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.wait_s
+        late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.max_depth_wait_s
         if depth is None and self._waits and not late:
             return None
         self._images.popleft()
@@ -293,7 +308,7 @@ class Dvio:
         t_ns, before = core.imu_time(frame.t_ns), core.newest_ns
         if t_ns <= before:
             return
-        if (t_ns - before) * 1e-9 > self._parameters.recovery.blind_s or not core.joined:
+        if (t_ns - before) * 1e-9 > _MAX_BLIND_S or not core.joined:
             # `nav` may be later than the image, which can arrive after later IMU samples.
             if core.go_back(t_ns):
                 core.start(frame, core.nav.covariance.copy())
@@ -306,7 +321,7 @@ class Dvio:
 
     def _initialize(self, frame: CameraFrame) -> None:
         """Starts at an image: at once if stationary, else once vision and IMU align, else from the mean force."""
-        core, p = self._core, self._parameters
+        core = self._core
         t_ns = core.imu_time(frame.t_ns)
         if not core.inertial.reaches_back(t_ns):
             return
@@ -315,8 +330,8 @@ class Dvio:
         resting = core.inertial.stationary(t_ns)
         if not resting and (found := self._initializer.take(frame)) is not None:
             covariance = self._by_alignment(found)
-        elif resting or (t_ns - self._begun_ns) * 1e-9 >= p.align_s:
-            force = core.inertial.since(t_ns - round((p.stationary_s if resting else p.start_s) * 1e9), t_ns)
+        elif resting or (t_ns - self._begun_ns) * 1e-9 >= _MAX_ALIGN_S:
+            force = core.inertial.since(t_ns - round((STATIONARY_S if resting else _MEAN_FORCE_S) * 1e9), t_ns)
             if not len(force):
                 return
             covariance = self._by_force(force.mean(axis=0), resting)
@@ -330,15 +345,14 @@ class Dvio:
 
     def _by_force(self, mean: Array, resting: bool) -> Array:
         """(15, 15) covariance of a state, now in `nav`, with its vertical from the mean rate and force (6,)."""
-        nav, p = self._core.nav, self._parameters
+        nav = self._core.nav
         place, heading_sd = self._kept()
         nav.R[:] = _upright(mean[3:], nav.R if self._health == LOST else None)
         nav.v[:] = 0.0
         if resting:
             nav.bias[:3] = mean[:3]
-        of = p.recovery
-        tilt_sd = of.resting_tilt_sd_rad if resting else of.moving_tilt_sd_rad
-        speed_sd = p.stationary_speed_sd_mps if resting else of.moving_speed_sd_mps
+        tilt_sd = _RESTING_TILT_SD_RAD if resting else _MOVING_TILT_SD_RAD
+        speed_sd = STATIONARY_SPEED_SD_MPS if resting else _MOVING_SPEED_SD_MPS
         return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
 
     def _by_alignment(self, found: Alignment) -> Array:
@@ -353,8 +367,7 @@ class Dvio:
         """(3, 3) m² of position and rad of heading: the uncertainty after a failure persists."""
         nav = self._core.nav
         if self._health != LOST:
-            start_sd = self._parameters.recovery.start_sd
-            return start_sd**2 * np.eye(3), start_sd
+            return _START_SD**2 * np.eye(3), _START_SD
         up = nav.R.T @ np.array([0.0, 0.0, 1.0])
         return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
 
@@ -368,12 +381,7 @@ class Dvio:
             # Since then the position has become less certain.
             return
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
-        of = self._parameters.recovery
-        sd = (
-            of.lost_position_sd_m, of.lost_attitude_sd_rad, of.lost_velocity_sd_mps, of.lost_gyro_bias_sd_radps,
-            of.lost_accel_bias_sd_mps2,
-        )  # fmt: skip
-        nav.covariance[:] = np.diag(np.repeat(sd, 3) ** 2)
+        nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
         nav.covariance[:6, :6] += self._valid_covariance
 
 

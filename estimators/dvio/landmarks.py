@@ -116,7 +116,7 @@ def _add(
         elif host_depth:
             # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
             r = scale * xi - rho
-            c, w = huber(r * r * factors.depth_weight, factors.depth_limit)
+            c, w = huber(r * r * factors.depth_weight, factors.huber_sd)
             w *= factors.depth_weight
             cost += c
             own += w * scale * scale
@@ -135,13 +135,13 @@ def _add(
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
-        c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.pixel_limit)
+        c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
         w0 *= factors.pixel_weight
         cost += c
         rho = marks.rho[l, j]
         if factors.projection_depth and rho > 0.0:
             r2 = scale * depth - rho
-            c, w = huber(r2 * r2 * factors.later_depth_weight, factors.depth_limit)
+            c, w = huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
             w2 = w * factors.later_depth_weight
             cost += c
             for i in range(OBSERVATION):

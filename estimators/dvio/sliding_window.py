@@ -9,7 +9,8 @@ from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
-from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, Inertial, NavState, blank_nav_state
+from stridetwin.estimators.dvio.noise_model import bias_sd, calibration_prior, factor_parameters, imu_noise
 from stridetwin.estimators.dvio.optimiser import (
     blank_work,
     drop_oldest,
@@ -23,8 +24,8 @@ from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
-    D_SCALE,
     FRAME,
+    LANDMARK_SLOTS,
     NO_HOST,
     Window,
     blank_preintegration,
@@ -35,6 +36,25 @@ from stridetwin.estimators.dvio.tracker import CameraFrame, Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
 
+# Hand-chosen on tuning seeds.
+STATIONARY_SPEED_SD_MPS = 0.01
+"""Speed of a stationary sensor."""
+_KEYFRAME_STEPS = 3  # of the optimisation
+_COST_TOLERANCE = 1e-3  # relative decrease of the cost at which it stops
+# A frame is a keyframe if points have moved by more than this on average, if fewer than this share of the last
+# keyframe's points are still tracked, or after this time.
+_KEYFRAME_PARALLAX_PX, _MIN_TRACKED_SHARE, _MAX_KEYFRAME_S = 18.0, 0.6, 0.4
+_MAX_DEPTH_ERROR_SD = 5.0  # a point is dropped if its measured depth is farther from the prediction
+_UNMEASURED_GATE_PX = 10.0  # added to the gate, with its motion, for a point whose depth is not measured
+_MIN_PREDICTED_SHARE = 0.5  # if fewer points are where they were predicted, all are searched for
+_MAX_PNP_ERROR_PX = 3.0  # of an inlier of the pose that decides where most points are mispredicted
+_MIN_POINTS = 8  # with fewer only the IMU is used
+_MIN_OBSERVATIONS = 10  # a frame with fewer counts as dead reckoning
+_UNKNOWN_INVERSE_DEPTH_PER_M = 0.15  # of a new landmark without measured depth: 6.7 m, typical of a room
+_MEASURED_SD = 8.0  # from this many standard deviations of inverse depth on, parallax counts as a measurement
+# Motion of points up to which the camera may be stationary: per frame, and over `STATIONARY_S` or more (at 2 m and
+# 390 px focal length, 10 mm/s).
+_MAX_STATIONARY_PX, _MAX_STATIONARY_DRIFT_PX = 0.25, 0.5
 _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
 _PLANES = 6  # largest number of planes read from a depth image
 
@@ -52,45 +72,37 @@ class Core:
     def __init__(
         self, camera: CameraCalibration, imu: ImuCalibration, T_imu_camera: Array, parameters: DvioParameters
     ) -> None:
-        self.parameters, self.noise = parameters, parameters.noise(imu)
-        self.inflation = ImuInflation(self.noise, parameters.inflation)
-        turn_on = [
-            max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd_radps),
-            max(imu.accelerometer_bias_sd, parameters.accel_bias_sd_mps2),
-        ]
-        self.bias_sd = np.repeat(turn_on, 3)
+        self.parameters, self.noise = parameters, imu_noise(parameters, imu)
+        self.inflation = ImuInflation(self.noise)
+        self.bias_sd, self.calibration_prior = bias_sd(parameters, imu), calibration_prior(parameters)
         self.inertial = Inertial(imu, parameters)
         self.lens = Lens(camera)
         self._shutter = RollingShutter(camera, self.lens)
-        self.factors = parameters.factors(self.lens.focal_px, self.noise)
-        slots = parameters.landmark_slots
-        self.tracker = Tracker(self.lens.shape, parameters)
+        self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
+        self.tracker = Tracker(self.lens.shape)
         self._frames = parameters.keyframes + 2
-        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s)
+        self.window: Window = blank_window(self._frames, LANDMARK_SLOTS, T_imu_camera, camera.timeshift_cam_imu_s)
         self._work = blank_work(self.window)
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
         self._previous: NavState = blank_nav_state()
         self._preintegration = blank_preintegration()
-        self._alive = np.zeros(slots, np.uint8)
-        self._pixels = np.zeros((slots, 2), np.float32)
-        at = sample_pixels(self.lens.shape, parameters.plane)
+        self._alive = np.zeros(LANDMARK_SLOTS, np.uint8)
+        self._pixels = np.zeros((LANDMARK_SLOTS, 2), np.float32)
+        self._depth_range_m = float(parameters.min_depth_m), float(parameters.max_depth_m)
+        at = sample_pixels(self.lens.shape)
         self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
         self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
         self._newest_is_key = False
-        self._mount = MountPrior(
-            np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
-            np.array([parameters.slipped_position_sd_m, parameters.slipped_rotation_sd_rad]),
-            parameters.mount_freedom,
-            parameters.mount_measured_share,
-        )
-        self._level = LevelGround(parameters.level, used=parameters.level_ground and parameters.uses_depth)
+        self._mount = MountPrior(self.calibration_prior.mount_sd, self.calibration_prior.slipped_sd)
+        method = parameters.method
+        self._level = LevelGround(parameters.level_ground_sd_rad, used=method.level_ground and method.uses_depth)
         self.seen = 0
 
     @property
     def tracking(self) -> bool:
         """Whether the newest frame has enough observations."""
-        return self.seen >= self.parameters.observations_min
+        return self.seen >= _MIN_OBSERVATIONS
 
     def imu_time(self, t_ns: int) -> int:
         """A camera stamp on the IMU's clock, by the estimated offset."""
@@ -98,7 +110,7 @@ class Core:
 
     def start(self, frame: CameraFrame, covariance: Array) -> None:
         """Begins a window with an image, at the state `nav` of a covariance (15, 15)."""
-        w, p = self.window, self.parameters
+        w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
         self._alive[:] = 0
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
@@ -106,10 +118,8 @@ class Core:
         self._place(0, frame.t_ns, self.nav)
         hold(w, 0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
-        others = [p.time_offset_sd_s, p.depth_scale_sd, p.focal_sd, p.focal_sd]
-        sd = np.concatenate([self._mount.start(c.moved[:6]), others])
-        if not p.uses_depth:
-            sd[D_SCALE] = 0.0
+        sensor_sd = [prior.offset_sd_s, prior.depth_scale_sd, prior.focal_sd, prior.focal_sd]
+        sd = np.concatenate([self._mount.start(c.moved[:6]), sensor_sd])
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _FIXED_SD) ** -2
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
@@ -147,17 +157,17 @@ class Core:
         t_ns = self.imu_time(frame.t_ns)
         predicted = self._predicted(before, t_ns)
         moved = self._follow(frame, predicted, before, slot)
-        stationary &= moved < p.stationary_px and self._drift(slot, frame.t_ns) < p.stationary_drift_px
+        stationary &= moved < _MAX_STATIONARY_PX and self._drift(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
         f.count[0] = slot + 1
         self._place(slot, frame.t_ns, predicted)
         f.held[slot] = 0
-        f.zero_velocity_sd[slot] = p.stationary_speed_sd_mps if stationary and p.zero_velocity_updates else np.inf
+        f.zero_velocity_sd[slot] = STATIONARY_SPEED_SD_MPS if stationary and p.method.zero_velocity_updates else np.inf
         preintegrate(
             w.preintegrations, slot - 1, self.inertial.kept, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
             self.noise,
         )  # fmt: skip
         key = self._is_key(slot)
-        minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
+        minimise(w, self.factors, self._work, _KEYFRAME_STEPS if key else p.method.steps, _COST_TOLERANCE)
         self._measure()
         o = CALIBRATION + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
@@ -169,7 +179,7 @@ class Core:
             if self._mount.adapts:
                 self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, CALIBRATION + FRAME * (slot + 1)))
             self._observe_level_ground(frame, slot)
-            if p.imu_noise_from_images:
+            if p.method.imu_noise_from_images:
                 self.inflation.follow(w, self.factors, self._work.factor)
                 self.noise = self.inflation.noise
             if slot >= p.keyframes:
@@ -212,7 +222,7 @@ class Core:
     @property
     def plausible(self) -> bool:
         """Whether the newest state is physically possible for a person."""
-        return bool(kernel.plausible(self.nav, self.parameters.plausible))
+        return bool(kernel.plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
         if until_ns > state.t_ns[0]:
@@ -257,9 +267,9 @@ class Core:
         predicted_px, warps = was + motion, warp[ids]
         self.tracker.take(frame.grey)
         there, good = predicted_px, np.zeros(len(ids), bool)
-        if p.anchored:
+        if p.method.anchored:
             there, good = self.tracker.align(ids, predicted_px, warps)
-        elsewhere = good.sum() < p.predicted_share * len(ids)
+        elsewhere = good.sum() < _MIN_PREDICTED_SHARE * len(ids)
         if elsewhere:
             there, good = self.tracker.follow(was, predicted_px)
         # Reject moving points: they are not where the wearer's motion and the point's depth predict them.
@@ -271,20 +281,20 @@ class Core:
         gate = (
             p.gate_px
             + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2]
-            + unsure * (p.unmeasured_gate_px + moved)
+            + unsure * (_UNMEASURED_GATE_PX + moved)
         )
         fits = off < gate
-        if good.sum() >= p.points_min and (good & fits).sum() < p.predicted_share * good.sum():
+        if good.sum() >= _MIN_POINTS and (good & fits).sum() < _MIN_PREDICTED_SHARE * good.sum():
             fits = self._agree(ids, there, good)
         good &= fits
-        if p.anchored and elsewhere:
+        if p.method.anchored and elsewhere:
             there, good = self.tracker.settle(ids, there, warps, good)
         ids, there, was = ids[good], there[good], was[good]
         rate = self.inertial.rate_at(int(predicted.t_ns[0])) - predicted.bias[:3]
         then = self._shutter.at_image_time(there, expected[ids, 2], w.calibration, predicted.R, predicted.v, rate)
         rho = self.depth(frame, then)
         # Reject points at another depth, or occluded by something in front.
-        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - rho) > p.apart_sd * p.inverse_depth_sd_per_m
+        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
         here = ~(apart & (rho > 0) & (marks.measured[ids] > 0))
         ids, there, was, rho, at = ids[here], there[here], was[here], rho[here], self.lens.normalised(then[here])
         self._alive[ids] = 1
@@ -292,15 +302,15 @@ class Core:
         marks.seen[ids, slot] = 1
         marks.at[ids, slot] = at
         marks.rho[ids, slot] = rho
-        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
+        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= _MIN_POINTS else np.inf
 
     def _drift(self, slot: int, t_ns: int) -> float:
-        """Median motion of points since the newest frame `stationary_s` older, px: a slow shift; 0 if it is unknown."""
-        f, marks, p = self.window.frames, self.window.landmarks, self.parameters
-        since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(p.stationary_s * 1e9), "right")) - 1
+        """Median motion of points since the newest frame `STATIONARY_S` older, px: a slow shift; 0 if it is unknown."""
+        f, marks = self.window.frames, self.window.landmarks
+        since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(STATIONARY_S * 1e9), "right")) - 1
         both = (marks.seen[:, [since, slot]] > 0).all(axis=1)
         motion = self.lens.focal_px * np.linalg.norm(marks.at[both, slot] - marks.at[both, since], axis=1)
-        return float(np.median(motion)) if since >= 0 and len(motion) >= p.points_min else 0.0
+        return float(np.median(motion)) if since >= 0 and len(motion) >= _MIN_POINTS else 0.0
 
     def _cull(self) -> int:
         """Removes outliers; returns the number of remaining observations of the newest frame."""
@@ -316,12 +326,12 @@ class Core:
         """Marks landmarks as measured whose depth is known from motion."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
-        sure = marks.inverse_depth[l] ** 2 * self._work.camera.own[l] > self.parameters.measured_sd**2
+        sure = marks.inverse_depth[l] ** 2 * self._work.camera.own[l] > _MEASURED_SD**2
         marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(N,) which points one camera pose explains, if the predicted one explains few."""
-        w, marks, p = self.window, self.window.landmarks, self.parameters
+        w, marks = self.window, self.window.landmarks
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
         agree = np.zeros(len(ids), bool)
@@ -329,16 +339,15 @@ class Core:
         m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.normalised(there)
-        if (pose := perspective(points[use], at[use], p.agreement_px / self.lens.focal_px, p.points_min)) is not None:
+        if (pose := perspective(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
             agree[use] = pose[2]
         return agree
 
     def depth(self, frame: CameraFrame, points: NDArray[np.float32]) -> Array:
         """(N,) measured inverse depths at (N, 2) px, 1/m; 0 where none is reliable."""
         rho = np.zeros(len(points))
-        p = self.parameters
-        if frame.depth is not None and p.uses_depth and len(points):
-            kernel.read_depth(frame.depth, points, p.depth, rho)
+        if frame.depth is not None and self.parameters.method.uses_depth and len(points):
+            kernel.read_depth(frame.depth, points, *self._depth_range_m, rho)
         return rho
 
     def _find(self, frame: CameraFrame, slot: int) -> None:
@@ -349,7 +358,7 @@ class Core:
         points = self.tracker.find(taken, min(p.landmarks - len(taken), len(free)))
         ids = free[: len(points)]
         rho, f = self.depth(frame, points), self.window.frames
-        guess = np.where(rho > 0, rho, p.unknown_inverse_depth_per_m)
+        guess = np.where(rho > 0, rho, _UNKNOWN_INVERSE_DEPTH_PER_M)
         then = self._shutter.at_image_time(points, guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot])
         if then is not points:
             rho = self.depth(frame, then)
@@ -360,42 +369,41 @@ class Core:
         marks.rho[ids, slot] = rho
         marks.measured[ids] = rho > 0
         scale = self.window.calibration.scale[0]
-        marks.inverse_depth[ids] = np.where(rho > 0, rho / scale, p.unknown_inverse_depth_per_m)
+        marks.inverse_depth[ids] = np.where(rho > 0, rho / scale, _UNKNOWN_INVERSE_DEPTH_PER_M)
         self._alive[ids] = 1
         self._pixels[ids] = points
 
     def _observe_level_ground(self, frame: CameraFrame, slot: int) -> None:
         """Measures the tilt by level ground in the depth image of the newest frame, a keyframe, where that is due."""
-        p, w = self.parameters, self.window
+        w = self.window
         if frame.depth is None or not self._level.due(w.frames.p[slot]):
             return
         rho, weights = self._measured_planes
-        count = kernel.read_planes(
-            frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
-        )
+        sd = float(self.parameters.inverse_depth_sd_per_m)
+        count = kernel.read_planes(frame.depth, self._rays, self._depth_range_m[0], sd, rho, weights)
         self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
 
     def _anchor(self, frame: CameraFrame, slot: int) -> None:
         """Stores the patches of the landmarks that the slot hosts."""
         marks, p = self.window.landmarks, self.parameters
-        if not p.anchored:
+        if not p.method.anchored:
             return
         ids = np.flatnonzero((marks.host == slot) & (self._alive > 0))
         points = self._pixels[ids]
         self.tracker.anchor(ids, points)
         slope = np.zeros((len(ids), 2))
-        if frame.depth is not None and p.uses_depth and len(ids):
-            kernel.read_slope(frame.depth, points, p.depth, p.inverse_depth_sd_per_m, slope)
+        if frame.depth is not None and p.method.uses_depth and len(ids):
+            kernel.read_slope(frame.depth, points, *self._depth_range_m, float(p.inverse_depth_sd_per_m), slope)
         marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame differs enough from the last keyframe to be one."""
-        p, f = self.parameters, self.window.frames
+        f = self.window.frames
         moved, common = kernel.parallax(
             self.window.landmarks, f.R[slot], f.R[slot - 1], self.window.calibration.R, slot, slot - 1
         )
         return bool(
-            moved * self.lens.focal_px > p.keyframe_parallax_px
-            or common < p.keyframe_share * self.window.landmarks.seen[:, slot - 1].sum()
-            or (f.t_ns[slot] - f.t_ns[slot - 1]) * 1e-9 > p.keyframe_s
+            moved * self.lens.focal_px > _KEYFRAME_PARALLAX_PX
+            or common < _MIN_TRACKED_SHARE * self.window.landmarks.seen[:, slot - 1].sum()
+            or (f.t_ns[slot] - f.t_ns[slot - 1]) * 1e-9 > _MAX_KEYFRAME_S
         )

@@ -10,93 +10,19 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 
-class PlaneParameters(NamedTuple):
-    """Planes of a depth image: cells of samples that are merged.
-
-    Values without another origin were chosen by hand on twin walks of tuning seeds.
-
-    Attributes:
-        depth_max_m: Farthest depth used, m: below the sensor's range, near whose end measured depths are too small.
-        step_px: Between samples, pixels: a stereo camera's noise is correlated within its matching window.
-        side: Of a cell, samples.
-        measured_share: Least share of a cell's samples that are measured.
-        roughness_sd: Largest scatter of a cell's samples about its plane, standard deviations.
-        cell_gate: Largest squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it.
-        cells_min: Least number of cells of a plane.
-        error: Of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative.
-    """
-
-    depth_max_m: float = 5.0
-    step_px: int = 4
-    side: int = 10
-    measured_share: float = 0.9
-    roughness_sd: float = 1.6
-    cell_gate: float = 14.0
-    cells_min: int = 8
-    error: float = 3e-3
-
-
-class LevelParameters(NamedTuple):
-    """Level ground; hand-chosen on tuning seeds unless an origin is given.
-
-    Attributes:
-        sd_rad: How level it is as built: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
-        huber_sd: A slope beyond this many standard deviations is down-weighted.
-        gate: Largest squared Mahalanobis distance of a slope from level: 1 % of level ground exceeds it.
-        start_gate: The same for the ground of the start, before any other: people rarely start on a ramp.
-        slope_max_rad: Anything steeper is a ramp: wheelchair ramps begin at 1:20, 50 mrad.
-        start_level_max_rad: The same for the ground of the start.
-        start_mount_max_rad: Gentler ground at the start that is no error of the tilt shows a mount that is off.
-        start_mount_sd_rad: How well it is known that way, the tilt included: walking measures it better within a metre.
-        start_scatter_max_rad: Its planes agree this well; otherwise one of them may be a ramp.
-        tilt_sd_max_rad: While the camera's tilt is less certain, a ramp could be mistaken for level ground.
-        spacing_m: Between two observations: those of the same ground are not independent.
-    """
-
-    sd_rad: float = 3e-3
-    huber_sd: float = 1.5
-    gate: float = 9.2
-    start_gate: float = 13.8
-    slope_max_rad: float = 0.035
-    start_level_max_rad: float = 0.042
-    start_mount_max_rad: float = 0.12
-    start_mount_sd_rad: float = 0.016
-    start_scatter_max_rad: float = 0.008
-    tilt_sd_max_rad: float = 0.02
-    spacing_m: float = 1.0
-
-
-class InflationParameters(NamedTuple):
-    """When and how fast the noise of the IMU follows the residuals; hand-chosen on tuning seeds.
-
-    Attributes:
-        share: RMS of the residuals, of the expected one, that is taken as consistent: below 1, because one increment
-            does not show errors that last for several; parts as calibrated have 0.3 (rates) and 0.45 (forces).
-        memory: Increments that are remembered.
-        prior_redundancy: Redundancy of earlier consistent increments, before the first one.
-        largest: Ratio of squared residuals to their expectation that counts at most: one bad image is no noise.
-    """
-
-    share: float = 0.6
-    memory: float = 30.0
-    prior_redundancy: float = 10.0
-    largest: float = 4.0
-
-
 class FactorParameters(NamedTuple):
     """Noise model of the factors, and which factors are used.
 
     Attributes:
         gravity: m/s².
         pixel_weight: 1 / variance of an observation on the plane at depth 1.
-        pixel_limit: Observations beyond this many standard deviations are down-weighted (Huber).
         depth_weight: 1 / variance of the host's measured inverse depth, m².
-        later_depth_weight: The same for another frame's.
-        depth_limit: As `pixel_limit`.
-        host_depth: (11) is used.
+        later_depth_weight: 1 / variance of an inverse depth measured by another frame, m².
+        huber_sd: Observations and measured depths beyond this many standard deviations are down-weighted.
+        host_depth: docs/dvio.md (8) is used.
         depth_fixed: A landmark keeps the host's measured depth.
-        projection_depth: (12) is used.
-        host_depth_in_prior: (11) is marginalised into the prior.
+        projection_depth: docs/dvio.md (9) is used.
+        host_depth_in_prior: docs/dvio.md (8) is marginalised into the prior.
         first_estimates: Jacobians of frames in the prior are taken at their first estimates.
         rate_walk: Of the gyroscope's bias, rad/s²/√Hz.
         force_walk: Of the accelerometer's bias, m/s³/√Hz.
@@ -104,10 +30,9 @@ class FactorParameters(NamedTuple):
 
     gravity: float
     pixel_weight: float
-    pixel_limit: float
     depth_weight: float
     later_depth_weight: float
-    depth_limit: float
+    huber_sd: float
     host_depth: bool
     depth_fixed: bool
     projection_depth: bool
@@ -124,6 +49,8 @@ CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
 FRAME = 15
 NO_HOST = -1
+LANDMARK_SLOTS = 256
+"""Number of landmarks in the window, tracked or not."""
 
 
 class ImuNoise(NamedTuple):

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
-from stridetwin.estimators.dvio import METHODS, Dvio, DvioParameters
+from stridetwin.estimators.dvio import METHODS, Dvio, DvioMethod, DvioParameters
+from stridetwin.estimators.dvio.filter import LOST_WALK_M_RTS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu
@@ -326,7 +327,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
     # a second gap while all is lost makes nothing known either
     lost = [(e.t_ns * 1e-9, e.covariance[0, 0]) for e in made if 12.7e9 < e.t_ns < 12.99e9]
     seconds, variance = np.diff(lost, axis=0).T
-    np.testing.assert_allclose(variance, DvioParameters().recovery.lost_walk_m_rts ** 2 * seconds, rtol=1e-6)
+    np.testing.assert_allclose(variance, LOST_WALK_M_RTS**2 * seconds, rtol=1e-6)
 
 
 def test_does_without_samples_of_the_imu_that_have_gone(sway):
@@ -364,8 +365,14 @@ def test_refuses_what_it_cannot_use():
     with pytest.raises(StrideTwinError, match="no camera"):
         Dvio(Rig())
     with pytest.raises(ConfigError, match="host_depth"):
-        DvioParameters(host_depth="some")
+        DvioMethod(host_depth="some")
+    with pytest.raises(ConfigError, match="calibration: invalid 'some': expected nominal, mount_and_clock, all"):
+        DvioMethod(calibration="some")
+    with pytest.raises(ConfigError, match="steps"):
+        DvioMethod(steps=0)
     with pytest.raises(ConfigError, match="pixel_noise_px"):
         DvioParameters(pixel_noise_px=0.0)
+    with pytest.raises(ConfigError, match="min_depth_m"):
+        DvioParameters(min_depth_m=7.0)
     with pytest.raises(StrideTwinError, match="/foot_l/imu"):
         Dvio(rig()).update(Imu(topic="/foot_l/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3)))

@@ -17,7 +17,7 @@ from tests.estimators.dvio.scenes import FACTORS, NOISE, moved, seen_window
 PERIOD_NS = 5_000_000
 SLOTS, POINTS = 5, 12
 
-QUADRATIC = FACTORS._replace(pixel_limit=1e3, depth_limit=1e3)
+QUADRATIC = FACTORS._replace(huber_sd=1e3)
 
 
 def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
