@@ -1,6 +1,6 @@
 """IMU factors of the window: pre-integration between frames, zero velocity, and the prior, added to H d = b.
 
-Pre-integration follows Zhao et al. 2023, (7), after Forster et al. 2017. A sample is the mean over the interval that
+Pre-integration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that
 ends at its stamp, so rate and force are constant over it; the changes of attitude, velocity and position over
 it are exact to the third order of its rotation.
 """
@@ -190,9 +190,9 @@ def _moved(
 def motion(
     frames: Frames, z: Preintegration, k: int, gravity: float, r: Array, J: Array, first: bool
 ) -> None:  # fmt: skip
-    """IMU residual (7) from frame k to the next, `r` (9,) of position, rotation and velocity, and its Jacobian.
+    """IMU residual from frame k to the next, docs/dvio.md (4): `r` (9,) of position, rotation and velocity.
 
-    `J` (9, 30) is with respect to the states of both, at first estimates if `first`. See docs/dvio.md (4).
+    Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if `first`.
     """
     dt, held, of_z = z.dt[0], frames.held, z.by_bias
     Ri, Rj = frames.R[k], frames.R[k + 1]
@@ -248,7 +248,7 @@ def increment_residual(window: Window, k: int, factors: FactorParameters, r: Arr
 
 @njit(error_model="numpy", **INSIDE)
 def add_motion(frames: Frames, zs: Preintegration, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
-    """Adds the IMU factor (9) from frame k to the next, with the random walk of its biases; returns its cost."""
+    """Adds the IMU factor from frame k to the next, Zhao 2023 (9), and the walk of its biases; returns the cost."""
     z = preintegration_at(zs, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     motion(frames, z, k, factors.gravity, r, J, factors.first_estimates)
@@ -299,7 +299,7 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def add_prior(prior: Prior, d: Array, size: int, H: Array, b: Array) -> float:
-    """Adds the prior (6) of the first `size` states, `d` (N,) off their first estimates; returns its cost.
+    """Adds the prior, Zhao 2023 (6), of the first `size` states, `d` (N,) off their first estimates; returns its cost.
 
     The cost is up to a constant.
     """

@@ -137,7 +137,7 @@ def aligned(structure: Structure, preintegrations: Preintegration, rates: Array,
 
 
 def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
-    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin et al. 2018, (15))."""
+    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin 2018 (15))."""
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
     over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
@@ -149,7 +149,7 @@ def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Pri
 
 
 def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> _State | None:
-    """Velocities, gravity of free magnitude and scale (Qin et al. 2018, (16)-(19))."""
+    """Velocities, gravity of free magnitude and scale (Qin 2018 (16)-(19))."""
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
     R = R_ic @ structure.R @ R_ic.T
@@ -249,7 +249,7 @@ def _columns(K: int) -> Array:
 
 
 def _derived(s: _State, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
-    """(K − 1, 9) residuals (7) and their (K − 1, 9, 34) derivatives."""
+    """(K − 1, 9) residuals, docs/dvio.md (4), and their (K − 1, 9, 34) derivatives."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _mismatch(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)

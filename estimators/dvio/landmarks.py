@@ -233,7 +233,7 @@ def add_camera_factors(
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
 
     H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
-    used, and (8) only if `host_depth`.
+    used, and docs/dvio.md (8) only if `host_depth`.
     """
     frames, marks, calibration = window.frames, window.landmarks, window.calibration
     m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs

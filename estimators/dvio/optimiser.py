@@ -1,4 +1,4 @@
-"""The window's non-linear least squares (15), and marginalisation of its oldest frame into the prior (6).
+"""The window's least squares, docs/dvio.md (10), and marginalisation of its oldest frame into the prior (11).
 
 Landmarks are eliminated first, then Cholesky; Levenberg–Marquardt.
 """

@@ -1,4 +1,4 @@
-"""Compiled steps of the window's non-linear least squares (15): moving the states, and marginalisation (6)."""
+"""Compiled steps of the window's least squares, docs/dvio.md (10): moving the states, and marginalisation (11)."""
 
 from __future__ import annotations
 

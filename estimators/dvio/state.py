@@ -194,7 +194,7 @@ class Calibration(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Information of marginalised states: ½ dᵀ H d − bᵀ d of errors d from first estimates (Zhao et al. 2023, (6)).
+    """Information of marginalised states: ½ dᵀ H d − bᵀ d of errors d from first estimates (Zhao 2023 (6)).
 
     Attributes:
         H: (N, N).

@@ -1,4 +1,4 @@
-"""Structure from motion over a few images, with depth or without (Zhao et al. 2023, (1)-(5)).
+"""Structure from motion over a few images, with depth or without (Zhao 2023 (1)-(5)).
 
 All poses are in the axes of the newest camera. Without depth, the unit of length is the distance between the oldest
 and the newest camera.
@@ -79,7 +79,7 @@ class Structure:
 
 
 def structure_with_depth(s: Observations) -> Structure | None:
-    """Cameras by the points of known depth: P3P from each image to the next, then all of (5) at once.
+    """Cameras by the points of known depth: P3P from each image to the next, then all of Zhao 2023 (5) at once.
 
     None if the images share too few points; `first` > 0 if only the newer ones are connected.
     """
@@ -109,7 +109,7 @@ def structure_with_depth(s: Observations) -> Structure | None:
 
 
 def structure_of_bearings(s: Observations) -> Structure | None:
-    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then (2) of all.
+    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then Zhao 2023 (2) of all.
 
     None if no image shares enough points with the newest at enough parallax.
     """
@@ -200,7 +200,7 @@ def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[A
 
 
 def _bundled(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
-    """Least squares of (1) and (3) over cameras and points, twice: the second time without outliers."""
+    """Least squares of Zhao 2023 (1) and (3) over cameras and points, twice: the second time without outliers."""
     use = s.seen.sum(axis=0) > 1
     s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
@@ -249,7 +249,7 @@ def _descended(
 
 
 def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
-    """(K, N, 3) of (1) and, as inverse depths, of (3), in standard deviations, and (K, N, 3) m points in cameras."""
+    """(K, N, 3) of Zhao 2023 (1) and, as inverse depths, (3), in standard deviations; (K, N, 3) m points in cameras."""
     q = np.matmul(points[None] - p[:, None], R)
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
     r = np.empty(q.shape)
