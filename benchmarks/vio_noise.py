@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.command import answer, command
 from benchmarks.vio_starts import print_table, recorded_walk, summarised
 from stridetwin.estimators.base import Options
-from stridetwin.estimators.dvio import Dvio, DvioParameters
+from stridetwin.estimators.dvio import Dvio, DvioMethod, DvioParameters
 from stridetwin.sim.config import Gait
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Imu, Sample
@@ -77,10 +77,8 @@ def one_walk(seed: int, parts: list[str]) -> dict[str, Any]:
         for part in parts:
             found[part] = {}
             for origin, from_images in NOISE_FROM.items():
-                odometry = Dvio(
-                    recording.rig, parameters=DvioParameters(imu_noise_from_images=from_images),
-                    options=Options(mount="head"),
-                )  # fmt: skip
+                method = DvioMethod(imu_noise_from_images=from_images)
+                odometry = Dvio(recording.rig, options=Options(mount="head"), parameters=DvioParameters(method=method))
                 own = figures(follow(odometry, worse(recording, PARTS[part], seed)), truth)
                 rate, force = odometry.imu_noise_factors
                 found[part][origin] = own | {"found_rate": rate, "found_force": force}

@@ -140,18 +140,6 @@ class ClassParameters:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeedParameters:
-    """Velocity of the back panel from the legs in stance (`speed.LegSpeeds`); hand-chosen on tuning seeds."""
-
-    span_ticks: int = 5
-    """Ticks over which the velocity is taken."""
-    loaded_n: float = 100.0
-    """Smallest load of a foot in stance."""
-    stationary_radps: float = 0.1
-    """A foot that rotates faster is not stationary."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class PublishedParameters:
     """Values that Shim et al. 2019 do not specify; chosen by hand, docs/contact_terrain.md lists the reasons."""
 
@@ -187,7 +175,6 @@ class ContactTerrainParameters:
         footfall: Contact and foot-flat.
         offsets: Prior of the offsets and of the ground.
         classes: Locomotion modes.
-        speed: Velocity of the back panel.
         published: Parameters of the published method only.
     """
 
@@ -197,7 +184,6 @@ class ContactTerrainParameters:
     footfall: FootfallParameters = FootfallParameters()
     offsets: OffsetParameters = OffsetParameters()
     classes: ClassParameters = ClassParameters()
-    speed: SpeedParameters = SpeedParameters()
     published: PublishedParameters = PublishedParameters()
 
     def __post_init__(self) -> None:

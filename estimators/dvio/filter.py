@@ -10,14 +10,12 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream, deprecated
-from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
+from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.feet import Feet
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.nav_state import NavState
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
-from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, Core
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -26,6 +24,22 @@ from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
 IMU_ONLY, LOST = "imu_only", "lost"
+# Hand-chosen on tuning seeds.
+_SIMULTANEOUS_S = 0.012  # colour and depth closer in time: less than half a frame period at 30 Hz
+_MAX_IMU_GAP_S = 0.5  # a longer one causes a new start
+_MAX_BLIND_S = 3.0  # after this long without an image the window restarts at the state from the IMU alone
+# After this long without an image, or after so many frames of a slow camera, the estimate is dead reckoning.
+_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES = 0.3, 2.0
+_MAX_ALIGN_S = 3.0  # in motion, wait for vision and IMU to align; then the mean force is taken as the vertical
+_MEAN_FORCE_S = 1.0  # duration of that mean
+_MOVING_SPEED_SD_MPS, _MOVING_TILT_SD_RAD = 0.5, 0.15  # of a start by the mean force, in motion
+_RESTING_TILT_SD_RAD = 0.03  # of a stationary start
+_START_SD = 1e-4  # m and rad: the first position and heading define the world
+# After a failure: position (m) and attitude (rad) in addition to the previous uncertainty, velocity (m/s), and biases
+# of gyroscope (rad/s) and accelerometer (m/s²).
+_LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)
+LOST_WALK_M_RTS = 1.0
+"""Growth of the position error while lost, because the wearer walks on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,12 +96,6 @@ class DvioEstimate:
         assert self.pose.covariance is not None
         return self.pose.covariance
 
-    @property
-    def T_world_imu(self) -> Array:
-        """(4, 4) IMU to world, m; deprecated, see `pose`."""
-        deprecated("DvioEstimate.T_world_imu", "pose.T_world_frame")
-        return self.pose.T_world_frame
-
 
 MOUNTS = ("head", "chest")
 HELD = 4  # images that may wait for the IMU or for their depth; the oldest is dropped first
@@ -107,11 +115,9 @@ class Dvio:
         rig: Calibration.
         options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
         parameters: Replace those of the method.
-        mount: Deprecated form of `options.mount`.
-        exoskeleton: Its legs measure the speed if the parameters have `feet`; its samples are then used too.
 
     Raises:
-        ConfigError: An unknown mount, or feet without an exoskeleton.
+        ConfigError: An unknown mount.
         StrideTwinError: The rig has no camera or IMU there.
     """
 
@@ -121,15 +127,9 @@ class Dvio:
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )  # fmt: skip
 
-    def __init__(
-        self, rig: Rig, *, options: Options | None = None, mount: str | None = None,
-        parameters: DvioParameters | None = None, exoskeleton: Exoskeleton | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
         options = options or Options()
-        if mount is None:
-            mount = _mount(rig, options)
-        else:
-            deprecated("Dvio(mount=...)", "Dvio(rig, options=Options(mount=...))")
+        mount = _mount(rig, options)
         if mount not in MOUNTS:
             raise ConfigError("Dvio", "mount", mount, " or ".join(MOUNTS))
         self._frame = f"{mount}/imu"
@@ -139,15 +139,9 @@ class Dvio:
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
         self._parameters = parameters or named(options.method)
-        recovery = self._parameters.recovery
-        self._feet: Feet | None = None
-        if self._parameters.feet:
-            if exoskeleton is None:
-                raise ConfigError("Dvio", "feet", True, "false, or an exoskeleton whose legs measure the speed")
-            self._feet = Feet.of(exoskeleton, self._parameters.legs)
-        self._alone_s = max(recovery.alone_s, recovery.alone_frames / camera.rate_hz)
+        self._alone_s = max(_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES / camera.rate_hz)
         self._shape = (camera.height, camera.width)
-        self._waits = camera.depth_topic != "" and self._parameters.uses_depth
+        self._waits = camera.depth_topic != "" and self._parameters.method.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)
         self._camera_pose = self._mounted(0)
@@ -187,7 +181,7 @@ class Dvio:
         rig, parameters = recording.rig, named(options.method)
         topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
         samples: Iterable[Sample] = recording.samples(topics)
-        if depth not in recording.topics and right in recording.topics and parameters.uses_depth:
+        if depth not in recording.topics and right in recording.topics and parameters.method.uses_depth:
             stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount))
@@ -224,9 +218,6 @@ class Dvio:
         """
         if isinstance(sample, Imu) and sample.topic == self._imu:
             return self._sense(sample)
-        if self._feet is not None and sample.topic in self._feet.topics:
-            self._feet.take(sample)
-            return None
         queue: deque[Image] | deque[Depth]
         if isinstance(sample, Image) and sample.topic == self._color:
             fine, queue = sample.pixels.shape[:2] == self._shape, self._images
@@ -266,7 +257,7 @@ class Dvio:
         core = self._core
         if not core.inertial.take(sample):
             return None
-        if self._health and core.inertial.gap_s() > self._parameters.max_gap_s:
+        if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:
             self._lose()
         while (frame := self._next()) is not None:
             if self._health in (TRACKING, IMU_ONLY):
@@ -278,7 +269,7 @@ class Dvio:
             return None
         if self._health == LOST:
             seconds = (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
-            core.nav.covariance[range(3), range(3)] += self._parameters.recovery.lost_walk_m_rts**2 * max(seconds, 0.0)
+            core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
             core.nav.t_ns[0] = sample.t_ns
         else:
             core.propagate(sample.t_ns)
@@ -301,9 +292,9 @@ class Dvio:
             return None
         depth = None
         for d in self._depths:
-            if abs(d.t_ns - image.t_ns) * 1e-9 < self._parameters.recovery.same_s:
+            if abs(d.t_ns - image.t_ns) * 1e-9 < _SIMULTANEOUS_S:
                 depth = d.depth
-        late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.wait_s
+        late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.max_depth_wait_s
         if depth is None and self._waits and not late:
             return None
         self._images.popleft()
@@ -317,24 +308,20 @@ class Dvio:
         t_ns, before = core.imu_time(frame.t_ns), core.newest_ns
         if t_ns <= before:
             return
-        if (t_ns - before) * 1e-9 > self._parameters.recovery.blind_s or not core.joined:
+        if (t_ns - before) * 1e-9 > _MAX_BLIND_S or not core.joined:
             # `nav` may be later than the image, which can arrive after later IMU samples.
             if core.go_back(t_ns):
                 core.start(frame, core.nav.covariance.copy())
                 self._health = TRACKING if core.tracking else IMU_ONLY
             return
-        feet = self._feet
-        legs = feet.at(t_ns) if feet is not None else None
-        core.take(frame, core.inertial.stationary(t_ns), legs)
+        core.take(frame, core.inertial.stationary(t_ns))
         self._health = TRACKING if core.tracking else IMU_ONLY
-        if feet is not None and self._health == TRACKING:
-            feet.compare(int(core.nav.t_ns[0]), core.nav.v)
         if not core.plausible:
             self._lose()
 
     def _initialize(self, frame: CameraFrame) -> None:
         """Starts at an image: at once if stationary, else once vision and IMU align, else from the mean force."""
-        core, p = self._core, self._parameters
+        core = self._core
         t_ns = core.imu_time(frame.t_ns)
         if not core.inertial.reaches_back(t_ns):
             return
@@ -343,8 +330,8 @@ class Dvio:
         resting = core.inertial.stationary(t_ns)
         if not resting and (found := self._initializer.take(frame)) is not None:
             covariance = self._by_alignment(found)
-        elif resting or (t_ns - self._begun_ns) * 1e-9 >= p.align_s:
-            force = core.inertial.since(t_ns - round((p.stationary_s if resting else p.start_s) * 1e9), t_ns)
+        elif resting or (t_ns - self._begun_ns) * 1e-9 >= _MAX_ALIGN_S:
+            force = core.inertial.since(t_ns - round((STATIONARY_S if resting else _MEAN_FORCE_S) * 1e9), t_ns)
             if not len(force):
                 return
             covariance = self._by_force(force.mean(axis=0), resting)
@@ -358,15 +345,14 @@ class Dvio:
 
     def _by_force(self, mean: Array, resting: bool) -> Array:
         """(15, 15) covariance of a state, now in `nav`, with its vertical from the mean rate and force (6,)."""
-        nav, p = self._core.nav, self._parameters
+        nav = self._core.nav
         place, heading_sd = self._kept()
         nav.R[:] = _upright(mean[3:], nav.R if self._health == LOST else None)
         nav.v[:] = 0.0
         if resting:
             nav.bias[:3] = mean[:3]
-        of = p.recovery
-        tilt_sd = of.resting_tilt_sd_rad if resting else of.moving_tilt_sd_rad
-        speed_sd = p.stationary_speed_sd_mps if resting else of.moving_speed_sd_mps
+        tilt_sd = _RESTING_TILT_SD_RAD if resting else _MOVING_TILT_SD_RAD
+        speed_sd = STATIONARY_SPEED_SD_MPS if resting else _MOVING_SPEED_SD_MPS
         return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
 
     def _by_alignment(self, found: Alignment) -> Array:
@@ -381,8 +367,7 @@ class Dvio:
         """(3, 3) m² of position and rad of heading: the uncertainty after a failure persists."""
         nav = self._core.nav
         if self._health != LOST:
-            start_sd = self._parameters.recovery.start_sd
-            return start_sd**2 * np.eye(3), start_sd
+            return _START_SD**2 * np.eye(3), _START_SD
         up = nav.R.T @ np.array([0.0, 0.0, 1.0])
         return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
 
@@ -390,20 +375,13 @@ class Dvio:
         """Holds the last valid pose, with a large covariance, until a new start."""
         nav, already = self._core.nav, self._health == LOST
         self._health, self._begun_ns = LOST, None
-        if self._feet is not None:
-            self._feet.reset()
         self._images.clear()
         self._initializer.reset()
         if already:
             # Since then the position has become less certain.
             return
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
-        of = self._parameters.recovery
-        sd = (
-            of.lost_position_sd_m, of.lost_attitude_sd_rad, of.lost_velocity_sd_mps, of.lost_gyro_bias_sd_radps,
-            of.lost_accel_bias_sd_mps2,
-        )  # fmt: skip
-        nav.covariance[:] = np.diag(np.repeat(sd, 3) ** 2)
+        nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
         nav.covariance[:6, :6] += self._valid_covariance
 
 

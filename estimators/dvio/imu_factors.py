@@ -1,6 +1,6 @@
 """IMU factors of the window: pre-integration between frames, zero velocity, and the prior, added to H d = b.
 
-Pre-integration follows Zhao et al. 2023, (7), after Forster et al. 2017. A sample is the mean over the interval that
+Pre-integration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that
 ends at its stamp, so rate and force are constant over it; the changes of attitude, velocity and position over
 it are exact to the third order of its rotation.
 """
@@ -21,13 +21,11 @@ from stridetwin.estimators.dvio.state import (
     D_POSITION,
     D_VELOCITY,
     FRAME,
-    PLANE,
     Calibration,
     FactorParameters,
     Frames,
     ImuNoise,
     ImuSamples,
-    Planes,
     Preintegration,
     Prior,
     Window,
@@ -192,9 +190,9 @@ def _moved(
 def motion(
     frames: Frames, z: Preintegration, k: int, gravity: float, r: Array, J: Array, first: bool
 ) -> None:  # fmt: skip
-    """IMU residual (7) from frame k to the next, `r` (9,) of position, rotation and velocity, and its Jacobian.
+    """IMU residual from frame k to the next, docs/dvio.md (4): `r` (9,) of position, rotation and velocity.
 
-    `J` (9, 30) is with respect to the states of both, at first estimates if `first`. See docs/dvio.md (4).
+    Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if `first`.
     """
     dt, held, of_z = z.dt[0], frames.held, z.by_bias
     Ri, Rj = frames.R[k], frames.R[k + 1]
@@ -249,16 +247,14 @@ def increment_residual(window: Window, k: int, factors: FactorParameters, r: Arr
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_motion(
-    frames: Frames, zs: Preintegration, k: int, factors: FactorParameters, shared: int, H: Array, b: Array
-) -> float:  # fmt: skip
-    """Adds the IMU factor (9) from frame k to the next, with the random walk of its biases; returns its cost."""
+def add_motion(frames: Frames, zs: Preintegration, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+    """Adds the IMU factor from frame k to the next, Zhao 2023 (9), and the walk of its biases; returns the cost."""
     z = preintegration_at(zs, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     motion(frames, z, k, factors.gravity, r, J, factors.first_estimates)
     weight = z.weight
     WJ = mul(weight, J)
-    o = shared + FRAME * k
+    o = CALIBRATION + FRAME * k
     cost = 0.0
     for i in range(9):
         wr = 0.0
@@ -303,7 +299,7 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def add_prior(prior: Prior, d: Array, size: int, H: Array, b: Array) -> float:
-    """Adds the prior (6) of the first `size` states, `d` (N,) off their first estimates; returns its cost.
+    """Adds the prior, Zhao 2023 (6), of the first `size` states, `d` (N,) off their first estimates; returns its cost.
 
     The cost is up to a constant.
     """
@@ -320,18 +316,14 @@ def add_prior(prior: Prior, d: Array, size: int, H: Array, b: Array) -> float:
 
 
 @njit(error_model="numpy", **INSIDE)
-def errors(calibration: Calibration, planes: Planes, frames: Frames, shared: int, d: Array) -> None:
+def errors(calibration: Calibration, frames: Frames, d: Array) -> None:
     """Deviation of the states from their first estimates into d (N,); 0 for those that the prior does not contain."""
     clear(d)
     copy(calibration.moved, d)
-    for k in range(planes.used.shape[0]):
-        if planes.used[k] and planes.held[k]:
-            for i in range(PLANE):
-                d[CALIBRATION + PLANE * k + i] = planes.moved[k, i]
     for k in range(frames.count[0]):
         if frames.held[k]:
             for i in range(FRAME):
-                d[shared + FRAME * k + i] = frames.moved[k, i]
+                d[CALIBRATION + FRAME * k + i] = frames.moved[k, i]
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -340,14 +332,14 @@ def add_inertial(window: Window, factors: FactorParameters, frames: int, d: Arra
 
     `d` (N,) becomes the states' deviation from their first estimates.
     """
-    f, shared, n = window.frames, window.shared, window.frames.count[0]
-    size = shared + FRAME * n
+    f, n = window.frames, window.frames.count[0]
+    size = CALIBRATION + FRAME * n
     clear_block(H, size)
     clear(b)
-    errors(window.calibration, window.planes, f, shared, d)
+    errors(window.calibration, f, d)
     cost = add_prior(window.prior, d, size, H, b)
     for k in range(frames):
-        cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], shared + FRAME * k + D_VELOCITY, H, b)
+        cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)
         if k + 1 < n:
-            cost += add_motion(f, window.preintegrations, k, factors, shared, H, b)
+            cost += add_motion(f, window.preintegrations, k, factors, H, b)
     return cost

@@ -14,9 +14,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.noise_model import LATER_DEPTH_SD
 from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.sliding_window import Core
-from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
+from stridetwin.estimators.dvio.state import LANDMARK_SLOTS, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
     Observations,
     Structure,
@@ -35,6 +36,13 @@ _STEP = 1e-6  # of numerical derivatives
 # Gauss-Newton: largest number of steps; a step above the second value recomputes the derivatives, one below the last
 # ends the iteration.
 _STEPS, _LARGE, _SETTLED = 4, 0.1, 1e-4
+# Hand-chosen on tuning seeds.
+_IMAGES, _MIN_IMAGES = 10, 5  # kept, and needed for an alignment
+_MIN_INTERVAL_S = 0.09  # between images that are kept
+_MAX_GAP_S = 0.5  # points are not followed over a longer one
+_MAX_TILT_SD_RAD, _MAX_SPEED_SD_MPS = 0.03, 0.1  # while vertical or velocity are less certain, collection continues
+_MAX_GRAVITY_ERROR = 0.3  # relative, of the gravity that the linear alignment finds
+_MAX_MISFIT = 3.0  # mean squared residual, in variances, beyond which vision and IMU contradict each other
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +57,6 @@ class Priors:
         offset_sd: Of the camera's clock, s.
         scale_sd: Of measured depths, relative.
         gravity: m/s².
-        gravity_error: Largest relative error of the linear problem's gravity.
     """
 
     T_imu_camera: Array
@@ -59,7 +66,6 @@ class Priors:
     offset_sd: float
     scale_sd: float
     gravity: float
-    gravity_error: float = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,7 +137,7 @@ def aligned(structure: Structure, preintegrations: Preintegration, rates: Array,
 
 
 def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
-    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin et al. 2018, (15))."""
+    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin 2018 (15))."""
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
     over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
@@ -143,7 +149,7 @@ def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Pri
 
 
 def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> _State | None:
-    """Velocities, gravity of free magnitude and scale (Qin et al. 2018, (16)-(19))."""
+    """Velocities, gravity of free magnitude and scale (Qin 2018 (16)-(19))."""
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
     R = R_ic @ structure.R @ R_ic.T
@@ -167,7 +173,7 @@ def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors
     x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
     scale, g = (1.0 if structure.scaled else float(x[-1])), x[3 * K : 3 * K + 3]
     size = float(np.linalg.norm(g))
-    if not (scale > 0.0 and abs(size - priors.gravity) < priors.gravity_error * priors.gravity):
+    if not (scale > 0.0 and abs(size - priors.gravity) < _MAX_GRAVITY_ERROR * priors.gravity):
         return None
     up: Array = np.asarray(-g / size, float)
     return _State(
@@ -243,7 +249,7 @@ def _columns(K: int) -> Array:
 
 
 def _derived(s: _State, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
-    """(K − 1, 9) residuals (7) and their (K − 1, 9, 34) derivatives."""
+    """(K − 1, 9) residuals, docs/dvio.md (4), and their (K − 1, 9, 34) derivatives."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _mismatch(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
@@ -295,13 +301,12 @@ class Initializer:
     """
 
     def __init__(self, core: Core) -> None:
-        self._core, self._parameters = core, core.parameters.start
-        views, slots = self._parameters.views, core.parameters.landmark_slots
+        self._core = core
         self._t_ns: list[int] = []
         self._before_ns = 0
-        self._seen = np.zeros((views, slots), bool)
-        self._at, self._rho = np.zeros((views, slots, 2)), np.zeros((views, slots))
-        self._alive, self._pixels = np.zeros(slots, bool), np.zeros((slots, 2), np.float32)
+        self._seen = np.zeros((_IMAGES, LANDMARK_SLOTS), bool)
+        self._at, self._rho = np.zeros((_IMAGES, LANDMARK_SLOTS, 2)), np.zeros((_IMAGES, LANDMARK_SLOTS))
+        self._alive, self._pixels = np.zeros(LANDMARK_SLOTS, bool), np.zeros((LANDMARK_SLOTS, 2), np.float32)
 
     def reset(self) -> None:
         """Restarts."""
@@ -310,23 +315,23 @@ class Initializer:
 
     def take(self, frame: CameraFrame) -> Alignment | None:
         """Takes an image whose time the IMU has reached; returns the state there once it is certain enough."""
-        core, t_ns, p = self._core, self._core.imu_time(frame.t_ns), self._parameters
+        core, t_ns = self._core, self._core.imu_time(frame.t_ns)
         heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
-        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < p.gap_s * 1e9):
+        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
             self.reset()
         core.tracker.take(frame.grey)
         self._follow(t_ns)
         self._before_ns = t_ns
-        if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < p.apart_s:
+        if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < _MIN_INTERVAL_S:
             return None
         self._keep(frame, t_ns)
-        if len(self._t_ns) < p.views_min:
+        if len(self._t_ns) < _MIN_IMAGES:
             return None
         found = self._align()
-        if found is None or found.misfit > p.misfit:
+        if found is None or found.misfit > _MAX_MISFIT:
             return None
         variance = found.covariance.diagonal()
-        sure = variance[:2].max() < p.tilt_sd_rad**2 and variance[2:5].sum() < p.speed_sd_mps**2
+        sure = variance[:2].max() < _MAX_TILT_SD_RAD**2 and variance[2:5].sum() < _MAX_SPEED_SD_MPS**2
         return found if sure else None
 
     def _follow(self, t_ns: int) -> None:
@@ -345,7 +350,7 @@ class Initializer:
     def _keep(self, frame: CameraFrame, t_ns: int) -> None:
         """Stores observations and searches for new points."""
         core, c = self._core, self._core.window.calibration
-        if len(self._t_ns) == self._parameters.views:
+        if len(self._t_ns) == _IMAGES:
             self._t_ns.pop(0)
             for a in (self._seen, self._at, self._rho):
                 a[:-1] = a[1:].copy()
@@ -377,19 +382,17 @@ class Initializer:
         often = self._seen[:K].sum(axis=0) > 1
         s = Observations(
             seen=self._seen[:K, often], at=self._at[:K, often], rho=self._rho[:K, often],
-            sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=p.inverse_depth_again_sd_per_m,
-            parameters=p.structure,
+            sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=LATER_DEPTH_SD * p.inverse_depth_sd_per_m,
         )  # fmt: skip
         found = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
-        return None if found is None or len(found.R) < self._parameters.views_min else found
+        return None if found is None or len(found.R) < _MIN_IMAGES else found
 
     def _priors(self) -> Priors:
-        core, p, c = self._core, self._core.parameters, self._core.window.calibration
+        core, c, prior = self._core, self._core.window.calibration, self._core.calibration_prior
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p
         return Priors(
             T_imu_camera=T_imu_camera, bias=core.nav.bias.copy(), bias_sd=core.bias_sd,
-            mount_sd=np.repeat([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad], 3),
-            offset_sd=p.time_offset_sd_s, scale_sd=p.depth_scale_sd, gravity=p.gravity_mps2,
-            gravity_error=self._parameters.gravity_error,
+            mount_sd=np.repeat(prior.mount_sd, 3), offset_sd=prior.offset_sd_s, scale_sd=prior.depth_scale_sd,
+            gravity=core.parameters.gravity_mps2,
         )  # fmt: skip

@@ -116,7 +116,7 @@ def _add(
         elif host_depth:
             # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
             r = scale * xi - rho
-            c, w = huber(r * r * factors.depth_weight, factors.depth_limit)
+            c, w = huber(r * r * factors.depth_weight, factors.huber_sd)
             w *= factors.depth_weight
             cost += c
             own += w * scale * scale
@@ -135,13 +135,13 @@ def _add(
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
-        c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.pixel_limit)
+        c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
         w0 *= factors.pixel_weight
         cost += c
         rho = marks.rho[l, j]
         if factors.projection_depth and rho > 0.0:
             r2 = scale * depth - rho
-            c, w = huber(r2 * r2 * factors.later_depth_weight, factors.depth_limit)
+            c, w = huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
             w2 = w * factors.later_depth_weight
             cost += c
             for i in range(OBSERVATION):
@@ -233,9 +233,9 @@ def add_camera_factors(
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
 
     H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
-    used, and (8) only if `host_depth`.
+    used, and docs/dvio.md (8) only if `host_depth`.
     """
-    frames, marks, calibration, shared = window.frames, window.landmarks, window.calibration, window.shared
+    frames, marks, calibration = window.frames, window.landmarks, window.calibration
     m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs
     clear_block(s.H, m)
     clear(s.b)
@@ -249,23 +249,23 @@ def add_camera_factors(
                 _eliminate(s, l, host, marks.seen[l], last)
         _gather(s, host, last)
     for i in range(m):
-        row, own = H[state(i, shared)], s.H[i]
-        b[state(i, shared)] += s.b[i]
+        row, own = H[state(i)], s.H[i]
+        b[state(i)] += s.b[i]
         for e in range(CALIBRATION):
             row[e] += own[e]
         for k in range(last + 1):
-            o, q = shared + FRAME * k, CALIBRATION + POSE * k
+            o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
             for e in range(POSE):
                 row[o + e] += own[q + e]
     return cost
 
 
 @njit(error_model="numpy", **INSIDE)
-def state(i: int, shared: int) -> int:
+def state(i: int) -> int:
     """Index among all states of the i-th of calibration and poses."""
     if i < CALIBRATION:
         return i
-    return shared + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
+    return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
 
 
 @njit(error_model="numpy", **INSIDE)

@@ -18,21 +18,36 @@ from scipy.linalg import solve_triangular
 
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import hold
-from stridetwin.estimators.dvio.state import D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, Window
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import hat
+
+# Hand-chosen on tuning seeds unless an origin is given.
+SPACING_M = 1.0
+"""Between two observations: those of the same ground are not independent."""
+_HUBER_SD = 1.5  # a slope beyond this many standard deviations is down-weighted
+# Largest squared Mahalanobis distance of a slope from level: 1 % of level ground exceeds it; and for the ground of the
+# start, before any other, as people rarely start on a ramp.
+_MAX_MISFIT, _MAX_START_MISFIT = 9.2, 13.8
+# Anything steeper is a ramp (wheelchair ramps begin at 1:20, 50 mrad); and the same for the ground of the start.
+_MAX_SLOPE_RAD, _MAX_START_SLOPE_RAD = 0.035, 0.042
+_MAX_MOUNT_SLOPE_RAD = 0.12  # gentler ground at the start that is no error of the tilt shows a mount that is off
+START_MOUNT_SD_RAD = 0.016
+"""How well it is known that way, the tilt included: walking measures it better within a metre."""
+_MAX_START_SCATTER_RAD = 0.008  # planes of the start that agree less well may include a ramp
+_MAX_TILT_SD_RAD = 0.02  # while the camera's tilt is less certain, a ramp could be mistaken for level ground
 
 
 class LevelGround:
     """Uses level ground in a window, once per stretch of the path.
 
     Args:
-        parameters: Of level ground.
+        ground_sd_rad: How level ground is as built.
         used: Whether it is used at all.
     """
 
-    def __init__(self, parameters: LevelParameters, *, used: bool) -> None:
-        self._p, self._used = parameters, used
+    def __init__(self, ground_sd_rad: float, *, used: bool) -> None:
+        self._ground_sd_rad, self._used = ground_sd_rad, used
         self._p_last: Array | None = None
 
     def restart(self) -> None:
@@ -42,7 +57,7 @@ class LevelGround:
     def due(self, p_imu_in_world: Array) -> bool:
         """Whether an observation from a position (3,), m, would be independent of the last one."""
         last = self._p_last
-        return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= self._p.spacing_m)
+        return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= SPACING_M)
 
     def observe(
         self, window: Window, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
@@ -59,17 +74,18 @@ class LevelGround:
         """
         if not len(measured):
             return
-        covariance = covariance_of(columns(window, slot), L, window.shared + FRAME * (slot + 1))
-        at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < self._p.spacing_m
+        sd_rad = self._ground_sd_rad
+        covariance = covariance_of(columns(slot), L, CALIBRATION + FRAME * (slot + 1))
+        at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < SPACING_M
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
-        level = [slope for slope in slopes if level_weight(slope, covariance, self._p, at_start=at_start)]
+        level = [slope for slope in slopes if level_weight(slope, covariance, sd_rad, at_start=at_start)]
         if not level:
-            of_mount = start_slope(slopes, covariance, self._p) if at_start else None
+            of_mount = start_slope(slopes, covariance) if at_start else None
             if of_mount and mount.widen(window):
-                self._use(window, slot, of_mount, self._p.start_mount_sd_rad**-2)
+                self._use(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
             return
-        common = mean_slope(level, [misfit(slope, covariance, self._p) for slope in level])
-        if weight := level_weight(common, covariance, self._p, at_start=at_start):
+        common = mean_slope(level, [misfit(slope, covariance, sd_rad) for slope in level])
+        if weight := level_weight(common, covariance, sd_rad, at_start=at_start):
             self._use(window, slot, common, weight)
 
     def _use(self, window: Window, slot: int, slope: Slope, weight: float) -> None:
@@ -92,7 +108,7 @@ class Slope(NamedTuple):
 
 
 def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = None) -> Slope:
-    """Slope of a plane seen by the frame in a slot. See docs/dvio.md (13).
+    """Slope of a plane seen by the frame in a slot. See docs/dvio.md (12).
 
     Args:
         window: With the frame.
@@ -113,21 +129,21 @@ def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = 
     return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]), variance=variance)
 
 
-def misfit(slope: Slope, covariance: Array, p: LevelParameters) -> float:
+def misfit(slope: Slope, covariance: Array, ground_sd_rad: float) -> float:
     """Squared Mahalanobis distance of a slope from level.
 
     Args:
         slope: Of the ground.
         covariance: (6, 6) of the errors that it depends on, rad².
-        p: Parameters.
+        ground_sd_rad: How level ground is as built.
     """
-    spread = slope.J @ covariance @ slope.J.T + (p.sd_rad**2 + slope.variance) * np.eye(2)
+    spread = slope.J @ covariance @ slope.J.T + (ground_sd_rad**2 + slope.variance) * np.eye(2)
     return float(slope.r @ np.linalg.solve(spread, slope.r))
 
 
-def is_tilt_known(slope: Slope, covariance: Array, p: LevelParameters) -> bool:
+def is_tilt_known(slope: Slope, covariance: Array) -> bool:
     """Whether the camera's tilt, of a covariance (6, 6), rad², is certain enough to separate level from ramp."""
-    return bool(np.trace(slope.J @ covariance @ slope.J.T) <= 2.0 * p.tilt_sd_max_rad**2)
+    return bool(np.trace(slope.J @ covariance @ slope.J.T) <= 2.0 * _MAX_TILT_SD_RAD**2)
 
 
 def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
@@ -144,25 +160,25 @@ def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
     return Slope(r=r, J=J, variance=scatter + float(weight @ [slope.variance for slope in slopes]))
 
 
-def level_weight(slope: Slope, covariance: Array, p: LevelParameters, *, at_start: bool = False) -> float:
+def level_weight(slope: Slope, covariance: Array, ground_sd_rad: float, *, at_start: bool = False) -> float:
     """Weight of a slope as level ground, 1/rad²; 0 where it may be a ramp.
 
     Args:
         slope: Of the ground.
         covariance: (6, 6) of the errors that it depends on, rad².
-        p: Parameters.
+        ground_sd_rad: How level ground is as built.
         at_start: Whether the ground is that of the start.
     """
-    steepest = p.start_level_max_rad if at_start else p.slope_max_rad
-    if not is_tilt_known(slope, covariance, p) or slope.r @ slope.r > steepest**2:
+    steepest = _MAX_START_SLOPE_RAD if at_start else _MAX_SLOPE_RAD
+    if not is_tilt_known(slope, covariance) or slope.r @ slope.r > steepest**2:
         return 0.0
-    square = misfit(slope, covariance, p)
-    if square > (p.start_gate if at_start else p.gate):
+    square = misfit(slope, covariance, ground_sd_rad)
+    if square > (_MAX_START_MISFIT if at_start else _MAX_MISFIT):
         return 0.0
-    return min(1.0, p.huber_sd / max(square**0.5, 1e-9)) / (p.sd_rad**2 + slope.variance)
+    return min(1.0, _HUBER_SD / max(square**0.5, 1e-9)) / (ground_sd_rad**2 + slope.variance)
 
 
-def start_slope(slopes: Sequence[Slope], covariance: Array, p: LevelParameters) -> Slope | None:
+def start_slope(slopes: Sequence[Slope], covariance: Array) -> Slope | None:
     """Slope of the ground of the start where it is too steep for an error of the tilt: the mount is off.
 
     People rarely start on a ramp. If they do, walking measures the mount anew within a metre, and no tilt is wrong: so
@@ -171,19 +187,18 @@ def start_slope(slopes: Sequence[Slope], covariance: Array, p: LevelParameters) 
     Args:
         slopes: Of all planes.
         covariance: (6, 6) of the errors that they depend on, rad².
-        p: Parameters.
     """
-    near = [slope for slope in slopes if slope.r @ slope.r < p.start_mount_max_rad**2]
-    if not near or not is_tilt_known(near[0], covariance, p):
+    near = [slope for slope in slopes if slope.r @ slope.r < _MAX_MOUNT_SLOPE_RAD**2]
+    if not near or not is_tilt_known(near[0], covariance):
         return None
     common = mean_slope(near, [0.0] * len(near))
     common.J[:, 3:] = 0.0
-    return common if common.variance < p.start_scatter_max_rad**2 else None
+    return common if common.variance < _MAX_START_SCATTER_RAD**2 else None
 
 
-def columns(window: Window, slot: int) -> NDArray[np.int64]:
+def columns(slot: int) -> NDArray[np.int64]:
     """(6,) indices, among all states, of the errors that a slope depends on."""
-    own = window.shared + FRAME * slot + D_ATTITUDE
+    own = CALIBRATION + FRAME * slot + D_ATTITUDE
     return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, own : own + 3]
 
 
@@ -198,9 +213,9 @@ def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
 def add_level(window: Window, slot: int, slope: Slope, weight: float) -> None:
     """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration.
 
-    See docs/dvio.md (13).
+    See docs/dvio.md (12).
     """
-    f, prior, at = window.frames, window.prior, columns(window, slot)
+    f, prior, at = window.frames, window.prior, columns(slot)
     if not f.held[slot]:
         hold(window, slot)
     moved = np.concatenate(

@@ -5,7 +5,7 @@ maximisation). A mount as calibrated thus keeps the accuracy of its calibration,
 The variance of the rotation begins as the calibration has it: if it begins wide, a wrong rotation explains the first
 images of a plain corridor, and the odometry diverges. That of the position begins wide and waits for a measurement,
 because walking measures it slowly. The calibration is never marginalised, so its own prior remains a separate summand
-of the window's prior, which can be exchanged. See docs/dvio.md (14).
+of the window's prior, which can be exchanged. See docs/dvio.md (13).
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
 _POSITION, _ROTATION = 0, 1
+# Hand-chosen on tuning seeds.
+_FREEDOM = 1.0  # degrees of freedom of the t prior; 1: a Cauchy distribution
+_MEASURED_SHARE = 0.25  # of its variance; the position's follows once the mount is known to this share of it
 
 
 class MountPrior:
@@ -25,12 +28,9 @@ class MountPrior:
     Args:
         nominal_sd: (2,) of a mount as calibrated, m and rad; 0: exactly known.
         slipped_sd: (2,) of one that is not; the position begins with it.
-        freedom: Degrees of freedom of the t prior.
-        measured_share: The position's variance follows once the estimated position's is below this share of it.
     """
 
-    def __init__(self, nominal_sd: Array, slipped_sd: Array, freedom: float, measured_share: float) -> None:
-        self._freedom, self._measured_share = freedom, measured_share
+    def __init__(self, nominal_sd: Array, slipped_sd: Array) -> None:
         self._least = nominal_sd**2
         self._most = np.where(nominal_sd > 0, np.maximum(nominal_sd, slipped_sd), 0.0) ** 2
         self._variance = np.array([self._most[0], self._least[1]])
@@ -55,11 +55,11 @@ class MountPrior:
         """Follows the estimated mount, of a covariance (6, 6) in the order of the calibration's errors."""
         for i, own in enumerate(GROUPS):
             before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
-            waits = i == _POSITION and spread > 3.0 * self._measured_share * before
+            waits = i == _POSITION and spread > 3.0 * _MEASURED_SHARE * before
             if before == 0.0 or waits:
                 continue
             off = window.calibration.moved[own] - self._mean[own]
-            estimated = (self._freedom * self._least[i] + off @ off + spread) / (self._freedom + 3.0)
+            estimated = (_FREEDOM * self._least[i] + off @ off + spread) / (_FREEDOM + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 
     def widen(self, window: Window) -> bool:

@@ -10,12 +10,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
+from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
 from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, propagated
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
+
+# Hand-chosen on tuning seeds.
+STATIONARY_S = 0.25
+"""Time without motion after which the sensor is stationary."""
+_MIN_COMPLETE_SHARE = 0.7  # of the samples that must be there to detect that
+_BUFFER_S = 6.0  # longer than a start in motion, or than a gap in vision followed by a late image
+_SATURATED_SHARE = 0.995  # of the range; a larger value is saturated
+_MAX_RATE_RADPS, _MAX_FORCE_MPS2 = 100.0, 1000.0  # larger values are ignored: no head moves so
+_MAX_PERIODS = 1.7  # of the nominal rate between two samples; after a longer time one is missing
+# A person's motion and a consumer IMU have no more; beyond that the odometry has failed.
+_MAX_SPEED_MPS, _MAX_GYRO_BIAS_RADPS, _MAX_ACCEL_BIAS_MPS2 = 15.0, 0.5, 3.0
 
 
 class NavState(NamedTuple):
@@ -89,7 +100,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
 
 
 @njit(error_model="numpy", **INSIDE)
-def plausible(nav: NavState, limits: PlausibleState) -> bool:
+def plausible(nav: NavState) -> bool:
     """Whether a state is physically possible for a person."""
     total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
@@ -100,9 +111,9 @@ def plausible(nav: NavState, limits: PlausibleState) -> bool:
     for i in range(FRAME):
         for j in range(FRAME):
             total += nav.covariance[i, j]
-    if not (math.isfinite(total) and fast < limits.speed_mps**2):
+    if not (math.isfinite(total) and fast < _MAX_SPEED_MPS**2):
         return False
-    return gyro < limits.gyro_bias_radps and accel < limits.accel_bias_mps2
+    return gyro < _MAX_GYRO_BIAS_RADPS and accel < _MAX_ACCEL_BIAS_MPS2
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -136,16 +147,16 @@ class Inertial:
     """
 
     def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
-        self._parameters, p = parameters, parameters.imu
-        self._half = math.ceil(p.buffer_s * calibration.rate_hz) + 1
+        self._max_stationary = parameters.stationary_rate_sd_radps, parameters.stationary_force_sd_mps2
+        self._half = math.ceil(_BUFFER_S * calibration.rate_hz) + 1
         self.t_ns = np.zeros(2 * self._half, np.int64)
         self.samples = np.zeros((2 * self._half, 6))
         self.invalid = np.zeros(2 * self._half, np.uint8)
         self.count = 0
         self.period_s = 1.0 / calibration.rate_hz
         ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
-        self._limit = np.repeat(ranges, 3) * p.saturated_share
-        self._largest = np.repeat([p.rate_max_radps, p.force_max_mps2], 3)
+        self._limit = np.repeat(ranges, 3) * _SATURATED_SHARE
+        self._largest = np.repeat([_MAX_RATE_RADPS, _MAX_FORCE_MPS2], 3)
 
     def take(self, sample: Imu) -> bool:
         """Takes a sample; False where it is ignored."""
@@ -162,7 +173,7 @@ class Inertial:
                 a[:half] = a[half:].copy()
             self.count = half
         i = self.count
-        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > self._parameters.imu.gap_periods * self.period_s
+        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > _MAX_PERIODS * self.period_s
         self.t_ns[i] = sample.t_ns
         self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
         self.invalid[i] = missing or bool((size >= self._limit).any())
@@ -210,12 +221,11 @@ class Inertial:
 
     def stationary(self, until_ns: int) -> bool:
         """Whether the sensor was stationary just before a time, by the scatter of its samples."""
-        p = self._parameters
-        start = until_ns - round(p.stationary_s * 1e9)
+        start = until_ns - round(STATIONARY_S * 1e9)
         if not self.reaches_back(start):
             return False
         x = self.since(start, until_ns)
-        if len(x) < p.imu.complete_share * p.stationary_s / self.period_s:
+        if len(x) < _MIN_COMPLETE_SHARE * STATIONARY_S / self.period_s:
             return False
-        spread = x.std(axis=0)
-        return bool(spread[:3].max() < p.stationary_rate_sd_radps and spread[3:].max() < p.stationary_force_sd_mps2)
+        spread, (max_rate, max_force) = x.std(axis=0), self._max_stationary
+        return bool(spread[:3].max() < max_rate and spread[3:].max() < max_force)

@@ -1,4 +1,4 @@
-"""The window's non-linear least squares (15), and marginalisation of its oldest frame into the prior (6).
+"""The window's least squares, docs/dvio.md (10), and marginalisation of its oldest frame into the prior (11).
 
 Landmarks are eliminated first, then Cholesky; Levenberg–Marquardt.
 """
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.landmarks import CameraEquations, blank_camera_equations
-from stridetwin.estimators.dvio.planes import PlaneWorkspace, blank_plane_workspace, hold_planes
 from stridetwin.estimators.dvio.projection import Views, blank_views
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     FRAME,
-    PLANE,
     FactorParameters,
     ImuNoise,
     ImuSamples,
@@ -40,7 +38,6 @@ class Work(NamedTuple):
         errors: (N,) deviation of the states from their first estimates.
         camera: Camera factors.
         views: Of the frames.
-        plane: For an observation of a plane.
         saved: Copies of the arrays of `_moving`, before a step.
     """
 
@@ -51,17 +48,16 @@ class Work(NamedTuple):
     errors: Array
     camera: CameraEquations
     views: Views
-    plane: PlaneWorkspace
     saved: list[Array]
 
 
 def blank_work(window: Window) -> Work:
     """Buffers for a window."""
-    frames, landmarks, planes = len(window.frames.t_ns), len(window.landmarks.host), len(window.planes.used)
-    n = CALIBRATION + PLANE * planes + FRAME * frames
+    frames, landmarks = len(window.frames.t_ns), len(window.landmarks.host)
+    n = CALIBRATION + FRAME * frames
     return Work(
         H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n), errors=np.zeros(n),
-        camera=blank_camera_equations(frames, landmarks), views=blank_views(frames), plane=blank_plane_workspace(),
+        camera=blank_camera_equations(frames, landmarks), views=blank_views(frames),
         saved=[a.copy() for a in _moving(window)],
     )  # fmt: skip
 
@@ -77,10 +73,9 @@ def preintegrate(
 
 def _moving(window: Window) -> tuple[Array, ...]:
     """What a step changes."""
-    f, c, planes = window.frames, window.calibration, window.planes
+    f, c = window.frames, window.calibration
     return (
         f.R, f.p, f.v, f.bias, f.moved, c.R, c.p, c.offset, c.scale, c.focal, c.moved, window.landmarks.inverse_depth,
-        planes.normal, planes.distance, planes.moved,
     )  # fmt: skip
 
 
@@ -94,8 +89,6 @@ def _linearise(
     """
     kernel.view(window.frames, window.calibration, factors.first_estimates, work.views)
     cost = kernel.add_inertial(window, factors, frames, work.errors, work.H, work.b)
-    if len(window.planes.used):
-        cost += kernel.add_planes(window, factors, work.plane, frames, work.H, work.b)
     cost += kernel.add_camera_factors(
         window, factors, work.views, work.camera, frames, last, host_depth, work.H, work.b
     )
@@ -108,7 +101,7 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
     Stops if a step lowers the cost by less than the share `enough`. The factor in `work` is that of the last equations.
     """
     n = int(window.frames.count[0])
-    size, moving = window.shared + FRAME * n, _moving(window)
+    size, moving = CALIBRATION + FRAME * n, _moving(window)
     damping, cost = _FIRST_DAMPING, _linearise(window, factors, work, n, n - 1, factors.host_depth)
     for i in range(steps):
         if not kernel.solve(work.H, work.b, size, damping, work.factor, work.step):
@@ -116,7 +109,7 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
             continue
         for saved, a in zip(work.saved, moving):
             saved[:] = a
-        kernel.move(window.frames, window.landmarks, window.planes, window.calibration, work.camera, work.step)
+        kernel.move(window.frames, window.landmarks, window.calibration, work.camera, work.step)
         if i == steps - 1:
             break
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
@@ -152,16 +145,15 @@ def marginalize_oldest(window: Window, factors: FactorParameters, work: Work, al
     Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
     The window holds three frames or more.
     """
-    f, shared, H = window.frames, window.shared, work.H
+    f, H = window.frames, work.H
     newest = int(f.count[0]) - 1
-    size = shared + FRAME * (newest + 1)
+    size = CALIBRATION + FRAME * (newest + 1)
     _linearise(window, factors, work, 1, newest - 1, factors.host_depth and factors.host_depth_in_prior)
-    kernel.marginalize(H, work.b, work.errors, shared, size, window.prior.H, window.prior.b)
+    kernel.marginalize(H, work.b, work.errors, size, window.prior.H, window.prior.b)
     for k in range(1, newest):
-        o = shared + FRAME * k
+        o = CALIBRATION + FRAME * k
         if not f.held[k] and H[o, o] > 0.0:
             hold(window, k)
-    hold_planes(window.planes, H)
     views = work.views
     kernel.rehost(
         window.landmarks, window.calibration, views.rotation[0, newest], views.translation[0, newest], alive, newest
@@ -174,11 +166,9 @@ def drop_oldest(window: Window) -> None:
     n = int(frames.count[0])
     for a in (*frames[1:], *window.preintegrations):
         a[: n - 1] = a[1:n]
-    planes = window.planes
-    for a in (marks.seen, marks.at, marks.rho, planes.seen, planes.measured, planes.weight):
+    for a in (marks.seen, marks.at, marks.rho):
         a[:, : n - 1] = a[:, 1:n]
     marks.seen[:, n - 1] = 0
-    planes.seen[:, n - 1] = 0
     marks.host[marks.host > 0] -= 1
     frames.held[n - 1] = 0
     frames.count[0] = n - 1

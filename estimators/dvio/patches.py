@@ -18,68 +18,31 @@ from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.matrices import clear, clear_block, copy_matrix, inverse
 from stridetwin.streams.samples import Array
 
-
-class CornerParameters(NamedTuple):
-    """New points.
-
-    Attributes:
-        columns: Of the grid over which they are spread.
-        rows: Of the grid.
-        apart_px: Least distance of new points from others.
-        margin_px: No new point lies closer to the image's border; at least 5.
-        cornerness_min: Grey levels² a pixel².
-        roundness_min: Least ratio of the lesser to the greater eigenvalue: along a straight edge a point can slide, or
-            sticks to the jaggies of the image.
-        reach_px: Half of the window for cornerness.
-    """
-
-    columns: int = 10
-    rows: int = 8
-    apart_px: float = 16.0
-    margin_px: int = 10
-    cornerness_min: float = 6.0
-    roundness_min: float = 0.2
-    reach_px: int = 3
+# Hand-chosen on tuning seeds.
+BORDER_PX = 10
+"""No new point lies closer to the image's border; at least 5."""
+CORNER_REACH_PX = 3
+"""Half of the window for cornerness."""
+_MAX_STEPS = 8  # of an alignment
+_MIN_GAIN = 0.2  # contrast, as a share of the patch's
+_MAX_STRETCH = 10.0  # a patch whose area changes by more than this factor is not aligned
+_MAX_EDGE_PER_M = 0.04  # difference of inverse depths about a point; a larger one is an edge
+_DEPTH_REACH_PX = 2  # half of the window of a depth
+_SLOPE_REACH_PX, _SLOPE_STEP_PX = 8, 2  # half of the window of a slope, and between its samples
 
 
-class AlignmentParameters(NamedTuple):
+class AlignmentLimits(NamedTuple):
     """Alignment of a point with its host's patch, in pixels of the resolution at which it takes place.
 
     Attributes:
-        reach_px: Largest move.
-        correlation_min: Least correlation with the patch.
+        max_move_px: From the first guess.
+        min_correlation: With the patch.
         settled_px: Smaller steps end the iteration.
-        steps: Largest number of steps.
-        gain_min: Least contrast, as a share of the patch's.
-        stretch_max: A patch whose area changes by more than this factor is not aligned.
     """
 
-    reach_px: float = 2.0
-    correlation_min: float = 0.8
-    settled_px: float = 0.01
-    steps: int = 8
-    gain_min: float = 0.2
-    stretch_max: float = 10.0
-
-
-class DepthParameters(NamedTuple):
-    """Measured depths at points.
-
-    Attributes:
-        min_m: Nearest depth used, m.
-        max_m: Farthest depth used, m.
-        edge_per_m: Difference of inverse depths about a point that counts as an edge, 1/m.
-        reach_px: Half of the window of a depth.
-        slope_reach_px: Half of the window of a slope.
-        slope_step_px: Between its samples.
-    """
-
-    min_m: float = 0.3
-    max_m: float = 6.5
-    edge_per_m: float = 0.04
-    reach_px: int = 2
-    slope_reach_px: int = 8
-    slope_step_px: int = 2
+    max_move_px: float
+    min_correlation: float
+    settled_px: float
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -99,15 +62,21 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[flo
 
 
 @njit(error_model="numpy", **INSIDE)
-def cornerness_at(grey: NDArray[np.uint8], candidates: NDArray[np.float32], p: CornerParameters, score: Array) -> None:
-    """`cornerness` of candidates (N, 2) px into `score` (N,); -1 where it is too low or too close to the border."""
+def cornerness_at(
+    grey: NDArray[np.uint8], candidates: NDArray[np.float32], min_cornerness: float, min_roundness: float, score: Array
+) -> None:
+    """Scores candidates (N, 2) px by the lesser eigenvalue of `cornerness`, (levels/px)², into `score` (N,).
+
+    -1 where it is less than `min_cornerness`, or than the share `min_roundness` of the greater eigenvalue (along a
+    straight edge a point can slide, or sticks to the jaggies of the image), or where the border is too close.
+    """
     height, width = grey.shape
     for i in range(candidates.shape[0]):
         score[i] = -1.0
         x, y = int(candidates[i, 0]), int(candidates[i, 1])
-        if p.margin_px <= x < width - p.margin_px and p.margin_px <= y < height - p.margin_px:
-            least, most = cornerness(grey, x, y, p.reach_px)
-            if least >= p.cornerness_min and least >= p.roundness_min * most:
+        if BORDER_PX <= x < width - BORDER_PX and BORDER_PX <= y < height - BORDER_PX:
+            least, most = cornerness(grey, x, y, CORNER_REACH_PX)
+            if least >= min_cornerness and least >= min_roundness * most:
                 score[i] = least
 
 
@@ -123,15 +92,16 @@ def _near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px:
 @njit(error_model="numpy", **INSIDE)
 def pick(
     shape: tuple[int, int], candidates: NDArray[np.float32], order: NDArray[np.int64], taken: NDArray[np.float32],
-    p: CornerParameters, filled: NDArray[np.int64], out: NDArray[np.float32],
+    min_distance_px: float, filled: NDArray[np.int64], out: NDArray[np.float32],
 ) -> int:  # fmt: skip
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
-    All points are (N, 2) px of an image (H, W); `order` are the candidates from the best, `taken` exist already, and
-    `filled` (rows, columns) is a buffer. Fills `out` (wanted, 2) as far as there are points; returns their number.
+    All points are (N, 2) px of an image (H, W); `order` are the candidates from the best, and `taken` exist already.
+    `filled` (rows, columns) is a buffer, with one entry per cell. A picked point has a distance of `min_distance_px` or
+    more from all others. Fills `out` (wanted, 2) as far as there are points; returns their number.
     """
     height, width = shape
-    columns, rows = p.columns, p.rows
+    rows, columns = filled.shape
     for r in range(rows):
         for c in range(columns):
             filled[r, c] = 0
@@ -149,7 +119,7 @@ def pick(
             c, r = int(x * columns / width), int(y * rows / height)
             if filled[r, c] > most:
                 continue
-            if _near(taken, taken.shape[0], x, y, p.apart_px) or _near(out, count, x, y, p.apart_px):
+            if _near(taken, taken.shape[0], x, y, min_distance_px) or _near(out, count, x, y, min_distance_px):
                 continue
             out[count, 0], out[count, 1] = x, y
             filled[r, c] += 1
@@ -169,10 +139,15 @@ def _sort(values: Array, n: int) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def read_depth(depth: NDArray[np.float32], points: NDArray[np.float32], p: DepthParameters, rho: Array) -> None:
-    """Median inverse depths about points (N, 2) px of a depth image (H, W) m, into `rho` (N,) 1/m; 0 at edges."""
+def read_depth(
+    depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, rho: Array
+) -> None:
+    """Median inverse depths about points (N, 2) px of a depth image (H, W) m, into `rho` (N,) 1/m.
+
+    0 at edges, and where too few depths about a point lie between `min_depth_m` and `max_depth_m`.
+    """
     height, width = depth.shape
-    reach = p.reach_px
+    reach = _DEPTH_REACH_PX
     values = np.empty((2 * reach + 1) ** 2)
     for i in range(len(points)):
         rho[i] = 0.0
@@ -185,13 +160,13 @@ def read_depth(depth: NDArray[np.float32], points: NDArray[np.float32], p: Depth
         for r in range(y - reach, y + reach + 1):
             for c in range(x - reach, x + reach + 1):
                 z = float(depth[r, c])
-                if p.min_m <= z <= p.max_m:
+                if min_depth_m <= z <= max_depth_m:
                     values[n] = 1.0 / z
                     n += 1
         if n < len(values) - 2:
             continue
         _sort(values, n)
-        if values[n - 1] - values[0] <= p.edge_per_m:
+        if values[n - 1] - values[0] <= _MAX_EDGE_PER_M:
             rho[i] = values[n // 2]
 
 
@@ -304,7 +279,7 @@ def _compare(
 
 @njit(error_model="numpy", **INSIDE)
 def align(
-    grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, p: AlignmentParameters,
+    grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, limits: AlignmentLimits,
     points: NDArray[np.float32], good: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Aligns points with their patches.
@@ -314,7 +289,7 @@ def align(
         patches: As stored by `cut`.
         ids: (N,) slot of each.
         warps: (N, 2, 2) from the patch's pixels to the image's.
-        p: Of the alignment.
+        limits: Of the alignment.
         points: (N, 2) px, changed.
         good: (N,) changed: False where alignment fails; points that are False on entry are skipped.
     """
@@ -325,14 +300,14 @@ def align(
         good[l] = False
         M, inverse, power = warps[l], patches.inverse[ids[l]], patches.power[ids[l]]
         stretch = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
-        if not 1.0 / p.stretch_max < stretch < p.stretch_max or inverse[2, 2] == 0.0:
+        if not 1.0 / _MAX_STRETCH < stretch < _MAX_STRETCH or inverse[2, 2] == 0.0:
             continue
         reach_x = REACH * (abs(M[0, 0]) + abs(M[0, 1])) + 2
         reach_y = REACH * (abs(M[1, 0]) + abs(M[1, 1])) + 2
         x, y = float(points[l, 0]), float(points[l, 1])
         x0, y0 = x, y
         correlation = 0.0
-        for _ in range(p.steps):
+        for _ in range(_MAX_STEPS):
             if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
                 correlation = 0.0
                 break
@@ -342,32 +317,34 @@ def align(
             d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
             d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2
             gain = inverse[2, 0] * g0 + inverse[2, 1] * g1 + inverse[2, 2] * g2
-            if gain < p.gain_min:
+            if gain < _MIN_GAIN:
                 correlation = 0.0
                 break
             d0, d1 = d0 / gain, d1 / gain
             mx, my = M[0, 0] * d0 + M[0, 1] * d1, M[1, 0] * d0 + M[1, 1] * d1
             x, y = x - mx, y - my
-            if math.hypot(x - x0, y - y0) > p.reach_px:
+            if math.hypot(x - x0, y - y0) > limits.max_move_px:
                 correlation = 0.0
                 break
-            if math.hypot(mx, my) < p.settled_px:
+            if math.hypot(mx, my) < limits.settled_px:
                 break
-        if correlation >= p.correlation_min:
+        if correlation >= limits.min_correlation:
             points[l, 0], points[l, 1] = x, y
             good[l] = True
 
 
 @njit(error_model="numpy", **INSIDE)
 def read_slope(
-    depth: NDArray[np.float32], points: NDArray[np.float32], p: DepthParameters, roughness: float, slope: Array
-) -> None:
+    depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, roughness: float,
+    slope: Array,
+) -> None:  # fmt: skip
     """Gradients of the inverse depth (linear in the image of a plane) about points (N, 2) px of a depth image (H, W) m.
 
-    Writes them to `slope` (N, 2), 1/m per pixel; 0 where the mean scatter about a plane exceeds `roughness`, 1/m.
+    Writes them to `slope` (N, 2), 1/m per pixel; 0 where the mean scatter about a plane exceeds `roughness`, 1/m, or
+    where a depth does not lie between `min_depth_m` and `max_depth_m`.
     """
     height, width = depth.shape
-    r, step = p.slope_reach_px, p.slope_step_px
+    r, step = _SLOPE_REACH_PX, _SLOPE_STEP_PX
     for l in range(len(points)):
         slope[l, 0] = 0.0
         slope[l, 1] = 0.0
@@ -378,7 +355,7 @@ def read_slope(
         for i in range(-r, r + 1, step):
             for j in range(-r, r + 1, step):
                 z = float(depth[y + i, x + j])
-                if p.min_m <= z <= p.max_m:
+                if min_depth_m <= z <= max_depth_m:
                     v = 1.0 / z
                     n += 1
                     total += v

@@ -9,16 +9,25 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.state import PlaneParameters
 from stridetwin.streams.samples import Array
 
+# Hand-chosen on twin walks of tuning seeds.
+_MAX_DEPTH_M = 5.0  # below the sensor's range, near whose end measured depths are too small
+_STEP_PX = 4  # between samples: a stereo camera's noise is correlated within its matching window
+_SIDE = 10  # of a cell, samples
+_MIN_MEASURED_SHARE = 0.9  # of a cell's samples
+_MAX_ROUGHNESS_SD = 1.6  # scatter of a cell's samples about its plane, standard deviations
+_CELL_GATE = 14.0  # squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it
+_MIN_CELLS = 8  # of a plane
+PLANE_ERROR = 3e-3
+"""Of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative."""
 _SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatter about its plane
 
 
-def sample_pixels(shape: tuple[int, int], p: PlaneParameters) -> NDArray[np.float32]:
+def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
     """(R, C, 2) px of the samples of an image (H, W): whole cells of them."""
-    rows, columns = (n // (p.step_px * p.side) * p.side for n in shape)
-    v, u = np.mgrid[:rows, :columns] * p.step_px + p.step_px // 2
+    rows, columns = (n // (_STEP_PX * _SIDE) * _SIDE for n in shape)
+    v, u = np.mgrid[:rows, :columns] * _STEP_PX + _STEP_PX // 2
     return np.stack([u, v], axis=-1).astype(np.float32)
 
 
@@ -47,19 +56,17 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _sums(
-    depth: NDArray[np.float32], rays: Array, p: PlaneParameters, depth_min_m: float, sd: float, cells: Array
-) -> None:
+def _sums(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
     """Sums of each cell, (R, C, 11); the sixth, the number of samples, is 0 if the cell is not full or is rough."""
-    inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), p.side, p.step_px // 2
+    inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
             s = cells[r, c]
             s[:] = 0.0
             for i in range(r * side, (r + 1) * side):
                 for j in range(c * side, (c + 1) * side):
-                    z = float(depth[p.step_px * i + middle, p.step_px * j + middle])
-                    if not depth_min_m <= z <= p.depth_max_m:
+                    z = float(depth[_STEP_PX * i + middle, _STEP_PX * j + middle])
+                    if not min_depth_m <= z <= _MAX_DEPTH_M:
                         continue
                     x, y, xi = rays[i, j, 0], rays[i, j, 1], 1.0 / z
                     s[0] += x * x
@@ -72,11 +79,11 @@ def _sums(
                     s[7] += y * xi
                     s[8] += xi
                     s[9] += xi * xi
-            if s[5] < p.measured_share * side * side or not _solve(s, inverse, plane):
+            if s[5] < _MIN_MEASURED_SHARE * side * side or not _solve(s, inverse, plane):
                 s[5] = 0.0
                 continue
             s[10] = max(s[9] - plane[0] * s[6] - plane[1] * s[7] - plane[2] * s[8], 0.0)
-            if s[10] > (p.roughness_sd * sd) ** 2 * s[5]:
+            if s[10] > (_MAX_ROUGHNESS_SD * sd) ** 2 * s[5]:
                 s[5] = 0.0
 
 
@@ -105,9 +112,7 @@ def _apart(s: Array, region: Array, variance: float, plane: Array, buffers: Arra
 
 
 @njit(error_model="numpy", **INSIDE)
-def _grow(
-    cells: Array, group: NDArray[np.int64], name: int, p: PlaneParameters, variance: float, total: Array, plane: Array
-) -> int:
+def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
     """Grows a region by neighbours on its plane, then by all other cells on it; returns its number of cells.
 
     `group` (R, C) is 0 where a cell is free, `name` where it belongs to the region, whose sums are `total` (11,).
@@ -130,7 +135,7 @@ def _grow(
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _apart(cells[r, c], inverse, variance, plane, buffers) < p.cell_gate:
+                if beside and _apart(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
                     group[r, c] = name
                     total += cells[r, c]
                     _solve(total, inverse, plane)
@@ -140,7 +145,7 @@ def _grow(
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
-            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, buffers) > p.cell_gate:
+            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, buffers) > _CELL_GATE:
                 group[r, c] = -1
                 total -= cells[r, c]
                 count -= 1
@@ -149,16 +154,14 @@ def _grow(
 
 @njit(error_model="numpy", **INSIDE)
 def read_planes(
-    depth: NDArray[np.float32], rays: Array, p: PlaneParameters, depth_min_m: float, sd: float, planes: Array,
-    weights: Array,
-) -> int:  # fmt: skip
+    depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, planes: Array, weights: Array
+) -> int:
     """The largest planes of a depth image; 0.4 ms.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
         rays: (R, C, 2) of `sample_pixels` on the plane at depth 1.
-        p: Of planes.
-        depth_min_m: Nearest depth that counts.
+        min_depth_m: Nearest depth that counts.
         sd: Of an inverse depth, 1/m.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
         weights: (P, 3, 3) out: inverse of its covariance.
@@ -166,9 +169,9 @@ def read_planes(
     Returns:
         Number of planes.
     """
-    rows, columns = rays.shape[0] // p.side, rays.shape[1] // p.side
+    rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
-    _sums(depth, rays, p, depth_min_m, sd, cells)
+    _sums(depth, rays, min_depth_m, sd, cells)
     score = np.empty(rows * columns)
     for i in range(len(score)):
         s = cells[i // columns, i % columns]
@@ -184,8 +187,8 @@ def read_planes(
         name += 1
         group[r, c] = name
         total[:] = cells[r, c]
-        n = _grow(cells, group, name, p, sd * sd, total, plane)
-        if n < p.cells_min or not _solve(total, inverse, plane):
+        n = _grow(cells, group, name, sd * sd, total, plane)
+        if n < _MIN_CELLS or not _solve(total, inverse, plane):
             continue
         # insertion sort by size
         at = min(count, len(planes))
@@ -196,7 +199,7 @@ def read_planes(
         count = min(count + 1, len(planes))
         for k in range(count - 1, at, -1):
             size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
-        off = (p.error * p.error) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
+        off = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
         size[at], planes[at] = n, plane
         covariance = sd * sd * inverse
         for k in range(3):

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.feet import LegMeasurement
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
-from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, Inertial, NavState, blank_nav_state
+from stridetwin.estimators.dvio.noise_model import bias_sd, calibration_prior, factor_parameters, imu_noise
 from stridetwin.estimators.dvio.optimiser import (
     blank_work,
     drop_oldest,
@@ -21,15 +21,12 @@ from stridetwin.estimators.dvio.optimiser import (
 )
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
-from stridetwin.estimators.dvio.planes import free_slot
 from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
-    D_SCALE,
-    D_VELOCITY,
     FRAME,
+    LANDMARK_SLOTS,
     NO_HOST,
-    PLANES,
     Window,
     blank_preintegration,
     blank_window,
@@ -39,7 +36,27 @@ from stridetwin.estimators.dvio.tracker import CameraFrame, Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
 
+# Hand-chosen on tuning seeds.
+STATIONARY_SPEED_SD_MPS = 0.01
+"""Speed of a stationary sensor."""
+_KEYFRAME_STEPS = 3  # of the optimisation
+_COST_TOLERANCE = 1e-3  # relative decrease of the cost at which it stops
+# A frame is a keyframe if points have moved by more than this on average, if fewer than this share of the last
+# keyframe's points are still tracked, or after this time.
+_KEYFRAME_PARALLAX_PX, _MIN_TRACKED_SHARE, _MAX_KEYFRAME_S = 18.0, 0.6, 0.4
+_MAX_DEPTH_ERROR_SD = 5.0  # a point is dropped if its measured depth is farther from the prediction
+_UNMEASURED_GATE_PX = 10.0  # added to the gate, with its motion, for a point whose depth is not measured
+_MIN_PREDICTED_SHARE = 0.5  # if fewer points are where they were predicted, all are searched for
+_MAX_PNP_ERROR_PX = 3.0  # of an inlier of the pose that decides where most points are mispredicted
+_MIN_POINTS = 8  # with fewer only the IMU is used
+_MIN_OBSERVATIONS = 10  # a frame with fewer counts as dead reckoning
+_UNKNOWN_INVERSE_DEPTH_PER_M = 0.15  # of a new landmark without measured depth: 6.7 m, typical of a room
+_MEASURED_SD = 8.0  # from this many standard deviations of inverse depth on, parallax counts as a measurement
+# Motion of points up to which the camera may be stationary: per frame, and over `STATIONARY_S` or more (at 2 m and
+# 390 px focal length, 10 mm/s).
+_MAX_STATIONARY_PX, _MAX_STATIONARY_DRIFT_PX = 0.25, 0.5
 _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
+_PLANES = 6  # largest number of planes read from a depth image
 
 
 class Core:
@@ -55,46 +72,37 @@ class Core:
     def __init__(
         self, camera: CameraCalibration, imu: ImuCalibration, T_imu_camera: Array, parameters: DvioParameters
     ) -> None:
-        self.parameters, self.noise = parameters, parameters.noise(imu)
-        self.inflation = ImuInflation(self.noise, parameters.inflation)
-        turn_on = [
-            max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd_radps),
-            max(imu.accelerometer_bias_sd, parameters.accel_bias_sd_mps2),
-        ]
-        self.bias_sd = np.repeat(turn_on, 3)
+        self.parameters, self.noise = parameters, imu_noise(parameters, imu)
+        self.inflation = ImuInflation(self.noise)
+        self.bias_sd, self.calibration_prior = bias_sd(parameters, imu), calibration_prior(parameters)
         self.inertial = Inertial(imu, parameters)
         self.lens = Lens(camera)
         self._shutter = RollingShutter(camera, self.lens)
-        self.factors = parameters.factors(self.lens.focal_px, self.noise)
-        slots = parameters.landmark_slots
-        self.tracker = Tracker(self.lens.shape, parameters)
+        self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
+        self.tracker = Tracker(self.lens.shape)
         self._frames = parameters.keyframes + 2
-        planes = PLANES if parameters.planes and parameters.uses_depth else 0
-        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s, planes)
+        self.window: Window = blank_window(self._frames, LANDMARK_SLOTS, T_imu_camera, camera.timeshift_cam_imu_s)
         self._work = blank_work(self.window)
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
         self._previous: NavState = blank_nav_state()
         self._preintegration = blank_preintegration()
-        self._alive = np.zeros(slots, np.uint8)
-        self._pixels = np.zeros((slots, 2), np.float32)
-        at = sample_pixels(self.lens.shape, parameters.plane)
+        self._alive = np.zeros(LANDMARK_SLOTS, np.uint8)
+        self._pixels = np.zeros((LANDMARK_SLOTS, 2), np.float32)
+        self._depth_range_m = float(parameters.min_depth_m), float(parameters.max_depth_m)
+        at = sample_pixels(self.lens.shape)
         self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
-        self._measured_planes = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3)), np.zeros(PLANES, np.int64)
+        self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
         self._newest_is_key = False
-        self._mount = MountPrior(
-            np.array([parameters.extrinsic_position_sd_m, parameters.extrinsic_rotation_sd_rad]),
-            np.array([parameters.slipped_position_sd_m, parameters.slipped_rotation_sd_rad]),
-            parameters.mount_freedom,
-            parameters.mount_measured_share,
-        )
-        self._level = LevelGround(parameters.level, used=parameters.level_ground and parameters.uses_depth)
+        self._mount = MountPrior(self.calibration_prior.mount_sd, self.calibration_prior.slipped_sd)
+        method = parameters.method
+        self._level = LevelGround(parameters.level_ground_sd_rad, used=method.level_ground and method.uses_depth)
         self.seen = 0
 
     @property
     def tracking(self) -> bool:
         """Whether the newest frame has enough observations."""
-        return self.seen >= self.parameters.observations_min
+        return self.seen >= _MIN_OBSERVATIONS
 
     def imu_time(self, t_ns: int) -> int:
         """A camera stamp on the IMU's clock, by the estimated offset."""
@@ -102,23 +110,20 @@ class Core:
 
     def start(self, frame: CameraFrame, covariance: Array) -> None:
         """Begins a window with an image, at the state `nav` of a covariance (15, 15)."""
-        w, p = self.window, self.parameters
+        w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
         self._alive[:] = 0
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
-        w.planes.used[:], w.planes.held[:], w.planes.seen[:] = 0, 0, 0
         f.held[:], f.count[0] = 0, 1
         self._place(0, frame.t_ns, self.nav)
         hold(w, 0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
-        others = [p.time_offset_sd_s, p.depth_scale_sd, p.focal_sd, p.focal_sd]
-        sd = np.concatenate([self._mount.start(c.moved[:6]), others])
-        if not p.uses_depth:
-            sd[D_SCALE] = 0.0
+        sensor_sd = [prior.offset_sd_s, prior.depth_scale_sd, prior.focal_sd, prior.focal_sd]
+        sd = np.concatenate([self._mount.start(c.moved[:6]), sensor_sd])
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _FIXED_SD) ** -2
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
-        own = slice(w.shared, w.shared + FRAME)
+        own = slice(CALIBRATION, CALIBRATION + FRAME)
         w.prior.H[own, own] = np.linalg.inv(covariance)
         self._level.restart()
         self.inflation.restart()
@@ -141,10 +146,10 @@ class Core:
         P[range(9, 15), range(9, 15)] = self.bias_sd**2
         return P
 
-    def take(self, frame: CameraFrame, stationary: bool, legs: LegMeasurement | None = None) -> None:
+    def take(self, frame: CameraFrame, stationary: bool) -> None:
         """Takes the next image; the IMU samples up to its time are already here.
 
-        `stationary` is by the IMU; `legs` are used when the camera observes little.
+        `stationary` says whether the IMU measures no motion.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1
@@ -152,23 +157,19 @@ class Core:
         t_ns = self.imu_time(frame.t_ns)
         predicted = self._predicted(before, t_ns)
         moved = self._follow(frame, predicted, before, slot)
-        few = self._alive.sum() < p.observations_min
-        still = moved < p.stationary_px and self._drift(slot, frame.t_ns) < p.stationary_drift_px
-        stationary &= still or (few and legs is not None and legs.resting)
+        stationary &= moved < _MAX_STATIONARY_PX and self._drift(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
         f.count[0] = slot + 1
         self._place(slot, frame.t_ns, predicted)
         f.held[slot] = 0
-        f.zero_velocity_sd[slot] = p.stationary_speed_sd_mps if stationary and p.zero_velocity_updates else np.inf
-        if p.feet:
-            self._set_leg_velocity(slot, legs.v_in_world if few and legs is not None else None)
+        f.zero_velocity_sd[slot] = STATIONARY_SPEED_SD_MPS if stationary and p.method.zero_velocity_updates else np.inf
         preintegrate(
             w.preintegrations, slot - 1, self.inertial.kept, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
             self.noise,
         )  # fmt: skip
         key = self._is_key(slot)
-        minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
+        minimise(w, self.factors, self._work, _KEYFRAME_STEPS if key else p.method.steps, _COST_TOLERANCE)
         self._measure()
-        o = w.shared + FRAME * slot
+        o = CALIBRATION + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(np.tril(L))
         self.nav.covariance[:] = inverse.T @ inverse
@@ -176,9 +177,9 @@ class Core:
         if key:
             self._find(frame, slot)
             if self._mount.adapts:
-                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, w.shared + FRAME * (slot + 1)))
-            self._observe_ground(frame, slot)
-            if p.imu_noise_from_images:
+                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, CALIBRATION + FRAME * (slot + 1)))
+            self._observe_level_ground(frame, slot)
+            if p.method.imu_noise_from_images:
                 self.inflation.follow(w, self.factors, self._work.factor)
                 self.noise = self.inflation.noise
             if slot >= p.keyframes:
@@ -221,7 +222,7 @@ class Core:
     @property
     def plausible(self) -> bool:
         """Whether the newest state is physically possible for a person."""
-        return bool(kernel.plausible(self.nav, self.parameters.plausible))
+        return bool(kernel.plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
         if until_ns > state.t_ns[0]:
@@ -242,21 +243,6 @@ class Core:
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.zero_velocity_sd[slot] = np.inf
 
-    def _set_leg_velocity(self, slot: int, v: Array | None) -> None:
-        """Sets the measured velocity (3,) of the newest frame, m/s, or none, as a prior of that frame."""
-        f, prior, first = self.window.frames, self.window.prior, self.window.shared + FRAME * slot
-        own = slice(first, first + FRAME)
-        # The slot may have held another frame before.
-        prior.H[own], prior.H[:, own], prior.b[own] = 0.0, 0.0, 0.0
-        if v is None:
-            return
-        hold(self.window, slot)
-        weight = self.parameters.legs.speed_sd_mps**-2
-        for i in range(3):
-            at = own.start + D_VELOCITY + i
-            prior.H[at, at] = weight
-            prior.b[at] = weight * (v[i] - f.v[slot, i])
-
     def _predicted(self, before: int, t_ns: int) -> NavState:
         f = self.window.frames
         state = blank_nav_state()
@@ -274,7 +260,6 @@ class Core:
             w.frames, marks, w.calibration, predicted.R, predicted.p, before, expected, start, warp, known
         )
         marks.seen[:, slot] = 0
-        w.planes.seen[:, slot] = 0
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
         self._alive[:] = 0
         was = self._pixels[ids]
@@ -282,9 +267,9 @@ class Core:
         predicted_px, warps = was + motion, warp[ids]
         self.tracker.take(frame.grey)
         there, good = predicted_px, np.zeros(len(ids), bool)
-        if p.anchored:
+        if p.method.anchored:
             there, good = self.tracker.align(ids, predicted_px, warps)
-        elsewhere = good.sum() < p.predicted_share * len(ids)
+        elsewhere = good.sum() < _MIN_PREDICTED_SHARE * len(ids)
         if elsewhere:
             there, good = self.tracker.follow(was, predicted_px)
         # Reject moving points: they are not where the wearer's motion and the point's depth predict them.
@@ -296,20 +281,20 @@ class Core:
         gate = (
             p.gate_px
             + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2]
-            + unsure * (p.unmeasured_gate_px + moved)
+            + unsure * (_UNMEASURED_GATE_PX + moved)
         )
         fits = off < gate
-        if good.sum() >= p.points_min and (good & fits).sum() < p.predicted_share * good.sum():
+        if good.sum() >= _MIN_POINTS and (good & fits).sum() < _MIN_PREDICTED_SHARE * good.sum():
             fits = self._agree(ids, there, good)
         good &= fits
-        if p.anchored and elsewhere:
+        if p.method.anchored and elsewhere:
             there, good = self.tracker.settle(ids, there, warps, good)
         ids, there, was = ids[good], there[good], was[good]
         rate = self.inertial.rate_at(int(predicted.t_ns[0])) - predicted.bias[:3]
         then = self._shutter.at_image_time(there, expected[ids, 2], w.calibration, predicted.R, predicted.v, rate)
         rho = self.depth(frame, then)
         # Reject points at another depth, or occluded by something in front.
-        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - rho) > p.apart_sd * p.inverse_depth_sd_per_m
+        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
         here = ~(apart & (rho > 0) & (marks.measured[ids] > 0))
         ids, there, was, rho, at = ids[here], there[here], was[here], rho[here], self.lens.normalised(then[here])
         self._alive[ids] = 1
@@ -317,21 +302,19 @@ class Core:
         marks.seen[ids, slot] = 1
         marks.at[ids, slot] = at
         marks.rho[ids, slot] = rho
-        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
+        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= _MIN_POINTS else np.inf
 
     def _drift(self, slot: int, t_ns: int) -> float:
-        """Median motion of points since the newest frame `stationary_s` older, px: a slow shift; 0 if it is unknown."""
-        f, marks, p = self.window.frames, self.window.landmarks, self.parameters
-        since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(p.stationary_s * 1e9), "right")) - 1
+        """Median motion of points since the newest frame `STATIONARY_S` older, px: a slow shift; 0 if it is unknown."""
+        f, marks = self.window.frames, self.window.landmarks
+        since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(STATIONARY_S * 1e9), "right")) - 1
         both = (marks.seen[:, [since, slot]] > 0).all(axis=1)
         motion = self.lens.focal_px * np.linalg.norm(marks.at[both, slot] - marks.at[both, since], axis=1)
-        return float(np.median(motion)) if since >= 0 and len(motion) >= p.points_min else 0.0
+        return float(np.median(motion)) if since >= 0 and len(motion) >= _MIN_POINTS else 0.0
 
     def _cull(self) -> int:
         """Removes outliers; returns the number of remaining observations of the newest frame."""
         w, factors, work = self.window, self.factors, self._work
-        if len(w.planes.used):
-            kernel.cull_planes(w.frames, w.calibration, w.planes, factors, work.plane)
         kernel.view(w.frames, w.calibration, factors.first_estimates, work.views)
         return int(
             kernel.cull(
@@ -343,12 +326,12 @@ class Core:
         """Marks landmarks as measured whose depth is known from motion."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
-        sure = marks.inverse_depth[l] ** 2 * self._work.camera.own[l] > self.parameters.measured_sd**2
+        sure = marks.inverse_depth[l] ** 2 * self._work.camera.own[l] > _MEASURED_SD**2
         marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(N,) which points one camera pose explains, if the predicted one explains few."""
-        w, marks, p = self.window, self.window.landmarks, self.parameters
+        w, marks = self.window, self.window.landmarks
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
         agree = np.zeros(len(ids), bool)
@@ -356,16 +339,15 @@ class Core:
         m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.normalised(there)
-        if (pose := perspective(points[use], at[use], p.agreement_px / self.lens.focal_px, p.points_min)) is not None:
+        if (pose := perspective(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
             agree[use] = pose[2]
         return agree
 
     def depth(self, frame: CameraFrame, points: NDArray[np.float32]) -> Array:
         """(N,) measured inverse depths at (N, 2) px, 1/m; 0 where none is reliable."""
         rho = np.zeros(len(points))
-        p = self.parameters
-        if frame.depth is not None and p.uses_depth and len(points):
-            kernel.read_depth(frame.depth, points, p.depth, rho)
+        if frame.depth is not None and self.parameters.method.uses_depth and len(points):
+            kernel.read_depth(frame.depth, points, *self._depth_range_m, rho)
         return rho
 
     def _find(self, frame: CameraFrame, slot: int) -> None:
@@ -376,7 +358,7 @@ class Core:
         points = self.tracker.find(taken, min(p.landmarks - len(taken), len(free)))
         ids = free[: len(points)]
         rho, f = self.depth(frame, points), self.window.frames
-        guess = np.where(rho > 0, rho, p.unknown_inverse_depth_per_m)
+        guess = np.where(rho > 0, rho, _UNKNOWN_INVERSE_DEPTH_PER_M)
         then = self._shutter.at_image_time(points, guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot])
         if then is not points:
             rho = self.depth(frame, then)
@@ -387,58 +369,41 @@ class Core:
         marks.rho[ids, slot] = rho
         marks.measured[ids] = rho > 0
         scale = self.window.calibration.scale[0]
-        marks.inverse_depth[ids] = np.where(rho > 0, rho / scale, p.unknown_inverse_depth_per_m)
+        marks.inverse_depth[ids] = np.where(rho > 0, rho / scale, _UNKNOWN_INVERSE_DEPTH_PER_M)
         self._alive[ids] = 1
         self._pixels[ids] = points
 
-    def _observe_ground(self, frame: CameraFrame, slot: int) -> None:
-        """Planes in the depth image of the newest frame, a keyframe: level ground, known planes and new ones."""
-        p, w = self.parameters, self.window
-        level = self._level.due(w.frames.p[slot])
-        if frame.depth is None or not (level or len(w.planes.used)):
+    def _observe_level_ground(self, frame: CameraFrame, slot: int) -> None:
+        """Measures the tilt by level ground in the depth image of the newest frame, a keyframe, where that is due."""
+        w = self.window
+        if frame.depth is None or not self._level.due(w.frames.p[slot]):
             return
-        rho, weights, _ = self._measured_planes
-        count = kernel.read_planes(
-            frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
-        )
-        if level:
-            self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
-        if len(w.planes.used):
-            self._observe_planes(count)
-
-    def _observe_planes(self, count: int) -> None:
-        """Observations of known planes, or new ones, from the measured planes."""
-        w, (rho, weights, new) = self.window, self._measured_planes
-        unmatched = kernel.match_planes(
-            w.frames, w.calibration, w.planes, self.factors, self._work.plane, self._work.factor, rho, weights, count,
-            new,
-        )  # fmt: skip
-        for i in new[:unmatched]:
-            k = free_slot(w)
-            if k is not None:
-                kernel.add_plane(w.frames, w.calibration, w.planes, k, rho[i], weights[i])
+        rho, weights = self._measured_planes
+        sd = float(self.parameters.inverse_depth_sd_per_m)
+        count = kernel.read_planes(frame.depth, self._rays, self._depth_range_m[0], sd, rho, weights)
+        self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
 
     def _anchor(self, frame: CameraFrame, slot: int) -> None:
         """Stores the patches of the landmarks that the slot hosts."""
         marks, p = self.window.landmarks, self.parameters
-        if not p.anchored:
+        if not p.method.anchored:
             return
         ids = np.flatnonzero((marks.host == slot) & (self._alive > 0))
         points = self._pixels[ids]
         self.tracker.anchor(ids, points)
         slope = np.zeros((len(ids), 2))
-        if frame.depth is not None and p.uses_depth and len(ids):
-            kernel.read_slope(frame.depth, points, p.depth, p.inverse_depth_sd_per_m, slope)
+        if frame.depth is not None and p.method.uses_depth and len(ids):
+            kernel.read_slope(frame.depth, points, *self._depth_range_m, float(p.inverse_depth_sd_per_m), slope)
         marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame differs enough from the last keyframe to be one."""
-        p, f = self.parameters, self.window.frames
+        f = self.window.frames
         moved, common = kernel.parallax(
             self.window.landmarks, f.R[slot], f.R[slot - 1], self.window.calibration.R, slot, slot - 1
         )
         return bool(
-            moved * self.lens.focal_px > p.keyframe_parallax_px
-            or common < p.keyframe_share * self.window.landmarks.seen[:, slot - 1].sum()
-            or (f.t_ns[slot] - f.t_ns[slot - 1]) * 1e-9 > p.keyframe_s
+            moved * self.lens.focal_px > _KEYFRAME_PARALLAX_PX
+            or common < _MIN_TRACKED_SHARE * self.window.landmarks.seen[:, slot - 1].sum()
+            or (f.t_ns[slot] - f.t_ns[slot - 1]) * 1e-9 > _MAX_KEYFRAME_S
         )

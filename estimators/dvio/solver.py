@@ -1,4 +1,4 @@
-"""Compiled steps of the window's non-linear least squares (15): moving the states, and marginalisation (6)."""
+"""Compiled steps of the window's least squares, docs/dvio.md (10): moving the states, and marginalisation (11)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from stridetwin.estimators.dvio.landmarks import (
     state,
     usable,
 )
-from stridetwin.estimators.dvio.planes import move_planes
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, Calibration, Frames, Landmarks, Planes
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Calibration, Frames, Landmarks
 from stridetwin.estimators.matrices import copy_matrix, inverse, mul
 from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
@@ -55,18 +54,15 @@ def _move_frame(f: Frames, k: int, e: Array) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def move(
-    frames: Frames, marks: Landmarks, planes: Planes, calibration: Calibration, camera: CameraEquations, d: Array
-) -> None:
+def move(frames: Frames, marks: Landmarks, calibration: Calibration, camera: CameraEquations, d: Array) -> None:
     """Applies the step d (N,) of all states, and what follows from it for the landmarks."""
-    n, shared = frames.count[0], CALIBRATION + PLANE * planes.used.shape[0]
+    n = frames.count[0]
     _move_calibration(calibration, d)
-    move_planes(planes, d)
     for k in range(n):
-        _move_frame(frames, k, d[shared + FRAME * k : shared + FRAME * (k + 1)])
+        _move_frame(frames, k, d[CALIBRATION + FRAME * k : CALIBRATION + FRAME * (k + 1)])
     by_pose = np.empty(CALIBRATION + POSE * n)
     for i in range(by_pose.shape[0]):
-        by_pose[i] = d[state(i, shared)]
+        by_pose[i] = d[state(i)]
     for l in range(marks.host.shape[0]):
         if usable(marks, l, n - 1):
             s = camera.b_own[l]
@@ -77,12 +73,12 @@ def move(
 
 
 @njit(error_model="numpy", **INSIDE)
-def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
+def without_oldest(H: Array, b: Array, size: int) -> None:
     """Eliminates the oldest frame from H d = b of `size` states; its rows become free. See docs/dvio.md (11).
 
-    The lower triangle of H counts; on return H is symmetric. The first `shared` states belong to no frame.
+    The lower triangle of H counts; on return H is symmetric.
     """
-    o, m = shared, shared + FRAME
+    o, m = CALIBRATION, CALIBRATION + FRAME
     for i in range(size):
         for j in range(i):
             H[j, i] = H[i, j]
@@ -125,19 +121,19 @@ def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def marginalize(H: Array, b: Array, d: Array, shared: int, size: int, prior_H: Array, prior_b: Array) -> None:
+def marginalize(H: Array, b: Array, d: Array, size: int, prior_H: Array, prior_b: Array) -> None:
     """Makes H d = b of `size` states the prior of all but the oldest frame.
 
     `d` (N,) are the states' deviations from their first estimates, about which the prior is.
     """
-    without_oldest(H, b, shared, size)
+    without_oldest(H, b, size)
     prior_H[:] = 0.0
     prior_b[:] = 0.0
     for i in range(size - FRAME):
-        a = i if i < shared else i + FRAME
+        a = i if i < CALIBRATION else i + FRAME
         s = b[a]
         for j in range(size - FRAME):
-            c = j if j < shared else j + FRAME
+            c = j if j < CALIBRATION else j + FRAME
             prior_H[i, j] = H[a, c]
             s += H[a, c] * d[c]
         prior_b[i] = s

@@ -10,104 +10,19 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 
-class PlaneParameters(NamedTuple):
-    """Planes of depth images: cells of samples that are merged, and matched to known planes.
-
-    Values without another origin were chosen by hand on twin walks of tuning seeds.
-
-    Attributes:
-        depth_max_m: Farthest depth used, m: below the sensor's range, near whose end measured depths are too small.
-        step_px: Between samples, pixels: a stereo camera's noise is correlated within its matching window.
-        side: Of a cell, samples.
-        measured_share: Least share of a cell's samples that are measured.
-        roughness_sd: Largest scatter of a cell's samples about its plane, standard deviations.
-        cell_gate: Largest squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it.
-        cells_min: Least number of cells of a plane.
-        error: Of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative.
-        huber_sd: Observations beyond this many standard deviations are down-weighted.
-        gate: Largest squared Mahalanobis distance of an observation: 0.1 % of a plane's own exceed it.
-        match_rad: A plane in another direction never matches, however uncertain, rad.
-        match_m: Nor one at another distance, m.
-        distance_min_m: Least distance of a camera from a plane that it observes, m.
-    """
-
-    depth_max_m: float = 5.0
-    step_px: int = 4
-    side: int = 10
-    measured_share: float = 0.9
-    roughness_sd: float = 1.6
-    cell_gate: float = 14.0
-    cells_min: int = 8
-    error: float = 3e-3
-    huber_sd: float = 2.5
-    gate: float = 16.3
-    match_rad: float = 0.1
-    match_m: float = 0.15
-    distance_min_m: float = 0.05
-
-
-class LevelParameters(NamedTuple):
-    """Level ground; hand-chosen on tuning seeds unless an origin is given.
-
-    Attributes:
-        sd_rad: How level it is as built: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
-        huber_sd: A slope beyond this many standard deviations is down-weighted.
-        gate: Largest squared Mahalanobis distance of a slope from level: 1 % of level ground exceeds it.
-        start_gate: The same for the ground of the start, before any other: people rarely start on a ramp.
-        slope_max_rad: Anything steeper is a ramp: wheelchair ramps begin at 1:20, 50 mrad.
-        start_level_max_rad: The same for the ground of the start.
-        start_mount_max_rad: Gentler ground at the start that is no error of the tilt shows a mount that is off.
-        start_mount_sd_rad: How well it is known that way, the tilt included: walking measures it better within a metre.
-        start_scatter_max_rad: Its planes agree this well; otherwise one of them may be a ramp.
-        tilt_sd_max_rad: While the camera's tilt is less certain, a ramp could be mistaken for level ground.
-        spacing_m: Between two observations: those of the same ground are not independent.
-    """
-
-    sd_rad: float = 3e-3
-    huber_sd: float = 1.5
-    gate: float = 9.2
-    start_gate: float = 13.8
-    slope_max_rad: float = 0.035
-    start_level_max_rad: float = 0.042
-    start_mount_max_rad: float = 0.12
-    start_mount_sd_rad: float = 0.016
-    start_scatter_max_rad: float = 0.008
-    tilt_sd_max_rad: float = 0.02
-    spacing_m: float = 1.0
-
-
-class InflationParameters(NamedTuple):
-    """When and how fast the noise of the IMU follows the residuals; hand-chosen on tuning seeds.
-
-    Attributes:
-        share: RMS of the residuals, of the expected one, that is taken as consistent: below 1, because one increment
-            does not show errors that last for several; parts as calibrated have 0.3 (rates) and 0.45 (forces).
-        memory: Increments that are remembered.
-        prior_redundancy: Redundancy of earlier consistent increments, before the first one.
-        largest: Ratio of squared residuals to their expectation that counts at most: one bad image is no noise.
-    """
-
-    share: float = 0.6
-    memory: float = 30.0
-    prior_redundancy: float = 10.0
-    largest: float = 4.0
-
-
 class FactorParameters(NamedTuple):
     """Noise model of the factors, and which factors are used.
 
     Attributes:
         gravity: m/s².
         pixel_weight: 1 / variance of an observation on the plane at depth 1.
-        pixel_limit: Observations beyond this many standard deviations are down-weighted (Huber).
         depth_weight: 1 / variance of the host's measured inverse depth, m².
-        later_depth_weight: The same for another frame's.
-        depth_limit: As `pixel_limit`.
-        planes: Of planes.
-        host_depth: (11) is used.
+        later_depth_weight: 1 / variance of an inverse depth measured by another frame, m².
+        huber_sd: Observations and measured depths beyond this many standard deviations are down-weighted.
+        host_depth: docs/dvio.md (8) is used.
         depth_fixed: A landmark keeps the host's measured depth.
-        projection_depth: (12) is used.
-        host_depth_in_prior: (11) is marginalised into the prior.
+        projection_depth: docs/dvio.md (9) is used.
+        host_depth_in_prior: docs/dvio.md (8) is marginalised into the prior.
         first_estimates: Jacobians of frames in the prior are taken at their first estimates.
         rate_walk: Of the gyroscope's bias, rad/s²/√Hz.
         force_walk: Of the accelerometer's bias, m/s³/√Hz.
@@ -115,11 +30,9 @@ class FactorParameters(NamedTuple):
 
     gravity: float
     pixel_weight: float
-    pixel_limit: float
     depth_weight: float
     later_depth_weight: float
-    depth_limit: float
-    planes: PlaneParameters
+    huber_sd: float
     host_depth: bool
     depth_fixed: bool
     projection_depth: bool
@@ -129,14 +42,15 @@ class FactorParameters(NamedTuple):
     force_walk: float
 
 
-# Error state: that of the calibration first, then of the planes, then of each frame from the oldest to the newest.
+# Error state: that of the calibration first, then of each frame from the oldest to the newest.
 # Rotations have their error on the right, R_true = R Exp(e).
 D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_FOCAL = 0, 3, 6, 7, 8
 CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
 FRAME = 15
-PLANE, PLANES = 3, 6  # states per plane, and largest number of known planes
 NO_HOST = -1
+LANDMARK_SLOTS = 256
+"""Number of landmarks in the window, tracked or not."""
 
 
 class ImuNoise(NamedTuple):
@@ -259,36 +173,6 @@ class Landmarks(NamedTuple):
     rho: Array
 
 
-class Planes(NamedTuple):
-    """Planes of the world, observed in depth images: K slots.
-
-    Attributes:
-        used: (K,) 1 where there is one.
-        normal: (K, 3) unit vector, away from the observing cameras.
-        distance: (K,) of the plane from the origin along it, m.
-        held: (K,) 1 where the prior contains it; its Jacobians are then taken at its first estimate.
-        normal_first: (K, 3) that estimate.
-        distance_first: (K,).
-        moved: (K, 3) deviation from its first estimate: along the normal's two tangents, and the distance.
-        seen: (K, F) 1 where the frame saw it.
-        measured: (K, F, 3) measured plane, 1/m: the inverse depth at (x, y) is its product with (x, y, 1).
-        weight: (K, F, 3, 3) inverse of the covariance of that.
-        seen_ns: (K,) when it was seen last.
-    """
-
-    used: NDArray[np.uint8]
-    normal: Array
-    distance: Array
-    held: NDArray[np.uint8]
-    normal_first: Array
-    distance_first: Array
-    moved: Array
-    seen: NDArray[np.uint8]
-    measured: Array
-    weight: Array
-    seen_ns: NDArray[np.int64]
-
-
 class Calibration(NamedTuple):
     """What the window estimates of the sensors.
 
@@ -310,7 +194,7 @@ class Calibration(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Information of marginalised states: ½ dᵀ H d − bᵀ d of errors d from first estimates (Zhao et al. 2023, (6)).
+    """Information of marginalised states: ½ dᵀ H d − bᵀ d of errors d from first estimates (Zhao 2023 (6)).
 
     Attributes:
         H: (N, N).
@@ -328,19 +212,15 @@ class Window(NamedTuple):
         frames: States.
         preintegrations: Of the IMU from each frame to the next, each array with a leading axis F.
         landmarks: Points.
-        planes: Floors and walls.
         calibration: Of the sensors.
-        prior: Of calibration, planes and frames.
-        shared: Number of states that belong to no frame.
+        prior: Of calibration and frames.
     """
 
     frames: Frames
     preintegrations: Preintegration
     landmarks: Landmarks
-    planes: Planes
     calibration: Calibration
     prior: Prior
-    shared: int
 
 
 def blank_preintegration(slots: int | None = None) -> Preintegration:
@@ -355,10 +235,9 @@ def blank_preintegration(slots: int | None = None) -> Preintegration:
     )  # fmt: skip
 
 
-def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float, planes: int = 0) -> Window:
-    """An empty window with slots for frames, landmarks and planes; t_imu = t_cam + offset."""
-    F, L, K = frames, landmarks, planes
-    shared = CALIBRATION + PLANE * K
+def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> Window:
+    """An empty window with slots for frames and landmarks; t_imu = t_cam + offset."""
+    F, L, states = frames, landmarks, CALIBRATION + FRAME * frames
     identities = np.zeros((F, 3, 3))
     identities[:] = np.eye(3)
     return Window(
@@ -374,16 +253,9 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
             measured=np.zeros(L, np.uint8), seen=np.zeros((L, F), np.uint8), at=np.zeros((L, F, 2)),
             rho=np.zeros((L, F)),
         ),
-        planes=Planes(
-            used=np.zeros(K, np.uint8), normal=np.zeros((K, 3)), distance=np.zeros(K), held=np.zeros(K, np.uint8),
-            normal_first=np.zeros((K, 3)), distance_first=np.zeros(K), moved=np.zeros((K, PLANE)),
-            seen=np.zeros((K, F), np.uint8), measured=np.zeros((K, F, 3)), weight=np.zeros((K, F, 3, 3)),
-            seen_ns=np.zeros(K, np.int64),
-        ),
         calibration=Calibration(
             R=np.array(T_imu_camera[:3, :3], dtype=float, order="C"), p=np.array(T_imu_camera[:3, 3], dtype=float),
             offset=np.array([float(offset_s)]), scale=np.ones(1), focal=np.zeros(2), moved=np.zeros(CALIBRATION),
         ),
-        prior=Prior(H=np.zeros((shared + FRAME * F,) * 2), b=np.zeros(shared + FRAME * F)),
-        shared=shared,
+        prior=Prior(H=np.zeros((states, states)), b=np.zeros(states)),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Structure from motion over a few images, with depth or without (Zhao et al. 2023, (1)-(5)).
+"""Structure from motion over a few images, with depth or without (Zhao 2023 (1)-(5)).
 
 All poses are in the axes of the newest camera. Without depth, the unit of length is the distance between the oldest
 and the newest camera.
@@ -21,38 +21,17 @@ _DEPTH_MIN = 0.02  # guards divisions by the depth of a point; in units of the s
 _SCALE_INFORMATION = 1e8  # fixes the unit of length
 
 
-@dataclass(frozen=True, kw_only=True)
-class StructureParameters:
-    """Structure from motion at the start; hand-chosen."""
-
-    points_min: int = 12
-    """Least number of points shared by two images."""
-    huber_sd: float = 1.5
-    """An observation farther off is down-weighted, standard deviations."""
-    cull_sd: float = 4.0
-    """One farther off is removed, standard deviations."""
-    parallax_rad: float = 0.02
-    """Points with less have no usable depth, unless it is measured, rad."""
-    pair_parallax_rad: float = 0.05
-    """Least median parallax of the first two images, without measured depth, rad."""
-    pair_error_sd: float = 3.0
-    """Largest error of an inlier of the essential matrix, standard deviations."""
-    pair_share: float = 0.6
-    """Least share of the shared points that are its inliers."""
-    pair_confidence: float = 0.999
-    """Of the search for it."""
-    far_baselines: float = 1e3
-    """Points farther than so many distances of two cameras do not count for their pose."""
-    pose_error_sd: float = 8.0
-    """Largest error of an inlier of P3P, standard deviations."""
-    pose_share: float = 0.5
-    """Least share of the points that are its inliers."""
-    kept_share: float = 0.7
-    """Least share of the observations that remain at the end."""
-    damping: float = 1e-4
-    """Initial, relative, of Levenberg-Marquardt."""
-    cost_tolerance: float = 1e-2
-    """Relative decrease of the cost below which its iteration stops."""
+# Hand-chosen.
+_MIN_POINTS = 12  # shared by two images
+_HUBER_SD, _CULL_SD = 1.5, 4.0  # observations farther off are down-weighted, and removed
+_MIN_PARALLAX_RAD = 0.02  # points with less have no usable depth, unless it is measured
+_MIN_PAIR_PARALLAX_RAD = 0.05  # median of the first two images, without measured depth
+_PAIR_ERROR_SD, _MIN_PAIR_SHARE = 3.0, 0.6  # of inliers of the essential matrix, and their share of the shared points
+_PAIR_CONFIDENCE = 0.999  # of the search for it
+_MAX_BASELINES = 1e3  # points farther than so many distances of two cameras do not count for their pose
+_POSE_ERROR_SD, _MIN_POSE_SHARE = 8.0, 0.5  # of inliers of P3P, and their share of the points
+_MIN_KEPT_SHARE = 0.7  # of the observations at the end
+_DAMPING, _COST_TOLERANCE = 1e-4, 1e-2  # of Levenberg-Marquardt: at first, and relative decrease at which it stops
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +44,6 @@ class Observations:
         rho: (K, N) measured inverse depth there, 1/m; 0 where none.
         sd: Of `at`.
         rho_sd: Of `rho`, 1/m.
-        parameters: Of the structure.
     """
 
     seen: NDArray[np.bool_]
@@ -73,7 +51,6 @@ class Observations:
     rho: Array
     sd: float
     rho_sd: float
-    parameters: StructureParameters = StructureParameters()
 
     def since(self, k: int) -> Observations:
         """Observations of the images from the k-th on."""
@@ -102,7 +79,7 @@ class Structure:
 
 
 def structure_with_depth(s: Observations) -> Structure | None:
-    """Cameras by the points of known depth: P3P from each image to the next, then all of (5) at once.
+    """Cameras by the points of known depth: P3P from each image to the next, then all of Zhao 2023 (5) at once.
 
     None if the images share too few points; `first` > 0 if only the newer ones are connected.
     """
@@ -132,27 +109,27 @@ def structure_with_depth(s: Observations) -> Structure | None:
 
 
 def structure_of_bearings(s: Observations) -> Structure | None:
-    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then (2) of all.
+    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then Zhao 2023 (2) of all.
 
     None if no image shares enough points with the newest at enough parallax.
     """
-    last, p = len(s.seen) - 1, s.parameters
+    last = len(s.seen) - 1
     for k in range(last - 1):
         shared = np.flatnonzero(s.seen[k] & s.seen[last])
-        if len(shared) < 2 * p.points_min:
+        if len(shared) < 2 * _MIN_POINTS:
             continue
         a, b = s.at[k, shared], s.at[last, shared]
         E, _ = cv2.findEssentialMat(
-            a, b, np.eye(3), method=cv2.RANSAC, prob=p.pair_confidence, threshold=p.pair_error_sd * s.sd
+            a, b, np.eye(3), method=cv2.RANSAC, prob=_PAIR_CONFIDENCE, threshold=_PAIR_ERROR_SD * s.sd
         )
         if E is None or E.shape != (3, 3):
             continue
-        found, rotation, translation, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=p.far_baselines)[:4]
+        found, rotation, translation, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_MAX_BASELINES)[:4]
         fits = np.asarray(mask)[:, 0] > 0
-        if found < p.points_min or found < p.pair_share * len(shared):
+        if found < _MIN_POINTS or found < _MIN_PAIR_SHARE * len(shared):
             continue
         M, t = np.asarray(rotation, float), np.asarray(translation, float)[:, 0]
-        if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < p.pair_parallax_rad:
+        if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < _MIN_PAIR_PARALLAX_RAD:
             return None  # older ones are missing, and newer ones have less parallax
         return _around(s.since(k), shared[fits], M, t, k)
     return None
@@ -160,12 +137,10 @@ def structure_of_bearings(s: Observations) -> Structure | None:
 
 def _around(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
     """The images between the oldest and the newest, whose relative pose is known."""
-    (K, N), parallax_rad = s.seen.shape, s.parameters.parallax_rad
+    K, N = s.seen.shape
     ends = np.zeros((K, N), bool)
     ends[0, shared] = ends[-1, shared] = True
-    points, sure = _crossing(
-        np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]], parallax_rad
-    )
+    points, sure = _crossing(np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]])
     R, p = [M], [t]
     for k in range(1, K - 1):
         use = np.flatnonzero(sure & s.seen[k])
@@ -176,7 +151,7 @@ def _around(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, firs
         p.append(-step[0].T @ step[1])
     R_all, p_all = np.array([*R, np.eye(3)]), np.array([*p, np.zeros(3)])
     seen = s.seen & (s.seen.sum(axis=0) > 1)
-    points, sure = _crossing(R_all, p_all, s.at, seen, parallax_rad)
+    points, sure = _crossing(R_all, p_all, s.at, seen)
     return _bundled(replace(s, seen=seen & sure, rho=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
 
 
@@ -199,8 +174,7 @@ def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[
 
 def _step(s: Observations, points: Array, at: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
     """`perspective` with a least share of the points as inliers."""
-    p = s.parameters
-    return perspective(points, at, p.pose_error_sd * s.sd, max(p.points_min, p.pose_share * len(points)))
+    return perspective(points, at, _POSE_ERROR_SD * s.sd, max(_MIN_POINTS, _MIN_POSE_SHARE * len(points)))
 
 
 def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
@@ -211,16 +185,14 @@ def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
     return matvec(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
 
 
-def _crossing(
-    R: Array, p: Array, at: Array, seen: NDArray[np.bool_], parallax_rad: float
-) -> tuple[Array, NDArray[np.bool_]]:
+def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """(N, 3) points nearest to all their rays, and whether they are in front of all cameras."""
     ray = np.matmul(_rays(at), np.swapaxes(R, 1, 2))
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
     # The least eigenvalue is about that of two rays, ½ angle², times their number.
     A = across.sum(axis=0)
-    sure = np.linalg.eigvalsh(A)[:, 0] > 0.5 * parallax_rad**2
+    sure = np.linalg.eigvalsh(A)[:, 0] > 0.5 * _MIN_PARALLAX_RAD**2
     b = np.einsum("knij,kj->ni", across, p)
     points = np.linalg.solve(A + 1e-9 * np.eye(3), b[..., None])[..., 0]
     before = np.matmul(points[None] - p[:, None], R)[..., 2] > _DEPTH_MIN
@@ -228,22 +200,22 @@ def _crossing(
 
 
 def _bundled(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
-    """Least squares of (1) and (3) over cameras and points, twice: the second time without outliers."""
-    use, limits = s.seen.sum(axis=0) > 1, s.parameters
+    """Least squares of Zhao 2023 (1) and (3) over cameras and points, twice: the second time without outliers."""
+    use = s.seen.sum(axis=0) > 1
     s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
     for steps in (3, 2):
-        if (s.seen.sum(axis=1) < limits.points_min).any() or not np.isfinite(points).all():
+        if (s.seen.sum(axis=1) < _MIN_POINTS).any() or not np.isfinite(points).all():
             return None
         R, p, points = _descended(s, R, p, points, scaled, steps)
         r, _ = _residuals(s, R, p, points)
         off = np.linalg.norm(r[..., :2], axis=-1)
-        seen = s.seen & (off < limits.cull_sd)
-        rho = np.where(np.abs(r[..., 2]) < limits.cull_sd, s.rho, 0.0)
+        seen = s.seen & (off < _CULL_SD)
+        rho = np.where(np.abs(r[..., 2]) < _CULL_SD, s.rho, 0.0)
         seen &= (seen.sum(axis=0) > 1) & ((rho > 0).any(axis=0) | (not scaled))
         fits = float(seen.sum() / max(s.seen.sum(), 1))
         s = replace(s, seen=seen, rho=rho)
-    if (s.seen.sum(axis=1) < limits.points_min).any() or fits < limits.kept_share:
+    if (s.seen.sum(axis=1) < _MIN_POINTS).any() or fits < _MIN_KEPT_SHARE:
         return None
     r, _ = _residuals(s, R, p, points)
     H = _equations(s, R, p, points, scaled).H
@@ -257,8 +229,7 @@ def _descended(
     s: Observations, R: Array, p: Array, points: Array, scaled: bool, steps: int
 ) -> tuple[Array, Array, Array]:
     """Levenberg–Marquardt."""
-    limit = s.parameters.huber_sd
-    damping, cost = s.parameters.damping, _cost(_residuals(s, R, p, points)[0], limit)
+    damping, cost = _DAMPING, _cost(_residuals(s, R, p, points)[0])
     for _ in range(steps):
         m = _equations(s, R, p, points, scaled)
         n = len(m.b) - 6  # the newest camera is fixed
@@ -266,11 +237,11 @@ def _descended(
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
         e_points = matvec(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
         R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
-        new = _cost(_residuals(s, R_new, p_new, points + e_points)[0], limit)
+        new = _cost(_residuals(s, R_new, p_new, points + e_points)[0])
         if not new < cost:
             damping *= 100.0
             continue
-        R, p, points, enough = R_new, p_new, points + e_points, cost - new < s.parameters.cost_tolerance * cost
+        R, p, points, enough = R_new, p_new, points + e_points, cost - new < _COST_TOLERANCE * cost
         cost, damping = new, 0.1 * damping
         if enough:
             break
@@ -278,7 +249,7 @@ def _descended(
 
 
 def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
-    """(K, N, 3) of (1) and, as inverse depths, of (3), in standard deviations, and (K, N, 3) m points in cameras."""
+    """(K, N, 3) of Zhao 2023 (1) and, as inverse depths, (3), in standard deviations; (K, N, 3) m points in cameras."""
     q = np.matmul(points[None] - p[:, None], R)
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
     r = np.empty(q.shape)
@@ -291,9 +262,9 @@ def _sizes(r: Array) -> Array:
     return np.stack([np.linalg.norm(r[..., :2], axis=-1), np.abs(r[..., 2])], axis=-1)
 
 
-def _cost(r: Array, limit: float) -> float:
+def _cost(r: Array) -> float:
     size = _sizes(r)
-    return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).sum())
+    return float(np.where(size < _HUBER_SD, size**2, 2 * _HUBER_SD * size - _HUBER_SD**2).sum())
 
 
 class _Normal(NamedTuple):
@@ -318,7 +289,7 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
     r, q = _residuals(s, R, p, points)
     K, N = s.seen.shape
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
-    w = np.sqrt(np.minimum(1.0, s.parameters.huber_sd / np.maximum(_sizes(r), 1e-9)))[..., [0, 0, 1]]
+    w = np.sqrt(np.minimum(1.0, _HUBER_SD / np.maximum(_sizes(r), 1e-9)))[..., [0, 0, 1]]
     A = np.zeros((K, N, 3, 3))  # by the point in the camera
     A[..., 0, 0] = A[..., 1, 1] = inverse / s.sd
     A[..., :2, 2] = -q[..., :2] * (inverse**2)[..., None] / s.sd

@@ -14,13 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.parameters import DvioParameters
-from stridetwin.estimators.dvio.patches import blank_patches
+from stridetwin.estimators.dvio.patches import AlignmentLimits, blank_patches
+from stridetwin.estimators.dvio.state import LANDMARK_SLOTS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Depth, Image, Sample
 
 _SCALES = 2  # of patches: full and half the resolution
+# Hand-chosen on tuning seeds: optical flow, alignment at the whole resolution and at half of it, and new corners.
+_FLOW_WINDOW_PX, _FLOW_LEVELS, _FLOW_STEPS = 15, 2, 12  # levels above the whole resolution, and steps per level
+_FLOW_SETTLED_PX = 0.02  # smaller steps end the iteration
+_MAX_FORWARD_BACKWARD_PX = 0.7
+FINE = AlignmentLimits(max_move_px=2.0, min_correlation=0.8, settled_px=0.01)
+_COARSE = AlignmentLimits(max_move_px=4.0, min_correlation=0.6, settled_px=0.1)
+_GRID = (8, 10)  # rows and columns of cells over which new points are spread
+_MIN_DISTANCE_PX = 16.0  # of a new point from others
+_MIN_CORNERNESS, _MIN_ROUNDNESS = 6.0, 0.2  # grey levels² a pixel²; lesser over greater eigenvalue
+_FAST_THRESHOLDS = (14, 5)  # grey levels; the second one if the first one finds too few corners
+_ENOUGH_SHARE = 0.7  # the search stops at this share of the corners wanted
 Points = NDArray[np.float32]
 
 
@@ -79,21 +90,19 @@ class CameraFrame:
 
 
 class Tracker:
-    """Tracks points; keeps the last image.
+    """Tracks points; keeps the last image and one patch per landmark slot.
 
     Args:
         shape: (H, W) of the images.
-        parameters: Of the odometry; each landmark slot keeps a patch.
     """
 
-    def __init__(self, shape: tuple[int, int], parameters: DvioParameters) -> None:
-        self._shape, self._parameters = shape, parameters.tracking
-        self._patches = [blank_patches(parameters.landmark_slots) for _ in range(_SCALES)]
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self._patches = [blank_patches(LANDMARK_SLOTS) for _ in range(_SCALES)]
         self._grey: NDArray[np.uint8] | None = None
         self._before: NDArray[np.uint8] | None = None
         self._scales: list[NDArray[np.uint8]] = []
-        thresholds = (self._parameters.fast_threshold, self._parameters.fast_threshold_low)
-        self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in thresholds]
+        self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in _FAST_THRESHOLDS]
 
     def reset(self) -> None:
         """Restarts: no point is tracked into the next image."""
@@ -111,17 +120,16 @@ class Tracker:
         before, grey = self._before, self._grey
         if before is None or grey is None or not len(points):
             return points.copy(), np.zeros(len(points), bool)
-        p, flags = self._parameters, cv2.OPTFLOW_USE_INITIAL_FLOW
-        window = (p.window_px, p.window_px)
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, p.iterations, p.flow_settled_px)
+        flags, window = cv2.OPTFLOW_USE_INITIAL_FLOW, (_FLOW_WINDOW_PX, _FLOW_WINDOW_PX)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _FLOW_STEPS, _FLOW_SETTLED_PX)
         there, found, _ = cv2.calcOpticalFlowPyrLK(
-            before, grey, points, start.copy(), winSize=window, maxLevel=p.levels, criteria=criteria, flags=flags
+            before, grey, points, start.copy(), winSize=window, maxLevel=_FLOW_LEVELS, criteria=criteria, flags=flags
         )
         back, returned, _ = cv2.calcOpticalFlowPyrLK(
             grey, before, there, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
         )
         good = (found[:, 0] > 0) & (returned[:, 0] > 0)
-        good &= np.abs(back - points).max(axis=1) < p.forward_backward_px
+        good &= np.abs(back - points).max(axis=1) < _MAX_FORWARD_BACKWARD_PX
         height, width = self._shape
         good &= (there > 2).all(axis=1) & (there[:, 0] < width - 3) & (there[:, 1] < height - 3)
         return np.asarray(there, np.float32), good
@@ -137,7 +145,7 @@ class Tracker:
         `warps` (N, 2, 2) map a patch's pixels to the image's. Returns pixels, and which were aligned, (N,).
         """
         half, found = points / np.float32(2.0), np.ones(len(points), bool)
-        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, self._parameters.coarse, half, found)
+        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, _COARSE, half, found)
         points = np.where(found[:, None], np.float32(2.0) * half, points)
         return self.settle(slots, points, warps, np.ones(len(points), bool))
 
@@ -146,7 +154,7 @@ class Tracker:
     ) -> tuple[Points, NDArray[np.bool_]]:
         """As `align`, but only at the whole resolution and for points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
-        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, self._parameters.fine, points, good)
+        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, FINE, points, good)
         return points, good
 
     def _smoothed(self) -> list[NDArray[np.uint8]]:
@@ -161,51 +169,34 @@ class Tracker:
         out = np.zeros((max(wanted, 0), 2), np.float32)
         if wanted <= 0 or self._grey is None:
             return out
-        count, p = 0, self._parameters
+        count = 0
         for detector in self._detectors:
             corners = detector.detect(self._grey)
             candidates = np.array([c.pt for c in corners], np.float32).reshape(-1, 2)
             count = self._pick(candidates, np.ascontiguousarray(taken), out)
-            if count >= p.found_share * wanted:
+            if count >= _ENOUGH_SHARE * wanted:
                 break
         return out[:count]
 
     def _pick(self, candidates: Points, taken: Points, out: Points) -> int:
         """The best candidates (N, 2) px into `out`, see `kernel.pick`; returns their number."""
         assert self._grey is not None
-        p, score = self._parameters.corners, np.empty(len(candidates))
-        kernel.cornerness(self._grey, candidates, p, score)
+        score = np.empty(len(candidates))
+        kernel.cornerness(self._grey, candidates, _MIN_CORNERNESS, _MIN_ROUNDNESS, score)
         order = np.argsort(-score, kind="stable")
         order = order[: np.count_nonzero(score >= 0.0)]
-        return int(kernel.pick(self._shape, candidates, order, taken, p, np.empty((p.rows, p.columns), int), out))
+        return int(kernel.pick(self._shape, candidates, order, taken, _MIN_DISTANCE_PX, np.empty(_GRID, int), out))
 
 
-@dataclass(frozen=True, kw_only=True)
-class StereoParameters:
-    """Semi-global matching of stereo pairs; the penalties are those that OpenCV recommends."""
-
-    shrink: int = 2
-    """Matching takes an eighth of the time on a quarter of the pixels."""
-    disparities: int = 48
-    """Number of disparities searched, pixels; a multiple of 16."""
-    block_px: int = 5
-    """Edge of the window that is compared."""
-    small_step_penalty: int = 8
-    """Of a disparity step of one pixel, times the window's area."""
-    large_step_penalty: int = 32
-    """Of a larger one."""
-    left_right_px: int = 1
-    """Largest difference of the disparities from left to right and back."""
-    uniqueness_percent: int = 10
-    """By which the best cost is below the second."""
-    speckle_size: int = 60
-    """Smaller regions are dropped, pixels."""
-    speckle_range: int = 2
-    """Largest step of the disparity within a region."""
-    disparity_min_px: float = 1.0
-    """A smaller one is nearly uninformative."""
-
-
+# Semi-global matching of stereo pairs; the penalties are those that OpenCV recommends.
+_SHRINK = 2  # matching takes an eighth of the time on a quarter of the pixels
+_DISPARITIES = 48  # number searched, pixels; a multiple of 16
+_BLOCK_PX = 5  # edge of the window that is compared
+_SMALL_STEP_PENALTY, _LARGE_STEP_PENALTY = 8, 32  # disparity steps of one pixel, and of more, times the window's area
+_MAX_LEFT_RIGHT_PX = 1  # difference of the disparities from left to right and back
+_UNIQUENESS_PERCENT = 10  # by which the best cost is below the second
+_MIN_REGION_PX, _MAX_REGION_STEP = 60, 2  # smaller regions are dropped; step of the disparity within one
+_MIN_DISPARITY_PX = 1.0  # a smaller one is nearly uninformative
 _FIXED_POINT = 16.0  # OpenCV's disparities are in sixteenths of a pixel
 
 
@@ -216,28 +207,24 @@ class Stereo:
         left: Calibration of the camera that the odometry follows.
         right: Of the other one, on the same body.
         topic: Of the depth.
-        parameters: Of the matching.
 
     Raises:
         ConfigError: The two do not view the same scene side by side, or an unknown model of distortion.
     """
 
-    def __init__(
-        self, left: CameraCalibration, right: CameraCalibration, topic: str, parameters: StereoParameters | None = None
-    ) -> None:
-        p = self._parameters = parameters or StereoParameters()
+    def __init__(self, left: CameraCalibration, right: CameraCalibration, topic: str) -> None:
         self.topic, self._lens = topic, Lens(left)
         T = np.linalg.inv(right.mount.T_body_sensor) @ left.mount.T_body_sensor
         if T[0, 3] >= 0 or abs(T[0, 3]) < np.abs(T[1:3, 3]).max():
             raise ConfigError(right.topic, "mount", T[:3, 3].tolist(), f"a camera to the right of {left.topic}")
         size = (left.width, left.height)
-        small = (left.width // p.shrink, left.height // p.shrink)
+        small = (left.width // _SHRINK, left.height // _SHRINK)
         fisheye = left.distortion_model == "equidistant"
         D = [np.array(c.distortion, dtype=float) for c in (left, right)]
         # The rectifying rotation of each camera depends only on the rotation between them.
         none = np.zeros(4)
         R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], alpha=0)[:4]
-        P1, P2 = (np.diag([1 / p.shrink, 1 / p.shrink, 1.0]) @ P for P in (P1, P2))
+        P1, P2 = (np.diag([1 / _SHRINK, 1 / _SHRINK, 1.0]) @ P for P in (P1, P2))
         maps = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
         self._maps = [
             maps(c.K, d, R, P[:, :3], small, cv2.CV_16SC2) for c, d, R, P in zip((left, right), D, (R1, R2), (P1, P2))
@@ -251,10 +238,16 @@ class Stereo:
         self._column, self._row = (np.ascontiguousarray(a.astype(np.float32).reshape(shape)) for a in at.T)
         self._along = rays[:, 2].astype(np.float32).reshape(shape)
         self._matcher = cv2.StereoSGBM.create(
-            minDisparity=0, numDisparities=p.disparities, blockSize=p.block_px, disp12MaxDiff=p.left_right_px,
-            P1=p.small_step_penalty * p.block_px**2, P2=p.large_step_penalty * p.block_px**2,
-            uniquenessRatio=p.uniqueness_percent, speckleWindowSize=p.speckle_size, speckleRange=p.speckle_range,
-        )  # fmt: skip
+            minDisparity=0,
+            numDisparities=_DISPARITIES,
+            blockSize=_BLOCK_PX,
+            disp12MaxDiff=_MAX_LEFT_RIGHT_PX,
+            P1=_SMALL_STEP_PENALTY * _BLOCK_PX**2,
+            P2=_LARGE_STEP_PENALTY * _BLOCK_PX**2,
+            uniquenessRatio=_UNIQUENESS_PERCENT,
+            speckleWindowSize=_MIN_REGION_PX,
+            speckleRange=_MAX_REGION_STEP,
+        )
 
     def depth(self, left: Image, right: Image) -> Depth:
         """Depth registered to the left of two images of the same time; 0 where there is no match."""
@@ -262,7 +255,7 @@ class Stereo:
         disparity = self._matcher.compute(*pair).astype(np.float32) / _FIXED_POINT
         seen = cv2.remap(disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
         with np.errstate(divide="ignore"):
-            depth = np.where(seen >= self._parameters.disparity_min_px, self._times_depth / (seen * self._along), 0.0)
+            depth = np.where(seen >= _MIN_DISPARITY_PX, self._times_depth / (seen * self._along), 0.0)
         return Depth(topic=self.topic, t_ns=left.t_ns, depth=depth.astype(np.float32))
 
 

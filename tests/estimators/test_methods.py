@@ -7,7 +7,6 @@ import pytest
 from stridetwin.cli.estimate import options_of
 from stridetwin.cli.main import parse
 from stridetwin.estimators.base import current_name
-from stridetwin.estimators.dvio.parameters import METHODS, named
 from stridetwin.estimators.registry import estimator, estimators
 
 
@@ -17,11 +16,6 @@ def test_the_former_name_warns_and_others_stay_as_they_are():
     assert [current_name(name) for name in ("proposed", "published", "vins_mono", "best")] == [
         "proposed", "published", "vins_mono", "best",
     ]  # fmt: skip
-
-
-def test_the_former_name_chooses_the_same_parameters():
-    with pytest.warns(DeprecationWarning, match="proposed"):
-        assert named("stridetwin") is METHODS["proposed"]
 
 
 def test_one_foot_s_filter_alone_is_run_for_each_foot():

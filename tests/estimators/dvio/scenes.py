@@ -5,28 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import planes
-from stridetwin.estimators.dvio.state import (
-    CALIBRATION,
-    FRAME,
-    PLANE,
-    PLANES,
-    FactorParameters,
-    ImuNoise,
-    PlaneParameters,
-    Window,
-    blank_window,
-)
-from tests.estimators.from_python import from_python
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, Window, blank_window
 
-rotate_normal = from_python(planes.rotate_normal)
-SHARED = CALIBRATION + PLANE * PLANES
 NOISE = ImuNoise(
     rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, invalid_rate=1.0, invalid_force=5.0
 )  # fmt: skip
 FACTORS = FactorParameters(
-    gravity=9.81, pixel_weight=400.0**2, pixel_limit=3.0, depth_weight=200.0**2, later_depth_weight=100.0**2,
-    depth_limit=3.0, planes=PlaneParameters(huber_sd=3.0), host_depth=True, depth_fixed=False, projection_depth=True,
+    gravity=9.81, pixel_weight=400.0**2, depth_weight=200.0**2, later_depth_weight=100.0**2,
+    huber_sd=3.0, host_depth=True, depth_fixed=False, projection_depth=True,
     host_depth_in_prior=True, first_estimates=False, rate_walk=1e-4, force_walk=1e-3,
 )  # fmt: skip
 T_IMU_CAMERA = np.eye(4)
@@ -36,7 +22,7 @@ T_IMU_CAMERA[:3, 3] = [0.03, -0.01, 0.02]
 
 def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slots: int = 4) -> Window:
     """Frames a step apart that look at points, all at their true states, observations without error."""
-    w = blank_window(slots, points, T_IMU_CAMERA, 0.0, PLANES)
+    w = blank_window(slots, points, T_IMU_CAMERA, 0.0)
     f, marks = w.frames, w.landmarks
     f.count[0] = frames
     for k in range(frames):
@@ -58,31 +44,6 @@ def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slot
     return w
 
 
-def see_corner(window: Window, sd: float = 0.02) -> None:
-    """Lets every frame see a floor and two walls without error.
-
-    Args:
-        window: Changed in place.
-        sd: That its planes are measured to have, rad, and as a share of their distances.
-    """
-    planes, n = window.planes, int(window.frames.count[0])
-    normals = Rotation.from_rotvec([0.02, -0.05, 0.1]).apply([[0.2, 1.0, -0.1], [0.7, -0.6, 0.4], [-0.5, 0.1, 1.0]])
-    for k, (normal, distance) in enumerate(zip(normals, (1.6, 2.5, 3.1))):
-        planes.used[k], planes.distance[k] = 1, distance
-        planes.normal[k] = normal / np.linalg.norm(normal)
-        for j in range(n):
-            see_plane(window, k, j, sd)
-
-
-def see_plane(window: Window, k: int, j: int, sd: float) -> None:
-    """Lets frame `j` see plane `k` as it is."""
-    planes, c, f = window.planes, window.calibration, window.frames
-    n, p = planes.normal[k], f.R[j] @ c.p + f.p[j]
-    measured = (f.R[j] @ c.R).T @ n / (planes.distance[k] - n @ p)
-    planes.seen[k, j], planes.measured[k, j] = 1, measured
-    planes.weight[k, j] = np.eye(3) / (sd**2 * (measured @ measured))
-
-
 def moved(window: Window, error: np.ndarray) -> None:
     """Moves all states by an error, the calibration's first."""
     c, f = window.calibration, window.frames
@@ -91,12 +52,8 @@ def moved(window: Window, error: np.ndarray) -> None:
     c.offset[:] += error[6]
     c.scale[:] += error[7]
     c.focal[:] += error[8:10]
-    for k in np.flatnonzero(window.planes.used):
-        e = error[CALIBRATION + PLANE * k :]
-        window.planes.normal[k] = rotate_normal(window.planes.normal[k], e[0], e[1])
-        window.planes.distance[k] += e[2]
     for k in range(f.count[0]):
-        e = error[SHARED + FRAME * k :]
+        e = error[CALIBRATION + FRAME * k :]
         f.p[k] += e[:3]
         f.R[k] = f.R[k] @ Rotation.from_rotvec(e[3:6]).as_matrix()
         f.v[k] += e[6:9]

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.tracker import Tracker
 
 SHAPE = (240, 320)
@@ -13,7 +12,7 @@ SHAPE = (240, 320)
 def found(image, wanted=60):
     """(N, 2) px of the new points in an image (H, W) of grey levels, with a little noise."""
     noise = np.random.default_rng(1).normal(0.0, 1.0, SHAPE)
-    tracker = Tracker(SHAPE, DvioParameters())
+    tracker = Tracker(SHAPE)
     tracker.take(np.clip(image + noise, 0, 255).astype(np.uint8))
     return tracker.find(np.zeros((0, 2), np.float32), wanted)
 

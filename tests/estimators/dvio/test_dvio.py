@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import METHODS, Dvio, DvioParameters
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.dvio import METHODS, Dvio, DvioMethod, DvioParameters
+from stridetwin.estimators.dvio.filter import LOST_WALK_M_RTS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu
@@ -26,9 +28,9 @@ def followed(wall, samples=None, **parameters):
 def errors(wall, made):
     """(N,) m, after laying the first estimate over the truth by its place and heading."""
     R, p = wall.pose(made[0].t_ns * 1e-9)
-    heading = R @ made[0].T_world_imu[:3, :3].T
+    heading = R @ made[0].pose.T_world_frame[:3, :3].T
     turn = Rotation.from_euler("z", np.arctan2(heading[1, 0], heading[0, 0])).as_matrix()
-    measured = np.array([turn @ (e.T_world_imu[:3, 3] - made[0].T_world_imu[:3, 3]) + p for e in made])
+    measured = np.array([turn @ (e.pose.T_world_frame[:3, 3] - made[0].pose.T_world_frame[:3, 3]) + p for e in made])
     return np.linalg.norm(measured - np.array([wall.pose(e.t_ns * 1e-9)[1] for e in made]), axis=1)
 
 
@@ -71,7 +73,7 @@ def test_follows_a_swaying_head(sway, plain):
     off = errors(wall, made)
     assert off.max() < 0.03
     R, _ = wall.pose(made[-1].t_ns * 1e-9)
-    tilt = np.arccos(np.clip((R.T[:, 2] @ made[-1].T_world_imu[:3, :3].T[:, 2]), -1, 1))
+    tilt = np.arccos(np.clip((R.T[:, 2] @ made[-1].pose.T_world_frame[:3, :3].T[:, 2]), -1, 1))
     assert tilt < np.radians(0.5)
     assert {e.health for e in made} == {"tracking"}
 
@@ -82,7 +84,7 @@ def test_estimates_poses_at_the_rate_of_the_imu_with_covariances(plain):
     assert plain[0].t_ns < 400_000_000
     for e in plain[::50]:
         assert np.linalg.eigvalsh(e.covariance).min() > -1e-12
-        assert e.T_world_imu[:3, :3] @ e.T_world_imu[:3, :3].T == pytest.approx(np.eye(3), abs=1e-6)
+        assert e.pose.T_world_frame[:3, :3] @ e.pose.T_world_frame[:3, :3].T == pytest.approx(np.eye(3), abs=1e-6)
 
 
 def test_is_deterministic(sway, plain):
@@ -90,7 +92,7 @@ def test_is_deterministic(sway, plain):
     some = samples[:1200]
     a, b = estimates_of(plain, some)[-1], followed(wall, some)[1][-1]
     assert a.t_ns == b.t_ns
-    assert np.array_equal(a.T_world_imu, b.T_world_imu)
+    assert np.array_equal(a.pose.T_world_frame, b.pose.T_world_frame)
     assert np.array_equal(a.covariance, b.covariance)
 
 
@@ -151,7 +153,7 @@ def tilt_and_speed_errors(wall, e):
     """rad and m/s, which no heading changes."""
     t, h = e.t_ns * 1e-9, 1e-4
     R, _ = wall.pose(t)
-    measured = e.T_world_imu[:3, :3]
+    measured = e.pose.T_world_frame[:3, :3]
     v = (wall.pose(t + h)[1] - wall.pose(t - h)[1]) / (2 * h)
     tilt = np.arccos(np.clip(R[2] @ measured[2], -1, 1))
     return tilt, np.linalg.norm(R.T @ v - measured.T @ e.v_imu_in_world)
@@ -177,7 +179,7 @@ def test_a_start_in_motion_is_deterministic():
     samples = list(moving(0.8).samples())
     a, b = (followed(None, samples)[1][0] for _ in range(2))
     assert a.t_ns == b.t_ns
-    assert np.array_equal(a.T_world_imu, b.T_world_imu)
+    assert np.array_equal(a.pose.T_world_frame, b.pose.T_world_frame)
     assert np.array_equal(a.covariance, b.covariance)
 
 
@@ -187,7 +189,7 @@ def test_starts_in_motion_as_well_as_it_can_where_the_images_do_not_fit():
     _, made = followed(wall, [images.get((type(s), s.t_ns), s) for s in wall.samples()])
     assert 2_900_000_000 < made[0].t_ns < 3_400_000_000
     assert made[0].covariance[3:5, 3:5].max() > 0.1**2
-    assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
+    assert all(np.isfinite(e.pose.T_world_frame).all() and np.isfinite(e.covariance).all() for e in made)
 
 
 def corrupted(samples, change):
@@ -224,7 +226,7 @@ FAULTS = {
 def test_bears_faults(sway, name):
     wall, samples = sway
     _, made = followed(wall, corrupted(samples, FAULTS[name]))
-    assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
+    assert all(np.isfinite(e.pose.T_world_frame).all() and np.isfinite(e.covariance).all() for e in made)
     assert errors(wall, made).max() < 0.12
 
 
@@ -233,7 +235,7 @@ def test_ignores_what_is_late_or_repeated(sway, plain):
     some = samples[:1500]
     again = [c for i, s in enumerate(some) for c in ([s, s, some[max(i - 40, 0)]] if i % 7 == 0 else [s])]
     _, made = followed(wall, again)
-    assert np.array_equal(estimates_of(plain, some)[-1].T_world_imu, made[-1].T_world_imu)
+    assert np.array_equal(estimates_of(plain, some)[-1].pose.T_world_frame, made[-1].pose.T_world_frame)
 
 
 def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
@@ -245,13 +247,13 @@ def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
     assert healths[-1] == "tracking"
     before = next(e for e in reversed(made) if e.t_ns <= 3_000_000_000)
     first = next(e for e in made if e.t_ns > 4_600_000_000 and e.health == "tracking")
-    assert np.linalg.norm(first.T_world_imu[:3, 3] - before.T_world_imu[:3, 3]) < 1.0
+    assert np.linalg.norm(first.pose.T_world_frame[:3, 3] - before.pose.T_world_frame[:3, 3]) < 1.0
     assert first.covariance[0, 0] > 100 * before.covariance[0, 0]
     assert first.t_ns < 5_700_000_000
     tilt, speed = tilt_and_speed_errors(wall, first)
     assert tilt < np.radians(1.5)
     assert speed < 0.05
-    assert all(np.isfinite(e.T_world_imu).all() for e in made)
+    assert all(np.isfinite(e.pose.T_world_frame).all() for e in made)
 
 
 def test_camera_covered_is_said(sway):
@@ -325,7 +327,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
     # a second gap while all is lost makes nothing known either
     lost = [(e.t_ns * 1e-9, e.covariance[0, 0]) for e in made if 12.7e9 < e.t_ns < 12.99e9]
     seconds, variance = np.diff(lost, axis=0).T
-    np.testing.assert_allclose(variance, DvioParameters().recovery.lost_walk_m_rts ** 2 * seconds, rtol=1e-6)
+    np.testing.assert_allclose(variance, LOST_WALK_M_RTS**2 * seconds, rtol=1e-6)
 
 
 def test_does_without_samples_of_the_imu_that_have_gone(sway):
@@ -359,12 +361,18 @@ def test_memory_is_constant_and_landmarks_are_seen_from_their_host_on(sway):
 
 def test_refuses_what_it_cannot_use():
     with pytest.raises(ConfigError, match="head or chest"):
-        Dvio(rig(), mount="wrist")
+        Dvio(rig(), options=Options(mount="wrist"))
     with pytest.raises(StrideTwinError, match="no camera"):
         Dvio(Rig())
     with pytest.raises(ConfigError, match="host_depth"):
-        DvioParameters(host_depth="some")
+        DvioMethod(host_depth="some")
+    with pytest.raises(ConfigError, match="calibration: invalid 'some': expected nominal, mount_and_clock, all"):
+        DvioMethod(calibration="some")
+    with pytest.raises(ConfigError, match="steps"):
+        DvioMethod(steps=0)
     with pytest.raises(ConfigError, match="pixel_noise_px"):
         DvioParameters(pixel_noise_px=0.0)
+    with pytest.raises(ConfigError, match="min_depth_m"):
+        DvioParameters(min_depth_m=7.0)
     with pytest.raises(StrideTwinError, match="/foot_l/imu"):
         Dvio(rig()).update(Imu(topic="/foot_l/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3)))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stridetwin.estimators.dvio import imu_factors, projection
 from stridetwin.estimators.dvio.projection import OBSERVATION, blank_views
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Preintegration
-from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
+from tests.estimators.dvio.scenes import FACTORS, moved, seen_window
 from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
@@ -42,11 +42,11 @@ def test_the_jacobian_of_an_observation_is_its_slope(seed):
         x, y = ray(other.calibration, *at)
         return np.array(project(v.rotation[0, 2], v.translation[0, 2], x, y, xi + of_depth)[:3])
 
-    size = SHARED + FRAME * 3
+    size = CALIBRATION + FRAME * 3
     columns = [
         *range(CALIBRATION),
-        *(SHARED + i for i in range(6)),
-        *(SHARED + 2 * FRAME + i for i in range(6)),
+        *(CALIBRATION + i for i in range(6)),
+        *(CALIBRATION + 2 * FRAME + i for i in range(6)),
     ]
     for j, column in enumerate(columns):
         e = np.zeros(size)
@@ -72,7 +72,7 @@ def test_the_jacobian_of_the_motion_is_its_slope(seed):
 
     def residual(error):
         other = copy.deepcopy(window)
-        moved(other, np.concatenate([np.zeros(SHARED), error, np.zeros(FRAME)]))
+        moved(other, np.concatenate([np.zeros(CALIBRATION), error, np.zeros(FRAME)]))
         out, workspace = np.zeros(9), np.zeros((9, 2 * FRAME))
         motion(other.frames, z, 0, FACTORS.gravity, out, workspace, False)
         return out

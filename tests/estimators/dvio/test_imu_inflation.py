@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.imu_inflation import ImuInflation, residuals
+from stridetwin.estimators.dvio import DvioMethod
+from stridetwin.estimators.dvio.imu_inflation import CONSISTENT_SHARE, ImuInflation, residuals
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, InflationParameters, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Window
 from stridetwin.streams.samples import Imu, Sample
-from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, seen_window
+from tests.estimators.dvio.scenes import FACTORS, NOISE, seen_window
 from tests.estimators.dvio.test_dvio import errors, followed
 from tests.estimators.dvio.wall import IMU_HZ, Wall, rig, swaying
 
 FRAMES, STEP_S, DRAWS = 4, 0.2, 300
 SD = np.repeat([3e-3, 3e-3, 3e-2], 3)
-EXACT = FACTORS._replace(pixel_limit=1e3, depth_limit=1e3)
+EXACT = FACTORS._replace(huber_sd=1e3)
 
 
 def noisy_increments(rng: np.random.Generator, times: float) -> Window:
@@ -44,7 +45,7 @@ def noisy_increments(rng: np.random.Generator, times: float) -> Window:
         z.covariance[k], z.weight[k] = np.diag(SD**2), np.diag(SD**-2)
     shared = range(CALIBRATION)
     w.prior.H[shared, shared] = 1e12
-    first = range(SHARED, SHARED + FRAME)
+    first = range(CALIBRATION, CALIBRATION + FRAME)
     sd = np.repeat([1e-6, 1e-6, 0.1, 0.01, 0.05], 3)
     w.prior.H[first, first] = sd**-2.0
     w.prior.b[first] = rng.normal(size=FRAME) / sd
@@ -87,31 +88,30 @@ def followed_noise(inflation: ImuInflation, noise: tuple[float, float], incremen
 
 
 def test_noise_as_stated_stays():
-    inflation = ImuInflation(NOISE, InflationParameters())
+    inflation = ImuInflation(NOISE)
     assert followed_noise(inflation, (0.6, 0.3), 100) == pytest.approx([1.0, 1.0])
     assert inflation.noise == NOISE
 
 
 def test_the_factor_follows_each_sensor_up_and_down():
-    p = InflationParameters()
-    inflation = ImuInflation(NOISE, p)
+    inflation = ImuInflation(NOISE)
     up = followed_noise(inflation, (6.0, 0.3), 120)
-    assert up == pytest.approx([6.0 / p.share, 1.0], rel=0.1)
+    assert up == pytest.approx([6.0 / CONSISTENT_SHARE, 1.0], rel=0.1)
     assert inflation.noise.rate == pytest.approx(up[0] * NOISE.rate)
     assert inflation.noise.force == NOISE.force
     assert inflation.noise.rate_walk == NOISE.rate_walk
-    assert followed_noise(inflation, (0.3, 3.0), 400) == pytest.approx([1.0, 3.0 / p.share], rel=0.1)
+    assert followed_noise(inflation, (0.3, 3.0), 400) == pytest.approx([1.0, 3.0 / CONSISTENT_SHARE], rel=0.1)
 
 
 def test_one_bad_image_is_no_noise():
-    inflation = ImuInflation(NOISE, InflationParameters())
+    inflation = ImuInflation(NOISE)
     followed_noise(inflation, (0.3, 0.4), 30)
     assert followed_noise(inflation, (100.0, 100.0), 1) == pytest.approx([1.0, 1.0], abs=0.1)
 
 
 def test_a_redundancy_below_zero_is_none():
     """It can be so by rounding, or where the window has not converged."""
-    inflation = ImuInflation(NOISE, InflationParameters())
+    inflation = ImuInflation(NOISE)
     inflation.take(np.array([5.0, -1.0]), np.array([-1.0, 2.0]), np.ones(2))
     assert (inflation.factor == 1.0).all()
 
@@ -138,8 +138,12 @@ def with_noise(samples: list[Sample], times: float) -> Iterator[Sample]:
 
 def test_parts_as_their_data_sheets_say_are_not_touched(wall):
     samples = list(wall.samples())
-    by_images, by_data_sheet = (followed(wall, samples, imu_noise_from_images=use)[1] for use in (True, False))
-    assert all((a.T_world_imu == b.T_world_imu).all() for a, b in zip(by_images, by_data_sheet, strict=True))
+    by_images, by_data_sheet = (
+        followed(wall, samples, method=DvioMethod(imu_noise_from_images=use))[1] for use in (True, False)
+    )
+    assert all(
+        (a.pose.T_world_frame == b.pose.T_world_frame).all() for a, b in zip(by_images, by_data_sheet, strict=True)
+    )
 
 
 def test_a_mount_that_vibrates_is_found():
@@ -147,6 +151,8 @@ def test_a_mount_that_vibrates_is_found():
     wall = Wall(swaying, 12.0, seed=2)
     samples = list(wall.samples())
     shaken = [b if b.t_ns > 2e9 else a for a, b in zip(samples, with_noise(samples, 60.0), strict=True)]
-    (found, by_images), (_, by_data_sheet) = (followed(wall, shaken, imu_noise_from_images=u) for u in (True, False))
+    (found, by_images), (_, by_data_sheet) = (
+        followed(wall, shaken, method=DvioMethod(imu_noise_from_images=use)) for use in (True, False)
+    )
     assert all(25.0 < factor < 120.0 for factor in found.imu_noise_factors)
     assert errors(wall, by_images).mean() < 0.75 * errors(wall, by_data_sheet).mean()

@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.dvio import DvioParameters
 from stridetwin.estimators.dvio.level import (
+    START_MOUNT_SD_RAD,
     LevelGround,
     Slope,
     add_level,
@@ -24,10 +26,10 @@ from stridetwin.estimators.dvio.level import (
 )
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
-from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, LevelParameters, Window
-from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, Window
+from tests.estimators.dvio.scenes import FACTORS, moved, seen_window
 
-P = LevelParameters()
+SD_RAD = DvioParameters().level_ground_sd_rad
 STEP = 1e-6
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -46,8 +48,8 @@ def test_the_jacobian_of_a_slope_is_its_derivative(seed):
     w.calibration.focal[:] = [0.01, -0.02]
     measured = ground(w, 2, 0.02) + 0.01 * rng.normal(size=3)
     slope = slope_of(w, 2, measured)
-    for column, i in enumerate(columns(w, 2)):
-        other, error = copy.deepcopy(w), np.zeros(SHARED + FRAME * 4)
+    for column, i in enumerate(columns(2)):
+        other, error = copy.deepcopy(w), np.zeros(CALIBRATION + FRAME * 4)
         error[i] = STEP
         moved(other, error)
         derivative = (slope_of(other, 2, measured).r - slope.r) / STEP
@@ -79,12 +81,12 @@ def tilted(sd: float) -> np.ndarray:
     ],
 )
 def test_only_what_may_be_level_is_taken_as_level(slope_rad, tilt_sd_rad, used):
-    assert (level_weight(slope(slope_rad), tilted(tilt_sd_rad), P) > 0) == used
+    assert (level_weight(slope(slope_rad), tilted(tilt_sd_rad), SD_RAD) > 0) == used
 
 
 def test_an_unlikely_slope_counts_less():
-    assert level_weight(slope(0.0), tilted(0.01), P) == pytest.approx(P.sd_rad**-2)
-    assert level_weight(slope(0.025), tilted(0.01), P) < 0.7 * P.sd_rad**-2
+    assert level_weight(slope(0.0), tilted(0.01), SD_RAD) == pytest.approx(SD_RAD**-2)
+    assert level_weight(slope(0.025), tilted(0.01), SD_RAD) < 0.7 * SD_RAD**-2
 
 
 def test_the_variance_of_a_slope_is_the_scatter_of_its_measurements():
@@ -110,7 +112,7 @@ def test_planes_of_one_floor_are_as_uncertain_as_they_scatter():
     assert torn.r == pytest.approx([0.0, 0.006])
     assert torn.variance == pytest.approx(1e-5 + (2 * (1e-6 + 0.006**2) + 0.012**2) / 6)
     flat = tilted(0.01)
-    assert level_weight(torn, flat, P) < 0.5 * level_weight(alike[0], flat, P)
+    assert level_weight(torn, flat, SD_RAD) < 0.5 * level_weight(alike[0], flat, SD_RAD)
 
 
 def test_a_better_known_plane_counts_more():
@@ -122,8 +124,8 @@ def test_a_floor_counts_more_than_the_gentle_ramp_behind_it():
     """Of two planes that may be level but not both, the likelier one: with 0.65° of tilt, 0° against 1.8°."""
     floor, ramp = slope(0.0)._replace(variance=1e-5), slope(0.0314)._replace(variance=1e-5)
     unknown = tilted(0.0113)
-    misfits = [misfit(plane, unknown, P) for plane in (floor, ramp)]
-    assert misfits == pytest.approx([0.0, 0.0314**2 / (0.0113**2 + P.sd_rad**2 + 1e-5)])
+    misfits = [misfit(plane, unknown, SD_RAD) for plane in (floor, ramp)]
+    assert misfits == pytest.approx([0.0, 0.0314**2 / (0.0113**2 + SD_RAD**2 + 1e-5)])
     mean = mean_slope([floor, ramp], misfits)
     ratio = np.exp(-0.5 * misfits[1])
     assert mean.r[0] == pytest.approx(0.0314 * ratio / (1.0 + ratio))
@@ -135,15 +137,15 @@ def test_a_floor_counts_more_than_the_gentle_ramp_behind_it():
 )
 def test_the_ground_of_the_start_may_be_steeper(slope_rad, at_start, later):
     unknown = tilted(0.0113)
-    assert (level_weight(slope(slope_rad), unknown, P, at_start=True) > 0) == at_start
-    assert (level_weight(slope(slope_rad), unknown, P) > 0) == later
+    assert (level_weight(slope(slope_rad), unknown, SD_RAD, at_start=True) > 0) == at_start
+    assert (level_weight(slope(slope_rad), unknown, SD_RAD) > 0) == later
 
 
 def prior_of(w: Window, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
     """A prior of all states, in which the first frame's tilt is uncertain."""
-    n = CALIBRATION + FRAME * 4 + (w.shared - CALIBRATION)
+    n = CALIBRATION + FRAME * 4
     w.prior.H[range(n), range(n)] = 1e6
-    own = w.shared + D_ATTITUDE
+    own = CALIBRATION + D_ATTITUDE
     w.prior.H[range(own, own + 3), range(own, own + 3)] = tilt_sd**-2
     at = range(D_ATTITUDE_IC, D_ATTITUDE_IC + 3)
     w.prior.H[at, at] = mount_sd**-2
@@ -157,20 +159,20 @@ def test_level_ground_corrects_the_tilt():
     w.frames.R[0] = Rotation.from_euler("x", 0.01).as_matrix() @ truth
     work = blank_work(w)
     minimise(w, FACTORS, work, 1, 1e-3)
-    size = w.shared + FRAME
+    size = CALIBRATION + FRAME
     before = slope_of(w, 0, measured)
-    covariance = covariance_of(columns(w, 0), work.factor, size)
+    covariance = covariance_of(columns(0), work.factor, size)
     assert np.sqrt(np.diag(covariance)) == pytest.approx([5e-3] * 3 + [0.01] * 3, rel=1e-3)
-    weight = level_weight(before, covariance, P)
+    weight = level_weight(before, covariance, SD_RAD)
     assert weight > 0
     add_level(w, 0, before, weight)
     minimise(w, FACTORS, work, 3, 1e-9)
     after = slope_of(w, 0, measured)
     assert np.linalg.norm(before.r) == pytest.approx(0.01, rel=0.01)
-    expected = P.sd_rad**2 / (P.sd_rad**2 + 0.01**2 + 5e-3**2)
+    expected = SD_RAD**2 / (SD_RAD**2 + 0.01**2 + 5e-3**2)
     assert np.linalg.norm(after.r) == pytest.approx(expected * 0.01, rel=0.05)
-    tilt = after.J @ covariance_of(columns(w, 0), work.factor, size) @ after.J.T
-    assert np.sqrt(np.diag(tilt)).max() < P.sd_rad
+    tilt = after.J @ covariance_of(columns(0), work.factor, size) @ after.J.T
+    assert np.sqrt(np.diag(tilt)).max() < SD_RAD
 
 
 def test_a_second_observation_continues_from_the_first():
@@ -181,22 +183,22 @@ def test_a_second_observation_continues_from_the_first():
     w.frames.R[0] = Rotation.from_euler("y", 0.01).as_matrix() @ w.frames.R[0]
     left = []
     for _ in range(4):
-        add_level(w, 0, slope_of(w, 0, measured), P.sd_rad**-2)
+        add_level(w, 0, slope_of(w, 0, measured), SD_RAD**-2)
         minimise(w, FACTORS, work, 3, 1e-9)
         left.append(float(np.linalg.norm(slope_of(w, 0, measured).r)))
-    s2 = P.sd_rad**2 / (0.01**2 + 5e-3**2)
+    s2 = SD_RAD**2 / (0.01**2 + 5e-3**2)
     assert left == pytest.approx([0.01 * s2 / (s2 + k) for k in (1, 2, 3, 4)], rel=0.08)
 
 
 def start(w: Window, slope_rad: float) -> MountPrior:
     """The first observation of ground by a window that begins, of a calibrated mount and a tilt known to 0.6°."""
     prior_of(w)
-    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]), 1.0, 0.25)
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
     work = blank_work(w)
     minimise(w, FACTORS, work, 1, 1e-3)
     weights = np.tile(1e6 * np.eye(3), (2, 1, 1))
     planes = np.array([ground(w, 0, slope_rad), 1.05 * ground(w, 0, slope_rad)])
-    LevelGround(P, used=True).observe(w, work.factor, 0, planes, weights, mount)
+    LevelGround(SD_RAD, used=True).observe(w, work.factor, 0, planes, weights, mount)
     minimise(w, FACTORS, work, 3, 1e-9)
     return mount
 
@@ -211,7 +213,7 @@ def test_a_mount_that_is_off_is_seen_at_the_start(slope_rad, is_mount):
     tilted_by = Rotation.from_matrix(w.frames.R[0] @ R.T).magnitude()
     assert (mount.sd[1] > 0.02) == is_mount
     if is_mount:
-        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + P.start_mount_sd_rad**2), rel=0.08)
+        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + START_MOUNT_SD_RAD**2), rel=0.08)
         assert tilted_by < 2e-3
     else:
         assert turned < 0.005
@@ -220,19 +222,19 @@ def test_a_mount_that_is_off_is_seen_at_the_start(slope_rad, is_mount):
 def test_the_slope_of_a_mount_needs_planes_that_agree():
     floor, other = slope(0.07)._replace(variance=1e-5), slope(0.11)._replace(variance=1e-5)
     known, unknown = tilted(0.01), tilted(0.03)
-    alone = start_slope([floor, slope(0.2)], known, P)
+    alone = start_slope([floor, slope(0.2)], known)
     assert alone is not None
     assert alone.r == pytest.approx(floor.r)
     assert not alone.J[:, 3:].any()
-    assert start_slope([floor, other], known, P) is None
-    assert start_slope([floor], unknown, P) is None
-    assert start_slope([slope(0.2)], known, P) is None
+    assert start_slope([floor, other], known) is None
+    assert start_slope([floor], unknown) is None
+    assert start_slope([slope(0.2)], known) is None
 
 
 def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, Window]:
     """A mount prior after thirty keyframes that estimate the mount off by so much, with such a standard deviation."""
     w = seen_window(np.random.default_rng(5))
-    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]), 1.0, 0.25)
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
     w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
     w.calibration.moved[D_ATTITUDE_IC] = off_rad
     for _ in range(30):
@@ -254,7 +256,7 @@ def test_a_mount_that_has_slipped_is_not_held_back():
 
 def test_the_prior_of_a_mount_begins_with_the_calibration_s_rotation_and_waits_for_a_measured_position():
     w = seen_window(np.random.default_rng(5))
-    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]), 1.0, 0.25)
+    mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
     w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
     assert mount.sd == pytest.approx([0.03, 5e-3])
     mount.follow(w, np.diag([0.03**2] * 3 + [5e-3**2] * 3))
@@ -264,7 +266,7 @@ def test_the_prior_of_a_mount_begins_with_the_calibration_s_rotation_and_waits_f
 
 
 def test_a_known_mount_stays_known():
-    mount = MountPrior(np.zeros(2), np.array([0.03, 0.04]), 1.0, 0.25)
+    mount = MountPrior(np.zeros(2), np.array([0.03, 0.04]))
     assert not mount.adapts
     assert mount.start(np.zeros(6)) == pytest.approx(np.zeros(6))
 

@@ -1,4 +1,4 @@
-"""Parts of the odometry against plain arithmetic: prediction, samples, planes of an image, legs, level ground."""
+"""Parts of the odometry against plain arithmetic: prediction, samples, planes of an image, level ground."""
 
 import math
 from types import SimpleNamespace
@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.contact_terrain.speed import LegSpeed
 from stridetwin.estimators.dvio import DvioParameters, level, nav_state, plane_cells
-from stridetwin.estimators.dvio.feet import Feet, LegParameters
 from stridetwin.estimators.dvio.level import LevelGround, Slope
 from stridetwin.estimators.dvio.nav_state import Inertial, blank_nav_state
-from stridetwin.estimators.dvio.parameters import PlausibleState
 from stridetwin.estimators.dvio.sliding_window import Core
-from stridetwin.estimators.dvio.state import LevelParameters, PlaneParameters, blank_preintegration, blank_window
+from stridetwin.estimators.dvio.state import blank_preintegration, blank_window
 from stridetwin.estimators.dvio.tracker import Lens
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount
 from stridetwin.streams.samples import Imu
@@ -84,20 +81,20 @@ def test_a_pose_and_its_covariance_are_in_world_axes():
 
 
 def test_a_state_is_plausible_if_all_of_it_is_finite_and_within_its_limits():
-    limits, plausible = PlausibleState(), from_python(nav_state.plausible)
-    assert plausible(blank_nav_state(), limits)
+    plausible = from_python(nav_state.plausible)
+    assert plausible(blank_nav_state())
     for name, at in (("p", 0), ("p", 2), ("R", (0, 0)), ("R", (1, 1)), ("R", (2, 2)), ("v", 1), ("bias", 0),
                      ("bias", 5),
                      ("covariance", (0, 14)), ("covariance", (14, 14))):  # fmt: skip
         for value in (math.nan, math.inf):
             nav = blank_nav_state()
             getattr(nav, name)[at] = value
-            assert not plausible(nav, limits), (name, at)
+            assert not plausible(nav), (name, at)
     for name, at, most in (("v", 2, 15.0), ("bias", 1, 0.5), ("bias", 2, 0.5), ("bias", 3, 3.0), ("bias", 4, 3.0)):
         for factor, expected in ((0.99, True), (1.01, False), (-0.99, True), (-1.01, False)):
             nav = blank_nav_state()
             getattr(nav, name)[at] = factor * most
-            assert plausible(nav, limits) == expected, (name, at, factor)
+            assert plausible(nav) == expected, (name, at, factor)
 
 
 def inertial(rate_hz=100.0):
@@ -174,7 +171,6 @@ def test_the_inverse_of_a_symmetric_matrix_is_numpys():
     assert not from_python(plane_cells.inverse_of)(np.outer(v, v)[np.triu_indices(3)], out)
 
 
-P = PlaneParameters()
 FOCAL = 190.0
 
 
@@ -188,13 +184,13 @@ def two_planes(sd=0.002, seed=0, wall_per_m=0.30):
         np.einsum("i,ihw", wall, [x, y, np.ones_like(x)]), np.einsum("i,ihw", floor, [x, y, np.ones_like(x)])
     )
     inverse += np.random.default_rng(seed).normal(0, sd, inverse.shape)
-    pixels = plane_cells.sample_pixels((height, width), P)
+    pixels = plane_cells.sample_pixels((height, width))
     rays = (pixels - [159.5, 119.5]) / FOCAL
     return (1.0 / inverse).astype(np.float32), rays, pixels, wall, floor
 
 
 def test_samples_fill_whole_cells():
-    pixels = plane_cells.sample_pixels((250, 330), P)
+    pixels = plane_cells.sample_pixels((250, 330))
     assert pixels.shape == (60, 80, 2)
     np.testing.assert_array_equal(pixels[0, 0], [2, 2])
     np.testing.assert_array_equal(pixels[7, 9], [38, 30])
@@ -207,10 +203,10 @@ def test_the_planes_of_an_image_are_those_of_its_samples(wall_per_m, first, seed
     sd = 0.002
     depth, rays, pixels, wall, floor = two_planes(sd, seed, wall_per_m)
     planes, weights = np.zeros((4, 3)), np.zeros((4, 3, 3))
-    count = from_python(plane_cells.read_planes)(depth, rays, P, 0.3, sd, planes, weights)
+    count = from_python(plane_cells.read_planes)(depth, rays, 0.3, sd, planes, weights)
     assert count == 2
     largest = np.zeros((1, 3))
-    assert from_python(plane_cells.read_planes)(depth, rays, P, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
+    assert from_python(plane_cells.read_planes)(depth, rays, 0.3, sd, largest, np.zeros((1, 3, 3))) == 1
     np.testing.assert_array_equal(largest[0], planes[0])
     assert not planes[2:].any()
     for k, true in enumerate((wall, floor) if first == 0 else (floor, wall)):
@@ -218,7 +214,7 @@ def test_the_planes_of_an_image_are_those_of_its_samples(wall_per_m, first, seed
         off = planes[k] - true
         assert off @ weights[k] @ off < 16.0
         np.testing.assert_allclose(planes[k], true, atol=0.004)
-        extra = P.error**2 * (planes[k] @ planes[k])
+        extra = plane_cells.PLANE_ERROR**2 * (planes[k] @ planes[k])
         noise = covariance - extra * np.eye(3)
         assert (np.linalg.eigvalsh(noise) > 0.0).all()
         # as of least squares over the samples of this plane that lie in whole cells
@@ -238,56 +234,10 @@ def test_an_image_without_depth_or_that_is_rough_has_no_planes():
     read = from_python(plane_cells.read_planes)
     rough = (1.0 / np.random.default_rng(0).uniform(0.3, 0.9, depth.shape)).astype(np.float32)
     for image in (np.zeros_like(depth), np.full_like(depth, np.nan), 0.1 * depth, 9.0 * depth, rough):
-        assert read(image, rays, P, 0.45, 0.002, planes, weights) == 0
+        assert read(image, rays, 0.45, 0.002, planes, weights) == 0
 
 
-def legs(parameters=LegParameters(), velocities=()):  # noqa: B008
-    queue = list(velocities)
-    feet = Feet(("/a",), SimpleNamespace(update=lambda sample: queue.pop(0)), parameters)
-    while queue:
-        feet.take(None)
-    return feet
-
-
-def leg(t_s, v, resting=False):
-    return LegSpeed(t_ns=round(t_s * 1e9), v_back_in_world=np.array(v, float), resting=resting)
-
-
-def test_the_heading_of_the_legs_is_the_weighted_mean_of_the_directions():
-    """Directions count by the product of both speeds and the time, and fade over ten seconds."""
-    rng = np.random.default_rng(0)
-    turns, speeds = rng.normal(0.7, 0.1, 20), rng.uniform(0.5, 1.5, 20)
-    v = [leg(0.1 * (k + 1), (speeds[k], 0.2 * speeds[k], 0.05)) for k in range(20)]
-    feet, total, weight = legs(velocities=v), 0j, 0.0
-    for k in range(20):
-        a = complex(speeds[k], 0.2 * speeds[k])
-        b = 1.1 * a * np.exp(1j * turns[k])
-        feet.compare(v[k].t_ns, np.array([b.real, b.imag, 0.0]))
-        total = math.exp(-0.1 / 10.0) * total + 0.1 * b * a.conjugate()
-        weight = math.exp(-0.1 / 10.0) * weight + 0.1 * abs(a) * abs(b)
-        found = feet.at(v[k].t_ns).v_in_world
-        assert (found is not None) == (weight > 1.0)
-    c = total / abs(total) * complex(speeds[19], 0.2 * speeds[19])
-    np.testing.assert_allclose(found, [c.real, c.imag, 0.05], rtol=1e-9)
-    assert feet.at(v[19].t_ns + 59_000_000) is not None
-    assert feet.at(v[19].t_ns + 61_000_000) is None
-    feet.compare(v[19].t_ns + 61_000_000, np.array([9.0, 9.0, 9.0]))  # nothing of that time to compare with
-    np.testing.assert_allclose(feet.at(v[19].t_ns).v_in_world, [c.real, c.imag, 0.05], rtol=1e-9)
-    feet.reset()
-    assert feet.at(v[19].t_ns).v_in_world is None
-
-
-def test_directions_that_do_not_agree_give_no_heading():
-    v = [leg(0.1 * (k + 1), (1.0, 0.0, 0.0)) for k in range(40)]
-    for spread, known in ((0.40, True), (0.50, False)):  # cos 0.4 = 0.92, cos 0.5 = 0.88
-        feet = legs(velocities=v)
-        for k, of in enumerate(v):
-            angle = spread if k % 2 else -spread
-            feet.compare(of.t_ns, np.array([math.cos(angle), math.sin(angle), 0.0]))
-        assert (feet.at(v[-1].t_ns).v_in_world is not None) == known
-
-
-LEVEL = LevelParameters()
+GROUND_SD_RAD = DvioParameters().level_ground_sd_rad
 
 
 def slope(r, J=None):
@@ -300,22 +250,22 @@ def test_level_ground_weighs_by_its_construction_and_a_ramp_nothing():
     for r in ((0.0, 0.0), (0.004, 0.0), (0.0, 0.012), (0.008, -0.012)):
         square = np.array(r) @ np.linalg.inv(total) @ r
         expected = min(1.0, 1.5 / max(math.sqrt(square), 1e-9)) / 0.003**2 if square <= 9.2 else 0.0
-        assert level.level_weight(slope(r), tilt, LEVEL) == pytest.approx(expected, rel=1e-9)
+        assert level.level_weight(slope(r), tilt, GROUND_SD_RAD) == pytest.approx(expected, rel=1e-9)
     sure = np.diag([0.019**2, 0.019**2, 1.0, 1.0, 1.0, 1.0])
-    assert level.level_weight(slope((0.0349, 0.0)), sure, LEVEL) > 0.0
-    assert level.level_weight(slope((0.0, -0.0351)), sure, LEVEL) == 0.0
-    assert level.level_weight(slope((0.0, 0.0)), np.diag([0.0201**2, 0.0201**2, 1, 1, 1, 1]), LEVEL) == 0.0
-    assert level.level_weight(slope((0.0, 0.0)), np.diag([0.0279**2, 0.0, 1, 1, 1, 1]), LEVEL) > 0.0
+    assert level.level_weight(slope((0.0349, 0.0)), sure, GROUND_SD_RAD) > 0.0
+    assert level.level_weight(slope((0.0, -0.0351)), sure, GROUND_SD_RAD) == 0.0
+    assert level.level_weight(slope((0.0, 0.0)), np.diag([0.0201**2, 0.0201**2, 1, 1, 1, 1]), GROUND_SD_RAD) == 0.0
+    assert level.level_weight(slope((0.0, 0.0)), np.diag([0.0279**2, 0.0, 1, 1, 1, 1]), GROUND_SD_RAD) > 0.0
 
 
 def test_level_ground_is_due_once_a_metre_and_only_where_it_is_used():
-    ground, place = LevelGround(LEVEL, used=True), np.array([1.0, 2.0, 3.0])
+    ground, place = LevelGround(GROUND_SD_RAD, used=True), np.array([1.0, 2.0, 3.0])
     assert ground.due(place)
     ground._p_last = place
     assert [ground.due(place + s * np.array([0.6, 0.0, 0.8])) for s in (0.0, 0.99, 1.01)] == [False, False, True]
     ground.restart()
     assert ground.due(place)
-    assert not LevelGround(LEVEL, used=False).due(place)
+    assert not LevelGround(GROUND_SD_RAD, used=False).due(place)
 
 
 def test_the_covariance_of_some_states_is_a_block_of_the_inverse():
@@ -335,7 +285,7 @@ def window_of_points(rng, count):
     )  # fmt: skip
     T_imu_camera = np.eye(4)
     T_imu_camera[:3, :3], T_imu_camera[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.1, 0.1, 3)
-    window = blank_window(3, count, T_imu_camera, 0.0, 0)
+    window = blank_window(3, count, T_imu_camera, 0.0)
     marks = window.landmarks
     marks.host[:], marks.measured[:], marks.inverse_depth[:] = 0, 1, rng.uniform(0.2, 1.0, count)
     marks.at[:, 0] = rng.uniform([-0.5, -0.3], [0.5, 0.3], (count, 2))

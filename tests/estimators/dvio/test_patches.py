@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.dvio import patches
-from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
+from stridetwin.estimators.dvio.tracker import FINE
 from tests.estimators.from_python import from_python
 
 
@@ -33,49 +33,53 @@ def test_cornerness_is_the_eigenvalues_of_the_mean_gradient_tensor():
         assert from_python(patches.cornerness)(grey, x, y, reach) == pytest.approx(expected, rel=1e-9)
 
 
-def test_candidates_score_inside_the_margin_alone():
-    grey, p = texture(), CornerParameters(margin_px=10, cornerness_min=6.0, roundness_min=0.0)
-    places = np.array([[10, 10], [9, 40], [109, 79], [110, 40], [60, 80], [60, 9], [60.9, 40.9]], np.float32)
+def scored(grey, places, min_cornerness, min_roundness):
+    """(N,) scores of candidates."""
     score = np.full(len(places), 7.0)
-    from_python(patches.cornerness_at)(grey, places, p, score)
+    from_python(patches.cornerness_at)(grey, places, min_cornerness, min_roundness, score)
+    return score
+
+
+def test_candidates_score_inside_the_margin_alone():
+    grey = texture()
+    places = np.array([[10, 10], [9, 40], [109, 79], [110, 40], [60, 80], [60, 9], [60.9, 40.9]], np.float32)
+    score = scored(grey, places, 6.0, 0.0)
     assert (score >= 0).tolist() == [True, False, True, False, False, False, True]
-    assert score[6] == pytest.approx(from_python(patches.cornerness)(grey, 60, 40, p.reach_px)[0])
-    high = p._replace(cornerness_min=float(score.max()) + 1e-6)
-    from_python(patches.cornerness_at)(grey, places, high, score)
-    assert (score == -1.0).all()
-    least, most = from_python(patches.cornerness)(grey, 60, 40, p.reach_px)
+    least, most = from_python(patches.cornerness)(grey, 60, 40, patches.CORNER_REACH_PX)
+    assert score[6] == pytest.approx(least)
+    assert (scored(grey, places, float(score.max()) + 1e-6, 0.0) == -1.0).all()
     for ratio, used in ((0.99, True), (1.01, False)):
-        rounder = p._replace(roundness_min=ratio * least / most)
-        from_python(patches.cornerness_at)(grey, places, rounder, score)
-        assert (score[6] >= 0.0) == used
+        assert (scored(grey, places, 6.0, ratio * least / most)[6] >= 0.0) == used
 
 
-def picked(candidates, taken, wanted, p, shape=(80, 100)):
+def picked(candidates, taken, wanted, grid, min_distance_px, shape=(80, 100)):
     out = np.zeros((wanted, 2), np.float32)
     candidates, taken = (np.array(a, np.float32).reshape(-1, 2) for a in (candidates, taken))
-    filled = np.zeros((p.rows, p.columns), np.int64)
-    count = from_python(patches.pick)(shape, candidates, np.arange(len(candidates)), taken, p, filled, out)
+    filled = np.zeros(grid, np.int64)
+    count = from_python(patches.pick)(
+        shape, candidates, np.arange(len(candidates)), taken, min_distance_px, filled, out
+    )
     return out[:count].tolist()
 
 
 def test_new_points_fill_empty_cells_first_and_keep_their_distance():
-    p = CornerParameters(columns=10, rows=8, apart_px=4.0)
+    cells = (8, 10), 4.0
     candidates = [[1, 1], [8, 8], [15, 5], [99, 79], [17, 5], [55, 41]]
     # cells are 10 px wide and high: (8, 8) waits for those in empty cells, (17, 5) is too close to (15, 5)
-    assert picked(candidates, [], 9, p) == [[1, 1], [15, 5], [99, 79], [55, 41], [8, 8]]
-    assert picked(candidates, [], 2, p) == [[1, 1], [15, 5]]
+    assert picked(candidates, [], 9, *cells) == [[1, 1], [15, 5], [99, 79], [55, 41], [8, 8]]
+    assert picked(candidates, [], 2, *cells) == [[1, 1], [15, 5]]
     # a cell with a point counts as filled, also one whose point lies beyond the image's border
-    assert picked(candidates, [[3, 6], [120, 90]], 9, p) == [[15, 5], [55, 41], [1, 1], [99, 79], [8, 8]]
-    assert picked(candidates, [[-5, -5], [50, 45]], 9, p) == [[15, 5], [99, 79], [1, 1], [55, 41], [8, 8]]
-    near = picked([[12, 5], [20, 5], [12, 9.125]], [[16, 5]], 9, p)
+    assert picked(candidates, [[3, 6], [120, 90]], 9, *cells) == [[15, 5], [55, 41], [1, 1], [99, 79], [8, 8]]
+    assert picked(candidates, [[-5, -5], [50, 45]], 9, *cells) == [[15, 5], [99, 79], [1, 1], [55, 41], [8, 8]]
+    near = picked([[12, 5], [20, 5], [12, 9.125]], [[16, 5]], 9, *cells)
     assert near == [[20, 5], [12, 5], [12, 9.125]]
-    assert picked([[19.9, 5], [16, 9.1]], [[16, 5]], 9, p) == [[16, pytest.approx(9.1, abs=1e-5)]]
+    assert picked([[19.9, 5], [16, 9.1]], [[16, 5]], 9, *cells) == [[16, pytest.approx(9.1, abs=1e-5)]]
 
 
 def test_a_cell_takes_four_points_at_most():
-    p = CornerParameters(columns=1, rows=1, apart_px=1.0)
-    assert len(picked([[10 * k, 10] for k in range(9)], [], 9, p)) == 4
-    assert len(picked([[10 * k, 10] for k in range(9)], [[5, 70], [50, 70]], 9, p)) == 2
+    cells = (1, 1), 1.0
+    assert len(picked([[10 * k, 10] for k in range(9)], [], 9, *cells)) == 4
+    assert len(picked([[10 * k, 10] for k in range(9)], [[5, 70], [50, 70]], 9, *cells)) == 2
 
 
 def test_a_depth_is_the_median_about_a_point_and_none_next_to_an_edge():
@@ -88,7 +92,7 @@ def test_a_depth_is_the_median_about_a_point_and_none_next_to_an_edge():
     points = [[5.2, 4.9], [10, 10], [21, 20], [30, 30], [38.4, 20], [37.4, 20], [42, 20], [1.4, 20], [57.6, 20],
               [57.4, 20], [20, 37.6], [20, 1.4], [math.nan, 3], [3, 1e7]]  # fmt: skip
     rho = np.full(len(points), 9.0)
-    from_python(patches.read_depth)(depth, np.array(points, np.float32), DepthParameters(), rho)
+    from_python(patches.read_depth)(depth, np.array(points, np.float32), 0.3, 6.5, rho)
 
     def median(x, y):
         window = 1.0 / depth[y - 2 : y + 3, x - 2 : x + 3].ravel().astype(float)
@@ -109,7 +113,7 @@ def test_the_slope_of_a_plane_is_the_gradient_of_its_inverse_depth():
     depth[40, 52] = 0.0
     points = np.array([[20, 20], [30.4, 25.6], [50, 40], [7, 20], [20, 42], [8, 8]], np.float32)
     slope = np.full((len(points), 2), 9.0)
-    from_python(patches.read_slope)(depth, points, DepthParameters(), 1e-3, slope)
+    from_python(patches.read_slope)(depth, points, 0.3, 6.5, 1e-3, slope)
     for n, (j, i) in {0: (20, 20), 1: (30, 26), 5: (8, 8)}.items():
         k = np.arange(-8, 9, 2)
         u, v = np.meshgrid(k, k)
@@ -120,7 +124,7 @@ def test_the_slope_of_a_plane_is_the_gradient_of_its_inverse_depth():
         left = math.sqrt(fitted[1][0] / u.size)
         for roughness, known in ((1.01 * left, True), (0.99 * left, False)):
             one = np.zeros((1, 2))
-            from_python(patches.read_slope)(depth, points[n : n + 1], DepthParameters(), roughness, one)
+            from_python(patches.read_slope)(depth, points[n : n + 1], 0.3, 6.5, roughness, one)
             assert one.any() == known
     assert not slope[2:5].any()
 
@@ -160,13 +164,13 @@ def test_the_determinant_is_numpys():
     assert from_python(patches._determinant)(M) == pytest.approx(np.linalg.det(M), rel=1e-12)
 
 
-def aligned(image, at, warp=None, p=AlignmentParameters()):  # noqa: B008
+def aligned(image, at, warp=None, limits=FINE):
     """Where the patch about the middle of the texture is found in an image from a first guess; None if it is not."""
     store, point = patches.blank_patches(2), np.array([[60.0, 45.0]], np.float32)
     from_python(patches.cut)(texture(), np.array([1]), point, store)
     found, good = np.array([at], np.float32), np.array([True])
     warps = np.eye(2)[None] if warp is None else np.array(warp, float)[None]
-    from_python(patches.align)(image, store, np.array([1]), warps, p, found, good)
+    from_python(patches.align)(image, store, np.array([1]), warps, limits, found, good)
     return found[0] if good[0] else None
 
 
@@ -183,7 +187,7 @@ def test_a_patch_is_found_where_it_has_moved(shift, warp):
 
 def test_a_patch_is_lost_beyond_its_reach_at_the_border_and_in_another_image():
     assert aligned(texture(shift=(1.5, 1.5)), (60.0, 45.0)) is None
-    assert aligned(texture(shift=(1.5, 1.5)), (60.0, 45.0), p=AlignmentParameters(reach_px=2.5)) is not None
+    assert aligned(texture(shift=(1.5, 1.5)), (60.0, 45.0), limits=FINE._replace(max_move_px=2.5)) is not None
     noise = np.random.default_rng(0).integers(0, 256, (90, 120)).astype(np.uint8)
     assert aligned(noise, (60.0, 45.0)) is None
     assert aligned(255 - texture(), (60.0, 45.0)) is None

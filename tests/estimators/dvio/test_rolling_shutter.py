@@ -22,7 +22,7 @@ def camera(readout_s: float) -> CameraCalibration:
 
 
 def calibration(T_imu_camera: np.ndarray):
-    return blank_window(3, 8, T_imu_camera, 0.0, 0).calibration
+    return blank_window(3, 8, T_imu_camera, 0.0).calibration
 
 
 @given(st.tuples(st.floats(-0.7, 0.7), st.floats(-0.4, 0.4)), st.floats(0.1, 2.0), three, three)

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.optimiser import blank_work, drop_oldest, marginalize_oldest, minimise, preintegrate
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, ImuSamples, Window
-from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, moved, see_corner, seen_window
+from tests.estimators.dvio.scenes import FACTORS, NOISE, moved, seen_window
 
 PERIOD_NS = 5_000_000
 SLOTS, POINTS = 5, 12
 
-QUADRATIC = FACTORS._replace(pixel_limit=1e3, depth_limit=1e3, planes=FACTORS.planes._replace(huber_sd=1e3))
+QUADRATIC = FACTORS._replace(huber_sd=1e3)
 
 
 def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
@@ -38,12 +38,10 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
         )
     marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
     marks.rho[:] += 4e-3 * rng.normal(size=marks.rho.shape) * (marks.rho > 0)
-    see_corner(w)
-    w.planes.measured[:] *= 1 + 0.02 * rng.normal(size=w.planes.measured.shape)
     # Jacobians are those of no change of the time offset; held, all of them are exact.
     sd = np.concatenate([np.full(3, 2e-3), np.full(3, 5e-3), [1e-8, 1e-2], np.full(2, 2e-3)])
     w.prior.H[range(CALIBRATION), range(CALIBRATION)] = sd**-2
-    own = range(SHARED, SHARED + FRAME)
+    own = range(CALIBRATION, CALIBRATION + FRAME)
     w.prior.H[own, own] = np.repeat([1e-3, 1e-2, 0.1, 0.01, 0.05], 3) ** -2.0
     hold_first(w)
     return w
@@ -86,11 +84,6 @@ def residuals(w: Window, factors, depths: np.ndarray) -> np.ndarray:
             q = c.R.T @ (R[k].T @ (world - p[k]) - c.p)
             out.append((q[:2] / q[2] - marks.at[l, k] * (1 + c.focal)) * factors.pixel_weight**0.5)
             out.append([(c.scale[0] / q[2] - marks.rho[l, k]) * factors.later_depth_weight**0.5])
-    for i, j in np.argwhere(w.planes.seen):
-        normal = w.planes.normal[i]
-        m = (R[j] @ c.R).T @ normal / (w.planes.distance[i] - normal @ (R[j] @ c.p + p[j]))
-        off = c.scale[0] * np.array([*(1 + c.focal), 1.0]) * m - w.planes.measured[i, j]
-        out.append(np.linalg.cholesky(w.planes.weight[i, j]).T @ off)
     return np.concatenate(out)
 
 
@@ -98,7 +91,7 @@ def test_finds_the_minimum_that_a_batch_solution_finds():
     rng = np.random.default_rng(3)
     start = noisy_window(rng)
     factors = QUADRATIC
-    n = SHARED + FRAME * 3
+    n = CALIBRATION + FRAME * 3
     prior = np.sqrt(np.diag(start.prior.H)[:n])
 
     w = copy.deepcopy(start)
@@ -118,8 +111,6 @@ def test_finds_the_minimum_that_a_batch_solution_finds():
     assert w.frames.v[:3] == pytest.approx(found.frames.v[:3], abs=1e-5)
     assert w.frames.bias[:3] == pytest.approx(found.frames.bias[:3], abs=1e-5)
     assert w.calibration.scale == pytest.approx(found.calibration.scale, abs=1e-6)
-    assert w.planes.normal == pytest.approx(found.planes.normal, abs=2e-6)
-    assert w.planes.distance == pytest.approx(found.planes.distance, abs=5e-6)
     assert w.landmarks.inverse_depth == pytest.approx(best.x[n:], abs=1e-6)
 
 
@@ -138,14 +129,14 @@ def test_the_prior_equals_what_was_marginalised():
     minimise(w, factors, work, 5, 0.0)
     assert w.frames.p[:3] == pytest.approx(before, abs=1e-6)
     assert before == pytest.approx(whole.frames.p[1:4])
-    H = w.prior.H[: SHARED + 2 * FRAME, : SHARED + 2 * FRAME]
+    H = w.prior.H[: CALIBRATION + 2 * FRAME, : CALIBRATION + 2 * FRAME]
     assert np.linalg.eigvalsh(H).min() > -1e-6 * np.linalg.eigvalsh(H).max()
 
 
 def test_damping_is_no_information(monkeypatch):
     """After a step that failed, the next one is damped; the factor, of which covariances are made, is not."""
     w, solve, dampings = noisy_window(np.random.default_rng(0)), kernel.solve, []
-    size = SHARED + FRAME * int(w.frames.count[0])
+    size = CALIBRATION + FRAME * int(w.frames.count[0])
 
     def failing_once(H, b, size, damping, factor, step):
         dampings.append(damping)
