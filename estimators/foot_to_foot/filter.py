@@ -11,17 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import (
-    PATH,
-    PROPOSED,
-    Declaration,
-    Options,
-    PathEstimate,
-    Progress,
-    Stream,
-    current_name,
-    deprecated,
-)
+from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
@@ -68,12 +58,6 @@ class FootToFootEstimate:
     observations: tuple[BoardObservation, ...] = ()
     pose: Pose | None = None
 
-    @property
-    def sightings(self) -> tuple[BoardObservation, ...]:
-        """Deprecated, see `observations`."""
-        deprecated("FootToFootEstimate.sightings", "observations")
-        return self.observations
-
 
 class FootToFoot:
     """Inertial navigation of two shoes, coupled by camera or sonar measurements of each other.
@@ -87,7 +71,6 @@ class FootToFoot:
         options: `method`, one of `METHODS`: the first, or one of Jao, Wang, Shkel 2020: `published`
             (= `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
         parameters: `FootToFootParameters` for the first method, `PublishedParameters` for the others.
-        method: Deprecated form of `options.method`.
         start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without it, one foot starts as `FootIns`
             does, and two start side by side.
         earth_rate_in_world: (3,) rotation rate of the Earth, rad/s; 0 if latitude or north are unknown.
@@ -104,15 +87,11 @@ class FootToFoot:
     )  # fmt: skip
 
     def __init__(
-        self, rig: Rig, *, options: Options | None = None, method: str | None = None,
+        self, rig: Rig, *, options: Options | None = None,
         parameters: FootToFootParameters | PublishedParameters | None = None,
         start: Mapping[str, StartPose] | None = None, earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:  # fmt: skip
-        if method is None:
-            method = (options or Options()).method
-        else:
-            deprecated("FootToFoot(method=...)", "FootToFoot(rig, options=Options(method=...))")
-            method = current_name(method)
+        method = (options or Options()).method
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
         kind = FootToFootParameters if method == PROPOSED else PublishedParameters

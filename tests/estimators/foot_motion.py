@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from stridetwin.streams.rig import ImuCalibration, Mount
+from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
 GRAVITY = 9.8029
@@ -26,6 +26,14 @@ ADIS16485 = ImuCalibration(
     gyroscope_bias_sd=np.radians(0.2),
     accelerometer_bias_sd=0.03,
 )
+
+
+def rig_of(calibration: ImuCalibration) -> Rig:
+    """A rig with one IMU alone."""
+    return Rig(imus={calibration.topic: calibration})
+
+
+LEFT_FOOT = rig_of(ADIS16485)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

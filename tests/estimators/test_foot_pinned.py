@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, Walk, walk
+from foot_motion import ADIS16485, LEFT_FOOT, Walk, walk
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.samples import Block, Imu
@@ -40,7 +41,7 @@ def _rows(path: FootInsPath, every: int = 25) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("name", WALKS)
 def test_one_foot_with_its_calibration(name: str, num_regression: Any) -> None:
-    estimator = FootIns(ADIS16485)
+    estimator = FootIns(LEFT_FOOT)
     assert_pinned(num_regression, _rows(estimator.run(_walk(name).imu)))
 
 
@@ -66,6 +67,6 @@ def test_two_feet(method: str, num_regression: Any) -> None:
     simulation = Simulation(Setup(walk=SteadyWalk(strides=5)))
     rng = np.random.default_rng(3)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
-    paths = FootToFoot(simulation.rig, method=method, start=simulation.start()).run(imus, aids)
+    paths = FootToFoot(simulation.rig, options=Options(method=method), start=simulation.start()).run(imus, aids)
     rows = {f"{foot}.{name}": values for foot, path in paths.items() for name, values in _rows(path, 60).items()}
     assert_pinned(num_regression, rows)

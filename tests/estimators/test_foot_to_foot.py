@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, walk
+from foot_motion import ADIS16485, LEFT_FOOT, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators import foot_to_foot
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
@@ -50,7 +49,6 @@ published_step = from_python(published.published_step)
 relative_position_update = from_python(published.relative_position_update)
 
 GRAVITY = FootInsParameters().gravity_mps2
-ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
 RIGHT = replace(ADIS16485, topic="/foot_r/imu", mount=Mount(body="foot_r"))
 
 
@@ -63,7 +61,7 @@ def short() -> tuple[Simulation, dict[str, Block[Imu]], list]:
 
 
 def estimator_for(simulation: Simulation, method: str = "proposed", **options: object) -> FootToFoot:
-    return FootToFoot(simulation.rig, **{"method": method, "start": simulation.start()} | options)
+    return FootToFoot(simulation.rig, **{"options": Options(method=method), "start": simulation.start()} | options)
 
 
 def ends(simulation: Simulation, imus: dict[str, Block[Imu]], aids: list, method: str = "proposed") -> np.ndarray:
@@ -170,8 +168,8 @@ def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
 
 def test_one_foot_alone_is_the_one_foot_filter() -> None:
     truth = walk(strides=6, calibration=ADIS16485, rng=np.random.default_rng(0))
-    one = FootIns(ADIS16485).run(truth.imu)
-    two = FootToFoot(ONE_FOOT).run({"l": truth.imu})["l"]
+    one = FootIns(LEFT_FOOT).run(truth.imu)
+    two = FootToFoot(LEFT_FOOT).run({"l": truth.imu})["l"]
     np.testing.assert_allclose(two.trajectory.p_frame_in_world, one.trajectory.p_frame_in_world, atol=1e-12)
     np.testing.assert_allclose(two.trajectory.covariance, one.trajectory.covariance, atol=1e-12)
     np.testing.assert_array_equal(two.standing_speed_sd, one.standing_speed_sd)
@@ -182,7 +180,7 @@ def test_two_feet_without_cameras_and_echoes_are_two_one_foot_filters(short) -> 
     simulation, imus, _ = short
     paths = FootToFoot(replace(simulation.rig, cameras={}), start=simulation.start()).run(imus)
     for foot, start in simulation.start().items():
-        alone = FootIns(simulation.rig.imu(f"/foot_{foot}/imu"), start=start).run(imus[foot])
+        alone = FootIns(simulation.rig, start=start, options=Options(foot=foot)).run(imus[foot])
         np.testing.assert_allclose(
             paths[foot].trajectory.p_frame_in_world, alone.trajectory.p_frame_in_world, atol=1e-12
         )
@@ -196,8 +194,8 @@ def test_sample_by_sample_and_block_give_identical_numbers(short, method: str) -
     samples = sorted([*imus["l"], *imus["r"], *aids], key=lambda s: (s.t_ns, not isinstance(s, Imu)))
     last = [e for e in map(stepwise.update, samples) if e is not None][-1]
     path, right = paths["r"].trajectory, last.feet["r"]  # the left foot's last row is older: the right moves it yet
-    np.testing.assert_array_equal(right.p_imu_in_world, path.p_frame_in_world[-1])
-    np.testing.assert_array_equal(right.q_world_imu, path.q_world_frame[-1])
+    np.testing.assert_array_equal(right.pose.p_frame_in_world, path.p_frame_in_world[-1])
+    np.testing.assert_array_equal(right.pose.q_world_frame, path.q_world_frame[-1])
     np.testing.assert_array_equal(right.covariance[:3, :3], path.covariance[-1, :3, :3])
 
 
@@ -221,8 +219,8 @@ def test_blocks_in_pieces_give_the_same_path(short) -> None:
 
 def assert_sane(estimate: FootToFootEstimate) -> None:
     for foot in estimate.feet.values():
-        assert np.all(np.isfinite(foot.p_imu_in_world))
-        assert np.linalg.norm(foot.q_world_imu) == pytest.approx(1.0, abs=1e-9)
+        assert np.all(np.isfinite(foot.pose.p_frame_in_world))
+        assert np.linalg.norm(foot.pose.q_world_frame) == pytest.approx(1.0, abs=1e-9)
     assert np.all(np.isfinite(estimate.covariance))
     np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, atol=1e-12)
     assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-9
@@ -309,7 +307,7 @@ def test_impossible_repeated_and_late_samples_are_ignored(short, value: float, m
         assert troubled.update(sample) is None
     assert kept is not None
     assert got is not None
-    np.testing.assert_array_equal(got.feet["l"].p_imu_in_world, kept.feet["l"].p_imu_in_world)
+    np.testing.assert_array_equal(got.feet["l"].pose.p_frame_in_world, kept.feet["l"].pose.p_frame_in_world)
 
 
 def test_an_observation_that_fits_no_board_moves_nothing_far(short) -> None:
@@ -331,15 +329,15 @@ def test_an_observation_too_late_is_left_out(short) -> None:
     after = estimator.update(old)
     assert before is not None
     assert after is not None
-    np.testing.assert_array_equal(after.feet["l"].p_imu_in_world, before.feet["l"].p_imu_in_world)
+    np.testing.assert_array_equal(after.feet["l"].pose.p_frame_in_world, before.feet["l"].pose.p_frame_in_world)
 
 
 def test_wrong_use_is_named(short) -> None:
     simulation, imus, _ = short
     with pytest.raises(ConfigError, match="proposed"):
-        FootToFoot(simulation.rig, method="magic")
+        FootToFoot(simulation.rig, options=Options(method="magic"))
     with pytest.raises(ConfigError, match="PublishedParameters"):
-        FootToFoot(simulation.rig, method="zupt", parameters=FootToFootParameters())
+        FootToFoot(simulation.rig, options=Options(method="zupt"), parameters=FootToFootParameters())
     with pytest.raises(ConfigError, match="threshold"):
         PublishedParameters(threshold=0.0)
     with pytest.raises(StrideTwinError, match="no IMU"):
@@ -347,7 +345,7 @@ def test_wrong_use_is_named(short) -> None:
     with pytest.raises(StrideTwinError, match="/foot_l/imu"):
         estimator_for(simulation).update(replace(next(iter(imus["l"])), topic="/head/imu"))
     with pytest.raises(ConfigError, match="'r'"):
-        FootToFoot(ONE_FOOT).run(imus)
+        FootToFoot(LEFT_FOOT).run(imus)
     with pytest.raises(ConfigError, match="4 to 64"):
         BoardObservation(
             topic="/foot_l/camera", t_ns=0, points_in_board=np.zeros((3, 3)), rays=np.zeros((3, 2)), ray_sd=np.ones(3)
@@ -367,13 +365,6 @@ def test_the_streams_are_imus_cameras_and_sonars_of_the_feet_alone() -> None:
         ("/foot_l/imu", True), ("/foot_r/imu", True), ("/foot_l/camera", False), ("/foot_r/camera", False),
         ("/foot_l/sonar", False), ("/foot_r/sonar", False),
     ]  # fmt: skip
-
-
-def test_the_former_name_of_an_observation_warns() -> None:
-    with pytest.warns(DeprecationWarning, match=r"BoardSighting is deprecated .* use foot_to_foot\.BoardObservation"):
-        assert foot_to_foot.BoardSighting is BoardObservation
-    with pytest.raises(AttributeError, match="BoardSightings"):
-        _ = foot_to_foot.BoardSightings
 
 
 def test_feet_start_side_by_side_where_nobody_says_otherwise() -> None:

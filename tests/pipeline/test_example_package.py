@@ -14,8 +14,6 @@ from live_bridge import alive, sent
 
 from stridetwin.cli.main import main
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import Options
-from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
@@ -129,18 +127,7 @@ def test_an_entry_point_that_is_no_estimator_is_named(tmp_path, monkeypatch):
         registry.names()
 
 
-def test_forms_of_the_release_before_still_work_and_warn(seen):
-    recording = Recording(seen)
-    block = recording.block("/foot_l/imu")
-    with pytest.warns(DeprecationWarning, match="FootIns"):
-        old = FootIns(recording.rig.imu("/foot_l/imu"))
-    new = FootIns(recording.rig, options=Options(foot="l"))
-    one, other = old.update(next(iter(block))), new.update(next(iter(block)))
-    with pytest.warns(DeprecationWarning, match="p_imu_in_world"):
-        np.testing.assert_array_equal(one.p_imu_in_world, other.pose.p_frame_in_world)
-    with pytest.warns(DeprecationWarning, match="q_world_imu"):
-        np.testing.assert_array_equal(one.q_world_imu, other.pose.q_world_frame)
-
+def test_forms_of_the_release_before_still_work_and_warn():
     class Own:
         t_ns, p_frame_in_world, q_world_frame = 5, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)
 

@@ -271,4 +271,4 @@ def test_the_readme_s_python_runs(steps, tmp_path, monkeypatch):
     (tmp_path / place).symlink_to(steps)
     names = {}
     exec(code, names)
-    assert np.isfinite(names["estimate"].p_imu_in_world).all()
+    assert np.isfinite(names["estimate"].pose.p_frame_in_world).all()

@@ -22,25 +22,27 @@ from stridetwin.streams.recording.reader import Recording
 
 CLASSES = """
 from types import SimpleNamespace
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 
 class Left:
     topics = ("/foot_l/imu",)
 
     def __init__(self, rig):
-        self.filter = FootIns(rig.imu("/foot_l/imu"))
+        self.filter = FootIns(rig)
 
     def update(self, sample):
         e = self.filter.update(sample)
         if e is None or not e.aligned:
             return None
-        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=e.p_imu_in_world, q_world_frame=e.q_world_imu)
+        p, q = e.pose.p_frame_in_world, e.pose.q_world_frame
+        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=p, q_world_frame=q)
 
 class Right(Left):
     frame = "foot_r/imu"
 
     def __init__(self, rig):
-        self.filter = FootIns(rig.imu("/foot_r/imu"))
+        self.filter = FootIns(rig, options=Options(foot="r"))
     topics = ("/foot_r/imu",)
 
 class Greedy:
@@ -104,7 +106,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.formats.tum import write_tum
 
 recording = Recording(sys.argv[1])
-path = FootIns(recording.rig.imu("/foot_l/imu")).run(recording.block("/foot_l/imu")).trajectory
+path = FootIns(recording.rig).run(recording.block("/foot_l/imu")).trajectory
 write_tum(path, sys.argv[2])
 """
 

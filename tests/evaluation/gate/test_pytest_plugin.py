@@ -26,11 +26,12 @@ class Mine:
     topics = ("/foot_l/imu",)
 
     def __init__(self, rig):
-        self.filter = FootIns(rig.imu("/foot_l/imu"))
+        self.filter = FootIns(rig)
 
     def update(self, sample):
         e = self.filter.update(sample)
-        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=e.p_imu_in_world, q_world_frame=e.q_world_imu)
+        p, q = e.pose.p_frame_in_world, e.pose.q_world_frame
+        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=p, q_world_frame=q)
 
 
 def test_accuracy(stridetwin_scenario, stridetwin_score):
