@@ -64,7 +64,7 @@ class ContactTerrain:
         method, exo = options.method, exoskeleton or _geometry(options)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
-        self._ticks = TickBuilder(exo, parameters.ticks)
+        self._ticks = TickBuilder(exo)
         self._method: _Method = (
             Proposed(exo, parameters) if method == PROPOSED else Published(exo, svm, parameters.published)
         )

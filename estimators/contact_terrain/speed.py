@@ -15,6 +15,10 @@ from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTe
 from stridetwin.estimators.contact_terrain.ticks import Attitudes, Tick, TickBuilder
 from stridetwin.streams.samples import Array, Sample
 
+# Hand-chosen on tuning seeds: ticks over which the velocity is taken, smallest load of a foot in stance, and the rate
+# from which on a foot is not stationary.
+_SPAN_TICKS, _LOADED_N, _STATIONARY_RADPS = 5, 100.0, 0.1
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegSpeed:
@@ -62,12 +66,11 @@ class LegSpeeds:
     """
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
-        self._parameters = parameters.speed
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
-        self._ticks, self._attitudes = TickBuilder(exo, parameters.ticks), Attitudes(parameters.attitudes)
-        self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
-        self._last: deque[_Feet] = deque(maxlen=parameters.speed.span_ticks + 1)
+        self._ticks, self._attitudes = TickBuilder(exo), Attitudes(parameters)
+        self._cells = [CellLoads(), CellLoads()]
+        self._last: deque[_Feet] = deque(maxlen=_SPAN_TICKS + 1)
 
     def update(self, sample: Sample) -> LegSpeed | None:
         """Takes a sample in order of time; None if no foot is in stance, or too little is known yet."""
@@ -90,13 +93,13 @@ class LegSpeeds:
             centre[i, :2] = cells @ sole.cells / max(load[i], 1.0)
             p[i], R_sole[i] = foot + R[3 + i] @ sole.T_foot_sole[:3, 3], R[3 + i] @ sole.T_foot_sole[:3, :3]
         self._last.append(_Feet(t_ns=tick.t_ns, p=p, R=R_sole, centre=centre, load=load))
-        if len(self._last) <= self._parameters.span_ticks:
+        if len(self._last) <= _SPAN_TICKS:
             return None
-        v = velocity(self._last, self._parameters.loaded_n)
+        v = velocity(self._last, _LOADED_N)
         if v is None:
             return None
         t_ns = (self._last[0].t_ns + tick.t_ns) // 2
-        resting = bool((load > self._parameters.loaded_n).all() and rates.max() < self._parameters.stationary_radps)
+        resting = bool((load > _LOADED_N).all() and rates.max() < _STATIONARY_RADPS)
         return LegSpeed(t_ns=t_ns, v_back_in_world=v, resting=resting)
 
 

@@ -25,7 +25,7 @@ class FootIns:
 
     The world's z axis is up. Without a start pose, its origin is where the sensor was first stationary, and its x axis
     is the sensor's x axis then (its z axis, if x is within about 25° of the vertical). A sample is ignored if it is not
-    finite, physically impossible, or not later than the last used one. A gap is bridged up to `max_gap_s`; after a
+    finite, physically impossible, or not later than the last used one. A gap is bridged up to 0.3 s; after a
     longer one the filter keeps its position, with a large covariance, and aligns again.
 
     Args:

@@ -8,20 +8,20 @@ from exo_walk import dropped, level_walk, remounted, turned
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
-from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
+from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain, PublishedParameters
 from stridetwin.estimators.contact_terrain.estimate import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
 from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures, _update
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
+from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 from stridetwin.evaluation.step_scores import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
 from tests.pinned import SAME_WALK, assert_pinned, columns
 
-CLASSES = DEFAULTS.classes
+PARAMETERS = ContactTerrainParameters()
 
 
 def rms(values):
@@ -239,16 +239,18 @@ def test_a_more_compliant_exoskeleton_leads_to_larger_standard_deviations(walk, 
 
 
 @pytest.mark.parametrize(
-    ("group", "changed", "said"),
+    ("name", "value", "said"),
     [
-        ("classes", {"probability_min": 1.0}, "probability_min: invalid 1.0: .* below 1"),
-        ("footfall", {"left_n": 90.0}, "left_n: invalid 90.0: .* landed_n"),
-        ("ticks", {"hold_s": -0.1}, "hold_s: invalid -0.1"),
+        ("probability_min", 1.0, "probability_min: invalid 1.0: .* below 1"),
+        ("left_n", 90.0, "left_n: invalid 90.0: .* landed_n"),
+        ("riser_m", -0.1, "riser_m: invalid -0.1"),
     ],
 )
-def test_parameters_that_make_no_sense_are_refused(group, changed, said):
+def test_parameters_that_make_no_sense_are_refused(name, value, said):
     with pytest.raises(ConfigError, match=said):
-        ContactTerrainParameters(**{group: replace(getattr(DEFAULTS, group), **changed)})
+        ContactTerrainParameters(**{name: value})
+    with pytest.raises(ConfigError, match="virtual_m"):
+        PublishedParameters(virtual_m=0.0)
 
 
 @pytest.mark.parametrize(
@@ -266,16 +268,16 @@ def test_parameters_that_make_no_sense_are_refused(group, changed, said):
 )
 def test_modes_follow_from_geometry(slope, height, mode):
     beyond = beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
-    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, CLASSES)
+    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, PARAMETERS)
     assert sum(probabilities.values()) == pytest.approx(1.0)
-    assert most_likely(probabilities, CLASSES.probability_min)[0] == mode
-    between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, CLASSES)
-    assert most_likely(between, CLASSES.probability_min)[0] == "unknown"
+    assert most_likely(probabilities, PARAMETERS.probability_min)[0] == mode
+    between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, PARAMETERS)
+    assert most_likely(between, PARAMETERS.probability_min)[0] == "unknown"
 
 
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
 def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
-    assert sloping(np.radians(slope), np.radians(0.3), CLASSES.ramp_rad) == pytest.approx(share, abs=1e-6)
+    assert sloping(np.radians(slope), np.radians(0.3), PARAMETERS.ramp_rad) == pytest.approx(share, abs=1e-6)
 
 
 def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():
@@ -297,7 +299,7 @@ def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():
 def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     rng = np.random.default_rng(0)
     J_vector, J_slopes = rng.normal(0.0, 0.5, (2, 3, OFFSETS)), rng.normal(0.0, 1.0, (2, 2, OFFSETS))
-    offsets, sd = Offsets(DEFAULTS.offsets, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
+    offsets, sd = Offsets(PARAMETERS, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
     for k in range(7000):
         noise = rng.normal(0.0, 0.3 * sd)
         step = StepFigures(

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.foot_ins import FootIns, FootInsSmoother, StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.samples import Array
+from tests.estimators.one_foot import with_values
 
 EXACT = replace(ADIS16485, gyroscope_range=1e3, accelerometer_range=1e4)
 
@@ -114,8 +115,9 @@ def test_where_a_long_span_at_the_limit_has_no_shape_the_covariance_grows() -> N
     imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
 
     def variance(noise: float) -> Array:
-        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, accel_limit_noise_mps2_rthz=noise)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0)
         ins = FootIns(rig_of(replace(EXACT, accelerometer_range=limit)), parameters=nothing_stands)
+        ins._parameters = with_values(ins._parameters, accel_limit_noise_mps2_rthz=noise)
         last = [ins.update(sample) for sample in imu][begin + samples + 10]
         assert last is not None
         return np.diag(last.covariance)

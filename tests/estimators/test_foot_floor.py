@@ -13,7 +13,7 @@ from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 def test_level_ground_stays_level(seed: int) -> None:
     truth = walk(strides=30, slow_heel_rad=0.05, calibration=ADIS16485, rng=np.random.default_rng(seed))
     z = FootIns(LEFT_FOOT).run(truth.imu).trajectory.p_frame_in_world[:, 2]
-    new_floors = FootIns(LEFT_FOOT, replace(FootInsParameters(), same_floor=0.0, same_after_new=0.0)).run(truth.imu)
+    new_floors = FootIns(LEFT_FOOT, replace(FootInsParameters(), same_floor=0.0)).run(truth.imu)
     assert abs(z[-1] - z[0]) < 0.01
     assert abs(z[-1] - z[0]) < abs(np.ptp(new_floors.trajectory.p_frame_in_world[[0, -1], 2]))
 
@@ -64,6 +64,6 @@ def test_a_foot_rests_on_an_accelerometer_whose_size_of_gravity_is_wrong(excess:
 
 
 def test_no_probability_of_the_same_floor_makes_every_floor_new() -> None:
-    estimator = FootIns(LEFT_FOOT, FootInsParameters(same_floor=0.0, same_after_new=0.0))
+    estimator = FootIns(LEFT_FOOT, FootInsParameters(same_floor=0.0))
     estimator.run(walk(strides=8).imu)
     assert "floor" not in estimator.nis_by_kind

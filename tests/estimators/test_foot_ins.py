@@ -1,10 +1,8 @@
 """The one-foot filter on a foot in closed form: accuracy, faults, and the two ways to feed it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, LEFT_FOOT, Walk, walk
+from foot_motion import ADIS16485, LEFT_FOOT, Walk, ranges, rig_of, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -102,10 +100,8 @@ def test_a_heel_that_rises_slowly_does_not_pull_the_path_down() -> None:
         FootIns(parameters=p, start=start_of(truth)).run(truth.imu).trajectory.p_frame_in_world[-1, 2]
         - truth.p_imu_in_world[-1, 2]
         for p in (
-            FootInsParameters(same_floor=0.0, same_after_new=0.0),
-            FootInsParameters(
-                same_floor=0.0, same_after_new=0.0, lever_sd_m=0.0, contact_sd_m=0.0, innovation_gate=1e9
-            ),
+            FootInsParameters(same_floor=0.0),
+            FootInsParameters(same_floor=0.0, lever_sd_m=0.0, contact_sd_m=0.0, innovation_gate=1e9),
         )
     )
     assert fixed < -0.03 * truth.distance
@@ -281,11 +277,11 @@ def test_a_foot_that_is_never_stationary_is_tracked_with_little_trust() -> None:
 
 def test_a_limited_gyro_costs_certainty_and_less_accuracy_than_trusting_it() -> None:
     truth = walk()
-    new_floors = FootInsParameters(same_floor=0.0, same_after_new=0.0, path_scale_sd=0.0, height_drift_sd=0.0)
+    new_floors = FootInsParameters(same_floor=0.0, path_scale_sd=0.0, height_drift_sd=0.0)
     limited = block_like(truth, angular_rate=np.clip(truth.imu.columns["angular_rate"], -5.0, 5.0))
     limited, unlimited = (
-        FootIns(parameters=p, start=start_of(truth)).run(limited).trajectory
-        for p in (replace(new_floors, gyro_range_radps=5.0), new_floors)
+        FootIns(rig_of(ranges(limit)), parameters=new_floors, start=start_of(truth)).run(limited).trajectory
+        for limit in (5.0, 0.0)
     )
     end = truth.p_imu_in_world[-1]
     assert np.trace(limited.covariance[-1, :3, :3]) > np.trace(unlimited.covariance[-1, :3, :3])

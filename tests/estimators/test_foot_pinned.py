@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, LEFT_FOOT, Walk, walk
+from foot_motion import ADIS16485, LEFT_FOOT, Walk, ranges, rig_of, walk
 
 from stridetwin.estimators.base import Options
-from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother
+from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.samples import Block, Imu
 from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
@@ -52,8 +52,7 @@ def test_one_foot_of_an_unknown_sensor_at_its_limits(num_regression: Any) -> Non
 
 
 def test_one_foot_with_known_limits(num_regression: Any) -> None:
-    parameters = FootInsParameters(gyro_range_radps=5.0, accel_range_mps2=40.0)
-    path = FootIns(parameters=parameters).run(_clipped(_walk("stairs").imu, 5.0, 40.0))
+    path = FootIns(rig_of(ranges(5.0, 40.0))).run(_clipped(_walk("stairs").imu, 5.0, 40.0))
     assert_pinned(num_regression, _rows(path))
 
 

@@ -87,7 +87,7 @@ def moving_pair(seed: int) -> Pair:
 
 def seen(pair: Pair, camera: int, t_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1, 0.05) for f in (camera, 1 - camera))
+    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1) for f in (camera, 1 - camera))
     assert a.known
     assert b.known
     p, R = board_in_camera(pair, camera, a, b)
@@ -139,7 +139,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
         foot.covariance[:] = 0.0  # so that nothing is corrected
         if k == 79 - back:
             then = foot.nominal.copy()
-    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0, 0.05)
+    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0)
     assert found.known
     assert then is not None
     assert found.age == pytest.approx(back * 0.008)
@@ -155,11 +155,11 @@ def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
     seen = turn.apply(points) + p
     predicted, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
-    parameters, rays = for_kernel(FootToFootParameters()), seen[:, :2] / seen[:, 2:]
+    rays = seen[:, :2] / seen[:, 2:]
     board = state.board_workspace()
     board.covariance[:] = covariance
     pose = tuple(predicted), tuple(tuple(row) for row in about.as_matrix())
-    ahead, _ = reduced(parameters, board, *pose, len(points), points, rays, sd, 0.0, 8.0)
+    ahead, _ = reduced(board, *pose, len(points), points, rays, sd, 0.0, 8.0)
     T, z = board.reduced.jacobian, board.reduced.innovation
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
@@ -336,8 +336,6 @@ def test_wrong_use_is_named(short) -> None:
     simulation, imus, _ = short
     with pytest.raises(ConfigError, match="proposed"):
         FootToFoot(simulation.rig, options=Options(method="magic"))
-    with pytest.raises(ConfigError, match="PublishedParameters"):
-        FootToFoot(simulation.rig, options=Options(method="zupt"), parameters=FootToFootParameters())
     with pytest.raises(ConfigError, match="threshold"):
         PublishedParameters(threshold=0.0)
     with pytest.raises(StrideTwinError, match="no IMU"):
@@ -416,7 +414,7 @@ def test_mounts_are_refined_within_their_prior(short) -> None:
 
 
 def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_given() -> None:
-    parameters = for_sensor(PublishedParameters().noise_of_the_calibration_alone, ADIS16485)
+    parameters = for_sensor(FootInsParameters(), ADIS16485, data_sheet_alone=True)
     assert ADIS16485.accelerometer_range == 0.0
     assert parameters.accel_limit_noise_mps2_rthz == parameters.gyro_limit_noise_radps_rthz == 0.0
     assert parameters.accel_noise_mps2_rthz == ADIS16485.accelerometer_noise_density
@@ -425,7 +423,8 @@ def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is
 def test_the_published_zero_velocity_update_stops_a_foot() -> None:
     pair = moving_pair(3)
     memory, foot = pair.feet[0], for_sensor(FootInsParameters(), None)
-    parameters = for_kernel(PublishedParameters(threshold=1e9, zero_velocity_sd_mps=0.01))
+    own = PublishedParameters(threshold=1e9, zero_velocity_sd_mps=0.01)
+    parameters = for_kernel(FootToFootParameters(published=own), published=True)
     memory.covariance[D_VELOCITY : D_VELOCITY + 3, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
     t_ns = int(memory.ring_t_ns.max()) + 8_000_000
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.4, -0.3, 0.2
@@ -436,13 +435,13 @@ def test_the_published_zero_velocity_update_stops_a_foot() -> None:
 @pytest.mark.parametrize("camera", [0, 1])
 def test_the_published_relative_position_moves_both_feet_to_it(camera: int) -> None:
     pair = moving_pair(5)
-    parameters, foot = for_kernel(PublishedParameters()), for_sensor(FootInsParameters(), None)
+    parameters, foot = for_kernel(FootToFootParameters(), published=True), for_sensor(FootInsParameters(), None)
     here, there = pair.feet[camera], pair.feet[1 - camera]
     t_ns = int(max(here.ring_t_ns.max(), there.ring_t_ns.max()))
     for memory in (here, there):
         at = memory.row + D_POSITION
         pair.covariance[at : at + 3, at : at + 3] = np.eye(3)
-    a = rewind(here, GRAVITY, t_ns, 0.1, 0.05)
+    a = rewind(here, GRAVITY, t_ns, 0.1)
     wanted = np.array([0.3, -0.2, 0.1])  # in the world
     before = [memory.nominal[POSITION : POSITION + 3].copy() for memory in (here, there)]
     measured = tuple((np.array(a.R).T @ wanted).tolist())

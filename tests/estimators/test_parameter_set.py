@@ -45,5 +45,5 @@ def test_every_default_is_as_stored(data_regression: Any) -> None:
         f"{kind.__module__.removeprefix(_PACKAGE).split('.')[0]}.{kind.__name__}": values(kind(), classes)
         for kind in classes
     }
-    assert len(table) == len(classes) > 30
+    assert len(table) == len(classes) > 15
     data_regression.check(table)
