@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.command import answer, command
 from stridetwin.estimators.base import Options
-from stridetwin.estimators.foot_to_foot import FootToFoot
+from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters, PublishedParameters
 from stridetwin.estimators.foot_to_foot.parameters import PublishedParameters
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
@@ -36,11 +36,11 @@ GRID: dict[str, tuple[float, ...]] = {
 }
 
 
-def variants() -> Iterator[tuple[str, float, PublishedParameters]]:
+def variants() -> Iterator[tuple[str, float, FootToFootParameters]]:
     """Every value of the grid, with the parameters that have it."""
     for name, values in GRID.items():
         for value in values:
-            yield name, value, replace(PublishedParameters(), **{name: value})
+            yield name, value, FootToFootParameters(published=replace(PublishedParameters(), **{name: value}))
 
 
 def measured(arguments: Namespace) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPa
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Block, Imu
 
-EACH_FLOOR_NEW = FootInsParameters(same_floor=0.0, same_after_new=0.0)
+EACH_FLOOR_NEW = FootInsParameters(same_floor=0.0)
 PARTS = ("ADIS16485", "MPU-9250", "NGIMU-uncalibrated", "MTw-uncalibrated")
 STATIONARY_MPS, SAME_STANCE_S, LEAST_STANCE_S, REST_S, LANDING_S = 0.02, 0.15, 0.03, 0.5, 0.1
 COLUMNS = {

@@ -6,7 +6,7 @@ Corners are identified if the whole board is visible, or if no other part of it 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +14,34 @@ from numpy.typing import ArrayLike, NDArray
 from stridetwin.estimators.checkerboard import saddle_points
 from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
 from stridetwin.estimators.checkerboard.pose import BoardObservation
-from stridetwin.estimators.checkerboard.saddle_points import CornerFitParameters
-from stridetwin.estimators.checkerboard.search import SearchParameters, anywhere, around, guessed
-from stridetwin.streams.errors import StrideTwinError, check_numbers
+from stridetwin.estimators.checkerboard.search import anywhere, around, guessed
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
+# Hand-chosen; lengths are in squares unless stated otherwise.
+_BLUR_SD = 0.12  # initial blur
+_SHARP_PX = 0.4  # blur of an image at rest
+_FLATNESS = 0.06  # largest distance of a corner from a plane board's, or 5 standard deviations if that is more
+_MAX_MISFIT = 0.35  # RMS residual of a corner over half its step in brightness
+_MIN_CONTRAST = 0.35  # half step in brightness of a corner over the median of all
+_MIN_STEP = 6.0  # half step in brightness of the median corner, of 255
+_MAX_CORNER_SD = 0.05  # corners with a larger standard deviation are rejected
+_MIN_CORNERS = 8  # of an observation
+_MIN_SMEAR = 0.4  # motion along both axes that is distinguished from other blur
+_MAX_SHARP = 0.7  # a board with the blur of a longer motion counts as smeared
+_MAX_SMEAR = 1.7  # a board with a longer motion is unreadable: its squares blend into their neighbours
+_MAX_STREAK = 0.65  # the same along both axes: along the diagonal squares have one colour, which hides the motion
+_SMEARED_SHARE = 0.65  # of all corners that a smeared board must show
+_SMEARED_MISFIT = 0.12  # largest misfit of its median corner
+_CLEAR_CONTRAST = 0.15  # from the mean brightness, in half steps, of a clearly bright or dark cell
+_MAX_HIDDEN_CELLS = 3  # of a whole board that dirt may hide: fewer dark ones than any shift would miss
+_PASSES = 2  # largest number of refits of the view, because one from few corners is inaccurate at the others
+_CORNER_SD_PX = 0.02  # error of a corner in addition to its residuals: remaining errors of lens and print
+_SMEAR_SD = 0.01  # the same, as a share of the motion that blurs the board
 
-def is_whole(
-    grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array,
-    p: BoardDetectorParameters,
-) -> bool:  # fmt: skip
+
+def is_whole(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
     `levels` (N, 2) are middle and half step of the brightness at the detected corners (N, 2) squares; both change
@@ -33,8 +50,8 @@ def is_whole(
     plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
     middle, step = (_plane(pattern.cells) @ plane).T
     contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
-    right = contrast * pattern.bright.ravel() > p.clear_contrast  # False outside the image
-    return int((~right).sum()) <= p.hidden_cells_max
+    right = contrast * pattern.bright.ravel() > _CLEAR_CONTRAST  # False outside the image
+    return int((~right).sum()) <= _MAX_HIDDEN_CELLS
 
 
 def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
@@ -96,71 +113,12 @@ class BoardFit:
     sd_px: Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class BoardDetectorParameters:
-    """Parameters of the detector.
-
-    Lengths are in squares unless stated otherwise.
-
-    Attributes:
-        blur_sd: Initial blur.
-        sharp_px: Blur of an image at rest, pixels.
-        flatness: Largest distance of a corner from a plane board's, or 5 standard deviations if that is more.
-        max_misfit: Largest RMS residual of a corner over half its step in brightness.
-        min_contrast: Least half step in brightness of a corner over the median of all.
-        min_step: Least half step in brightness of the median corner, of 255.
-        max_corner_sd: Corners with a larger standard deviation are rejected.
-        min_corners: Least number of corners of an observation.
-        min_smear: Least motion along both axes that is distinguished from other blur.
-        max_sharp: A board with the blur of a longer motion counts as smeared.
-        max_smear: A board with a longer motion is unreadable: its squares blend into their neighbours.
-        max_streak: The same along both axes: along the diagonal squares have one colour, which hides the motion.
-        smeared_share: Least share of all corners that a smeared board must show.
-        smeared_misfit: Largest misfit of its median corner.
-        clear_contrast: Least difference from the mean brightness, in half steps, of a clearly bright or dark cell.
-        hidden_cells_max: Cells of a whole board that dirt may hide: fewer dark ones than any shift would miss.
-        passes: Largest number of refits of the view, because one from few corners is inaccurate at the others.
-        fit: Of each corner.
-        search: Of candidate views.
-        corner_sd_px: Error of a corner in addition to its residuals, pixels: remaining errors of lens and print.
-        smear_sd: The same, as a share of the motion that blurs the board.
-    """
-
-    blur_sd: float = 0.12
-    sharp_px: float = 0.4
-    flatness: float = 0.06
-    max_misfit: float = 0.35
-    min_contrast: float = 0.35
-    min_step: float = 6.0
-    max_corner_sd: float = 0.05
-    min_corners: int = 8
-    min_smear: float = 0.4
-    max_sharp: float = 0.7
-    max_smear: float = 1.7
-    max_streak: float = 0.65
-    smeared_share: float = 0.65
-    smeared_misfit: float = 0.12
-    corner_sd_px: float = 0.02
-    smear_sd: float = 0.01
-    clear_contrast: float = 0.15
-    hidden_cells_max: int = 3
-    passes: int = 2
-    fit: CornerFitParameters = field(default_factory=CornerFitParameters)
-    search: SearchParameters = field(default_factory=SearchParameters)
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError where a value is not a finite number > 0."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("fit", "search")}
-        check_numbers("BoardDetectorParameters", values | self.fit._asdict())
-
-
 class BoardDetector:
     """Detects one board in the images of one camera; stateless.
 
     Args:
         board: The board to detect; its mount does not matter.
         camera: The camera as calibrated; its mount does not matter.
-        parameters: Of the detector.
 
     Attributes:
         points_in_board: (M, 3) all interior corners in the board's frame, m, y slowest: the order of a guess.
@@ -169,11 +127,8 @@ class BoardDetector:
         ConfigError: A board that looks the same from two sides, or an unknown distortion model.
     """
 
-    def __init__(
-        self, board: Board, camera: CameraCalibration, parameters: BoardDetectorParameters | None = None
-    ) -> None:  # fmt: skip
+    def __init__(self, board: Board, camera: CameraCalibration) -> None:
         self._pattern, self._lens = BoardPattern(board), Lens(camera)
-        self._parameters = parameters or BoardDetectorParameters()
         self._shift_ns = round(camera.timeshift_cam_imu_s * 1e9)
         self.points_in_board = self._pattern.points_in_board
 
@@ -236,36 +191,36 @@ class BoardDetector:
 
     def _candidates(self, grey: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
         if guess is None:
-            yield from anywhere(grey, self._pattern, self._lens, self._parameters.search)
+            yield from anywhere(grey, self._pattern, self._lens)
             return
         if np.shape(guess) != self._pattern.corners.shape:
             raise StrideTwinError(f"guess of shape {np.shape(guess)}; the board has {self._pattern.corners.shape}")
         if (view := guessed(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
-            yield from around(grey, self._pattern, view, error_px, self._parameters.search)
+            yield from around(grey, self._pattern, view, error_px)
 
     def _fitted(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
         """The refined view and its accepted corners; None if there are too few."""
-        p, corners = self._parameters, self._pattern.corners
+        corners = self._pattern.corners
         motion = None if motion_px is None else rough.squares_of(motion_px)
-        if motion is not None and not _readable(np.abs(motion), p):
+        if motion is not None and not _readable(np.abs(motion)):
             return None
-        first = self._fit(grey, rough, Smear(blur=np.full(2, p.blur_sd), motion=motion), True)
+        first = self._fit(grey, rough, Smear(blur=np.full(2, _BLUR_SD), motion=motion), True)
         good = first[:, saddle_points.OK] > 0
-        if good.sum() < p.min_corners:
+        if good.sum() < _MIN_CORNERS:
             return None
-        tolerance = p.flatness * np.median(rough.size_px(corners)) / self._lens.focal_px
+        tolerance = _FLATNESS * np.median(rough.size_px(corners)) / self._lens.focal_px
         view = View.through(self._lens, corners[good], self._lens.rays(first[good, :2]), tolerance)
         if view is None:
             return None
         blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
-        sharp = p.sharp_px / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
+        sharp = _SHARP_PX / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
         smear, fits = min(
             ((smear, self._fit(grey, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
             key=lambda tried: _misfit(tried[1]),
         )
         motion_uv = smear.total_motion(sharp)
         fit = self._held(view, fits, motion_uv)
-        for _ in range(self._parameters.passes):
+        for _ in range(_PASSES):
             if len(fit.which) in (len(corners), 0):
                 break
             closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
@@ -279,41 +234,41 @@ class BoardDetector:
 
     def _held(self, view: View, fits: Array, motion_uv: Array) -> BoardFit:
         """The corners that are certain enough and consistent with a plane board."""
-        p, size = self._parameters, view.size_px(self._pattern.corners)
+        size = view.size_px(self._pattern.corners)
         shown = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
-        sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(motion_uv) * size) ** 2)
+        sd = np.sqrt(shown**2 + _CORNER_SD_PX**2 + (_SMEAR_SD * np.linalg.norm(motion_uv) * size) ** 2)
         off = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
-        even = (off < np.maximum(p.flatness * size, 5 * sd)) & (sd < p.max_corner_sd * size)
+        even = (off < np.maximum(_FLATNESS * size, 5 * sd)) & (sd < _MAX_CORNER_SD * size)
         which = np.flatnonzero((fits[:, saddle_points.OK] > 0) & even)
         return BoardFit(view=view, which=which, corners=fits[which], sd_px=sd[which])
 
     def _enough(self, fit: BoardFit, motion_uv: Array) -> bool:
         """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more."""
-        p, count, length = self._parameters, len(fit.which), np.linalg.norm(motion_uv)
-        if length <= p.max_sharp:
-            return count >= p.min_corners
-        many = count >= p.smeared_share * len(self._pattern.corners)
-        return bool(many and _readable(motion_uv, p) and _misfit(fit.corners) < p.smeared_misfit)
+        count, length = len(fit.which), np.linalg.norm(motion_uv)
+        if length <= _MAX_SHARP:
+            return count >= _MIN_CORNERS
+        many = count >= _SMEARED_SHARE * len(self._pattern.corners)
+        return bool(many and _readable(motion_uv) and _misfit(fit.corners) < _SMEARED_MISFIT)
 
     def _smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
         """Possible blurs: a motion that smears both families of edges has one of two directions."""
         yield Smear(blur=blur, motion=motion)
         motion_uv = Smear(blur=blur, motion=None).total_motion(sharp)
-        if motion is None and motion_uv.min() > self._parameters.min_smear:
+        if motion is None and motion_uv.min() > _MIN_SMEAR:
             for sense in (1.0, -1.0):
                 yield Smear(blur=sharp, motion=motion_uv * (1.0, sense))
 
     def _fit(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
         """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
-        p, corners, colour = self._parameters, self._pattern.corners, self._pattern.corner_colour
+        corners, colour = self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
-            grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, p.fit
+            grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur
         )
         step = fits[:, saddle_points.STEP]
-        good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < p.max_misfit * step)
+        good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < _MAX_MISFIT * step)
         usual = np.median(step[good]) if good.any() else 0.0
-        fits[:, saddle_points.OK] = good & (step > p.min_contrast * usual) & (usual > p.min_step)
+        fits[:, saddle_points.OK] = good & (step > _MIN_CONTRAST * usual) & (usual > _MIN_STEP)
         return fits
 
     def _unmistakable(
@@ -323,12 +278,12 @@ class BoardDetector:
         if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
-        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels, self._parameters)
+        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
 
 
-def _readable(motion_uv: Array, parameters: BoardDetectorParameters) -> bool:
+def _readable(motion_uv: Array) -> bool:
     """Whether a board that moves by (2,) squares along u and v during the exposure keeps its pattern."""
-    return bool(np.linalg.norm(motion_uv) <= parameters.max_smear and motion_uv.min() <= parameters.max_streak)
+    return bool(np.linalg.norm(motion_uv) <= _MAX_SMEAR and motion_uv.min() <= _MAX_STREAK)
 
 
 def _misfit(fits: Array) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,40 +25,20 @@ covariance of the pixel for grey values of variance 1, and 1 if the fit is valid
 _UNKNOWNS = 6  # x, y, mean, contrast, blur across u, blur across v
 
 
-class CornerFitParameters(NamedTuple):
-    """The fit of one corner to the image; hand-chosen.
-
-    Attributes:
-        half: A corner is fitted to the image within this distance of it along both edges, squares.
-        pixels_min: Least number of pixels there.
-        blur_min: Least blur, squares.
-        blur_max: Largest blur, squares.
-        blur_information: Information of the prior on the blur, over the contrast squared: the blur of a corner of few
-            pixels is not observable.
-        damping: Of the Gauss-Newton steps, relative.
-        step_max: Longest step of the corner, squares.
-        position_rounds: Rounds before the blur is fitted too: far from the corner it would shrink.
-        rounds: Largest number of rounds.
-        settled_px: Smaller steps end the fit: quadratic convergence, so the next step would be a thousandth of this.
-        sample_blurs: Distance between the samples of an average over a motion, as a multiple of the blur.
-        samples_max: Their largest number.
-        sparse_px2: Larger squares that are smeared use every other pixel each way.
-    """
-
-    half: float = 0.55
-    pixels_min: int = 12
-    blur_min: float = 0.02
-    blur_max: float = 0.6
-    blur_information: float = 0.1
-    damping: float = 1e-3
-    step_max: float = 0.2
-    position_rounds: int = 2
-    rounds: int = 7
-    settled_px: float = 3e-3
-    sample_blurs: float = 1.5
-    samples_max: int = 12
-    sparse_px2: float = 64.0
-
+# The fit of one corner to the image; hand-chosen.
+_HALF = 0.55  # a corner is fitted to the image within this distance of it along both edges, squares
+_MIN_PIXELS = 12  # there
+_MIN_BLUR, _MAX_BLUR = 0.02, 0.6  # squares
+# Information of the prior on the blur, over the contrast squared: the blur of a corner of few pixels is not observable.
+_BLUR_INFORMATION = 0.1
+_DAMPING = 1e-3  # of the Gauss-Newton steps, relative
+_MAX_STEP = 0.2  # of the corner, squares
+_POSITION_ROUNDS = 2  # before the blur is fitted too: far from the corner it would shrink
+_ROUNDS = 7  # at most
+_SETTLED_PX = 3e-3  # smaller steps end the fit: quadratic convergence, so the next step would be a thousandth of this
+_SAMPLE_BLURS = 1.5  # distance between the samples of an average over a motion, as a multiple of the blur
+_MAX_SAMPLES = 12
+_SPARSE_PX2 = 64.0  # larger squares that are smeared use every other pixel each way
 
 _Z_MAX, _PER_Z = 4.0, 64
 _Z = np.linspace(-_Z_MAX, _Z_MAX, int(2 * _Z_MAX * _PER_Z) + 1)
@@ -69,8 +48,7 @@ _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
 @cached(_HERE)
 def fit_corners(
-    image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
-    p: CornerFitParameters,
+    image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool
 ) -> Array:  # fmt: skip
     """Fits the brightness around every corner; unknown are the corner's position, two brightnesses and the blur.
 
@@ -87,7 +65,6 @@ def fit_corners(
         blur: (2,) initial standard deviation of the blur across the edges u = 0 and v = 0, squares.
         motion: (2,) motion of the board during the exposure along u and v, squares, if not part of `blur`.
         fit_blur: Whether the blur of each corner is fitted; otherwise it is fixed.
-        p: Of the fit.
 
     Returns:
         (N, COLUMNS); rows that are not OK left the image or fit no corner of the right colours.
@@ -95,7 +72,7 @@ def fit_corners(
     found = np.zeros((len(start), COLUMNS))
     for n in range(len(start)):
         if math.isfinite(start[n, 0] + start[n, 1]):
-            _fit(image, start[n], edges[n], colour[n], blur, motion, fit_blur, p, found[n])
+            _fit(image, start[n], edges[n], colour[n], blur, motion, fit_blur, found[n])
     return found
 
 
@@ -122,7 +99,7 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
 @njit(error_model="numpy", **INSIDE)
 def _fit(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
-    fit_blur: bool, p: CornerFitParameters, out: Array,
+    fit_blur: bool, out: Array,
 ) -> None:  # fmt: skip
     height, width = image.shape
     area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
@@ -130,14 +107,14 @@ def _fit(
         return
     ux, uy = edges[1, 1] / area, -edges[1, 0] / area  # gradients of u and v in the image
     vx, vy = -edges[0, 1] / area, edges[0, 0] / area
-    reach_x = p.half * (abs(edges[0, 0]) + abs(edges[1, 0]))
-    reach_y = p.half * (abs(edges[0, 1]) + abs(edges[1, 1]))
+    reach_x = _HALF * (abs(edges[0, 0]) + abs(edges[1, 0]))
+    reach_y = _HALF * (abs(edges[0, 1]) + abs(edges[1, 1]))
     left, right = math.floor(start[0] - reach_x), math.ceil(start[0] + reach_x)
     top, bottom = math.floor(start[1] - reach_y), math.ceil(start[1] + reach_y)
     if left < 0 or top < 0 or right >= width or bottom >= height:
         return
-    samples = min(1 + int(max(abs(motion[0]) / blur[0], abs(motion[1]) / blur[1]) / p.sample_blurs), p.samples_max)
-    pace = 2 if samples > 1 and abs(area) > p.sparse_px2 else 1
+    samples = min(1 + int(max(abs(motion[0]) / blur[0], abs(motion[1]) / blur[1]) / _SAMPLE_BLURS), _MAX_SAMPLES)
+    pace = 2 if samples > 1 and abs(area) > _SPARSE_PX2 else 1
     size = (right - left + 1) * (bottom - top + 1)
     dx, dy, grey = np.empty(size), np.empty(size), np.empty(size)
     count = 0
@@ -145,11 +122,11 @@ def _fit(
     for row in range(top, bottom + 1, pace):
         for column in range(left, right + 1, pace):
             px, py = column - start[0], row - start[1]
-            if abs(ux * px + uy * py) <= p.half and abs(vx * px + vy * py) <= p.half:
+            if abs(ux * px + uy * py) <= _HALF and abs(vx * px + vy * py) <= _HALF:
                 dx[count], dy[count], grey[count] = px, py, image[row, column]
                 mean += grey[count]
                 count += 1
-    if count < p.pixels_min:
+    if count < _MIN_PIXELS:
         return
     mean /= count
     x, y, contrast, blur_u, blur_v = 0.0, 0.0, 0.0, blur[0], blur[1]
@@ -157,7 +134,7 @@ def _fit(
     N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_UNKNOWNS)
     L, step = np.zeros((free, free)), np.zeros(free)
     settled = False
-    for iteration in range(p.rounds + 1):
+    for iteration in range(_ROUNDS + 1):
         clear(g)
         clear_block(N, free)
         squares = 0.0
@@ -196,25 +173,25 @@ def _fit(
             if contrast * colour <= 0.0:
                 return
             continue
-        if settled or iteration == p.rounds:
+        if settled or iteration == _ROUNDS:
             break
         for j in range(free):
-            N[j, j] *= 1.0 + p.damping
+            N[j, j] *= 1.0 + _DAMPING
             N[j, j] += 1e-9
         if fit_blur:  # weak prior: the blur of a corner of few pixels is not observable
-            N[4, 4] += p.blur_information * contrast * contrast
-            N[5, 5] += p.blur_information * contrast * contrast
+            N[4, 4] += _BLUR_INFORMATION * contrast * contrast
+            N[5, 5] += _BLUR_INFORMATION * contrast * contrast
         if not solve(N, g, free, 0.0, L, step):
             return
         moved = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
-        limited = min(1.0, p.step_max / (moved + 1e-12))
+        limited = min(1.0, _MAX_STEP / (moved + 1e-12))
         dx_px, dy_px = limited * step[0], limited * step[1]
         x, y, mean, contrast = x + dx_px, y + dy_px, mean + step[2], contrast + step[3]
-        settled = abs(dx_px) + abs(dy_px) < p.settled_px and (iteration > p.position_rounds or not fit_blur)
-        if fit_blur and iteration > p.position_rounds:
-            blur_u = min(max(blur_u + step[4], 0.5 * blur_u, p.blur_min), 2.0 * blur_u, p.blur_max)
-            blur_v = min(max(blur_v + step[5], 0.5 * blur_v, p.blur_min), 2.0 * blur_v, p.blur_max)
-        if abs(ux * x + uy * y) > p.half or abs(vx * x + vy * y) > p.half or contrast * colour <= 0.0:
+        settled = abs(dx_px) + abs(dy_px) < _SETTLED_PX and (iteration > _POSITION_ROUNDS or not fit_blur)
+        if fit_blur and iteration > _POSITION_ROUNDS:
+            blur_u = min(max(blur_u + step[4], 0.5 * blur_u, _MIN_BLUR), 2.0 * blur_u, _MAX_BLUR)
+            blur_v = min(max(blur_v + step[5], 0.5 * blur_v, _MIN_BLUR), 2.0 * blur_v, _MAX_BLUR)
+        if abs(ux * x + uy * y) > _HALF or abs(vx * x + vy * y) > _HALF or contrast * colour <= 0.0:
             return
     det = N[0, 0] * N[1, 1] - N[0, 1] ** 2
     if det <= 0.0 or count <= free:

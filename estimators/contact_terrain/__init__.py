@@ -3,9 +3,9 @@
 from stridetwin.estimators.contact_terrain.estimate import MODES, UNKNOWN, StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.filter import METHODS, ContactTerrain
 from stridetwin.estimators.contact_terrain.geometry import Compliance, Exoskeleton, parse_exoskeleton, read_exoskeleton
-from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
+from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters, PublishedParameters
 
 __all__ = [
     "METHODS", "MODES", "UNKNOWN", "Compliance", "ContactTerrain", "ContactTerrainParameters", "Exoskeleton",
-    "StepEstimate", "TerrainSvm", "parse_exoskeleton", "read_exoskeleton",
+    "PublishedParameters", "StepEstimate", "TerrainSvm", "parse_exoskeleton", "read_exoskeleton",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ClassParameters, PublishedParameters
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters, PublishedParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
@@ -101,7 +101,7 @@ class TerrainSvm:
 
 
 def step_modes(
-    slope: float, slope_sd: float, beyond: float, beyond_sd: float, parameters: ClassParameters
+    slope: float, slope_sd: float, beyond: float, beyond_sd: float, parameters: ContactTerrainParameters
 ) -> dict[str, float]:
     """Probability of each mode.
 

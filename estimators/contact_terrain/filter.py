@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar, Protocol
 
-from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream, current_name, deprecated
+from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import (
     METADATA_KEY,
@@ -35,8 +35,7 @@ class ContactTerrain:
     samples of other streams, and lost or corrupted ones (`ticks`), are ignored.
 
     Args:
-        rig: Not read: the geometry lists the sensors. An `Exoskeleton` in its place is deprecated.
-        method: Deprecated form of `options.method`.
+        rig: Not read: the geometry lists the sensors.
         svm: Classes for `published`; None leaves them unknown.
         options: `method`, one of `METHODS`: the first, or `published`, Shim et al. 2019; `exoskeleton` or `metadata`.
         exoskeleton: Geometry, in place of that of the options.
@@ -54,27 +53,18 @@ class ContactTerrain:
 
     def __init__(
         self,
-        rig: Rig | Exoskeleton,
-        method: str | None = None,
-        svm: TerrainSvm | None = None,
+        rig: Rig,
         *,
+        svm: TerrainSvm | None = None,
         options: Options | None = None,
         exoskeleton: Exoskeleton | None = None,
         parameters: ContactTerrainParameters = DEFAULTS,
     ) -> None:
         options = options or Options()
-        if isinstance(rig, Exoskeleton):
-            deprecated("ContactTerrain(exo)", "ContactTerrain(rig, exoskeleton=exo)")
-            exoskeleton = rig
-        if method is None:
-            method = options.method
-        else:
-            deprecated("ContactTerrain(exo, method)", "ContactTerrain(rig, options=Options(method=...))")
-            method = current_name(method)
-        exo = exoskeleton or _geometry(options)
+        method, exo = options.method, exoskeleton or _geometry(options)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
-        self._ticks = TickBuilder(exo, parameters.ticks)
+        self._ticks = TickBuilder(exo)
         self._method: _Method = (
             Proposed(exo, parameters) if method == PROPOSED else Published(exo, svm, parameters.published)
         )

@@ -14,21 +14,27 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import Sole
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, CellParameters, FootfallParameters
 from stridetwin.estimators.matrices import dot, rotate
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.samples import Array
 
+# Hand-chosen on simulated walks of S1-S3, seeds 0-16.
+_ROTATING_RADPS = 1.0  # a foot that rotates faster may be in the air
+_ALIVE_N = 40.0  # a cell whose force changes less within strides is dead or stuck
+_STRIDE_S = 0.6  # rotating time of somewhat more than one stride
+_FLAT_RADPS = 0.6  # a foot that rotates faster is not flat
+_HALF_WEIGHT_RADPS = 0.2  # at this rate the attitude of a flat foot has half its weight
+_SHARED_WEIGHT = 0.05  # weight of a flat foot's attitude while the other foot carries load too
+_STRAINED_WEIGHT = 0.02  # weight of a flat foot's attitude while its ankle is at a stop
+_FREE_WEIGHT = 1.0  # sum of the other weights at which attitudes with the ankle at a stop are not needed
+_HEEL_RISES_RAD = math.radians(1.5)  # a foot pitched down by this against its flat attitude is lifting its heel
+_FLAT_TICKS = 6  # ticks for which a foot has to be flat before its slope is estimated
+
 
 class CellLoads:
-    """The cells of one insole.
+    """The cells of one insole."""
 
-    Args:
-        parameters: Thresholds of rotation, load and stride.
-    """
-
-    def __init__(self, parameters: CellParameters = DEFAULTS.cells) -> None:
-        self._parameters = parameters
+    def __init__(self) -> None:
         self._least = np.full((2, 4), np.inf)  # of this stride and the last
         self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
         self._rotating_s = 0.0
@@ -38,10 +44,10 @@ class CellLoads:
         """(4,) N, load on each cell, from (4,) N as measured, the foot's rate, rad/s, and dt, s since the last tick."""
         self._force = force
         self._most[0] = np.maximum(self._most[0], force)
-        if rate > self._parameters.rotating_radps:
+        if rate > _ROTATING_RADPS:
             self._least[0] = np.minimum(self._least[0], force)
             self._rotating_s += dt
-        if self._rotating_s > self._parameters.stride_s:
+        if self._rotating_s > _STRIDE_S:
             self._rotating_s = 0.0
             self._least[1], self._least[0] = self._least[0], force
             self._most[1:], self._most[0] = self._most[:-1].copy(), force
@@ -57,7 +63,7 @@ class CellLoads:
     @property
     def alive(self) -> NDArray[np.bool_]:
         """(4,) whether each cell has measured a load in the last strides."""
-        moved: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > self._parameters.alive_n
+        moved: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > _ALIVE_N
         return moved
 
 
@@ -70,7 +76,6 @@ class Footfall:
     Args:
         step: Number of the step that ended with this landing; 0 for feet that stand at the start.
         on_heel: Whether it landed on the heel rather than the forefoot.
-        parameters: Conditions of foot-flat.
 
     Attributes:
         step, on_heel: As given.
@@ -79,8 +84,8 @@ class Footfall:
         ticks: Their number.
     """
 
-    def __init__(self, step: int, on_heel: bool, parameters: FootfallParameters) -> None:
-        self.step, self.on_heel, self._parameters = step, on_heel, parameters
+    def __init__(self, step: int, on_heel: bool) -> None:
+        self.step, self.on_heel = step, on_heel
         self.forward, self.up = np.zeros(3), np.zeros(3)
         self.weight, self.ticks = 0.0, 0
         self._highest, self._free = -math.inf, 0.0
@@ -95,13 +100,13 @@ class Footfall:
             alone: Whether the other foot is unloaded: a foot that has just landed is still being pressed flat.
             free: The ankle is clear of its stops: at a stop the leg rotates the exoskeleton's foot off the shoe.
         """
-        parameters, pitch = self._parameters, math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
-        if not loaded or rate > parameters.flat_radps or pitch < self._highest - parameters.heel_rises_rad:
+        pitch = math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
+        if not loaded or rate > _FLAT_RADPS or pitch < self._highest - _HEEL_RISES_RAD:
             return False
         self._highest = max(self._highest, pitch)
-        weight = (1.0 if alone else parameters.shared_weight) / (1.0 + (rate / parameters.stationary_radps) ** 2)
+        weight = (1.0 if alone else _SHARED_WEIGHT) / (1.0 + (rate / _HALF_WEIGHT_RADPS) ** 2)
         self._free += weight if free else 0.0
-        weight *= 1.0 if free else parameters.strained_weight
+        weight *= 1.0 if free else _STRAINED_WEIGHT
         self.forward += weight * R_world_sole[:, 0]
         self.up += weight * R_world_sole[:, 2]
         self.weight += weight
@@ -111,12 +116,12 @@ class Footfall:
     @property
     def flat(self) -> bool:
         """Whether it has been flat long enough to estimate the ground's slope."""
-        return self.ticks >= self._parameters.flat_ticks
+        return self.ticks >= _FLAT_TICKS
 
     @property
     def strained(self) -> float:
         """Share of its attitude from ticks with the ankle at a stop, 0-1."""
-        return max(0.0, 1.0 - self._free / self._parameters.free_weight)
+        return max(0.0, 1.0 - self._free / _FREE_WEIGHT)
 
     def R_world_sole(self) -> Array:
         """(3, 3) mean attitude of the flat sole."""

@@ -16,11 +16,16 @@ import numpy as np
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.leg import BACK, KNEE, LENGTH, OFFSETS, SAG
-from stridetwin.estimators.contact_terrain.parameters import OffsetParameters
+from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 from stridetwin.estimators.matrices import mul, transposed
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
+_ROTATION_WALK_RAD = math.radians(0.05)  # change of an attitude's offset from step to step; hand-chosen on tuning walks
+# Volume over which the residuals of steps off the plane are spread: 0.25 m times 15° of slope change (buildings).
+_PLANE_SPREAD_M_RAD = 0.25 * math.radians(15.0)
+_LEVEL_SD_RAD = math.radians(0.2)  # standard deviation of the slope of level ground; hand-chosen
+_LEVEL_SPREAD_RAD = math.radians(30.0)  # range over which the slopes of other ground are spread (buildings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,15 +72,15 @@ class Offsets:
         sag_sd_m: Standard deviation of a loaded heel's sag in its holder.
     """
 
-    def __init__(self, parameters: OffsetParameters, sag_sd_m: float) -> None:
+    def __init__(self, parameters: ContactTerrainParameters, sag_sd_m: float) -> None:
         self._parameters = p = parameters
         self._plane_noise = np.array([p.plane_sd_m, p.parallel_sd_rad]) ** 2
-        self._level_noise = np.array([p.level_sd_rad**2])
+        self._level_noise = np.array([_LEVEL_SD_RAD**2])
         sd = np.empty(OFFSETS)
-        sd[BACK:KNEE], sd[KNEE:LENGTH] = p.rotation_sd_rad, p.knee_sd_rad
-        sd[LENGTH:SAG], sd[SAG] = p.length_sd_m, sag_sd_m
+        sd[BACK:KNEE], sd[KNEE:LENGTH] = p.mount_rotation_sd_rad, p.knee_zero_sd_rad
+        sd[LENGTH:SAG], sd[SAG] = p.segment_length_sd_m, sag_sd_m
         walk = np.zeros(OFFSETS)
-        walk[BACK:KNEE] = p.rotation_walk_rad**2
+        walk[BACK:KNEE] = _ROTATION_WALK_RAD**2
         self._walk = np.diag(walk)
         # The state with the step's vector and slopes, and the derivative of these, in the form that a step completes.
         self._z, self._P = np.zeros(OFFSETS + 5), np.zeros((OFFSETS + 5, OFFSETS + 5))
@@ -96,9 +101,9 @@ class Offsets:
         p = self._parameters
         for row in (3, 4) if start else (3,):
             at = slice(row, row + 1)
-            z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, p.level_share, p.level_spread_rad)
+            z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, p.level_share, _LEVEL_SPREAD_RAD)
         A = _one_plane(measured)
-        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad)
+        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, _PLANE_SPREAD_M_RAD)
         return Posterior(
             values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip

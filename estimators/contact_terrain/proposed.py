@@ -28,6 +28,16 @@ from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
+# Hand-chosen on simulated walks of S1-S3, seeds 0-16.
+_BOUNCE_NS = 120_000_000  # a foot that touches down again sooner has not left the ground
+_TOES_DOWN_RAD = math.radians(8.0)  # a foot pitched down by more at touch-down lands on the forefoot
+_LOADED_N = 100.0  # load from which on a foot counts as carrying weight
+_BOTH_N = 150.0  # load on both feet from which on a tick has full weight
+_SINGLE_SUPPORT_N = 300.0  # the load in single support is above this
+_SWING_RADPS = 3.0  # a foot on the ground seldom rotates faster
+_CREPT_SHARE = 0.15  # share of the other foot's load that the cells of a foot in the air may report together
+_LANDING_RADPS = 0.7  # angular rate at which a foot that landed on its heel has half its weight
+
 
 class DoubleSupport:
     """The vector from one foot's contact to the other's while both are down, a weighted mean over ticks.
@@ -70,7 +80,7 @@ class Proposed:
     """
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
-        self._limits, self._classes, self._compliance = parameters.footfall, parameters.classes, exo.compliance
+        self._parameters, self._compliance = parameters, exo.compliance
         soles = [exo.legs[side].sole for side in SIDES]
         self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
         # Fixed contact points of each foot, toe hinge and heel, on the sole and in the last frame.
@@ -80,10 +90,10 @@ class Proposed:
             for sole, R, points in zip(soles, self._R_foot_sole, self._on_sole)
         ]
         self._links = [links(exo.legs[side]) for side in SIDES]
-        self._attitudes = Attitudes(parameters.attitudes)
-        self._offsets = Offsets(parameters.offsets, exo.compliance.sag_sd_m)
-        self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
-        self._contacts = [Footfall(0, True, self._limits), Footfall(0, True, self._limits)]
+        self._attitudes = Attitudes(parameters)
+        self._offsets = Offsets(parameters, exo.compliance.sag_sd_m)
+        self._cells = [CellLoads(), CellLoads()]
+        self._contacts = [Footfall(0, True), Footfall(0, True)]
         self._down, self._left_ns = [True, True], [0, 0]
         self._newest, self._steps = 0, 0
         self._support = DoubleSupport()
@@ -109,11 +119,10 @@ class Proposed:
         if all(self._down):
             self._add_support(angles, loads, float(rates[self._newest]), all(free))
         self._detect_lift_off(tick.t_ns, loads, rates, cells)
-        loaded_n = self._limits.loaded_n
         flat = [
             self._down[i]
             and self._contacts[i].add(
-                R_sole[i], float(rates[i]), bool(loads[i] > loaded_n), bool(loads[1 - i] < loaded_n), free[i]
+                R_sole[i], float(rates[i]), bool(loads[i] > _LOADED_N), bool(loads[1 - i] < _LOADED_N), free[i]
             )
             for i in range(2)
         ]
@@ -130,14 +139,14 @@ class Proposed:
         A walker always has one foot down. If the only foot on the ground unloads and rotates faster than the other one,
         it is lifting off: the other foot has landed on cells that do not respond.
         """
-        other, limits = 1 - side, self._limits
-        leaves = loads[other] < limits.left_n and rates[other] > rates[side]
-        if self._down[side] or not (loads[side] > limits.landed_n or leaves):
+        other, parameters = 1 - side, self._parameters
+        leaves = loads[other] < parameters.left_n and rates[other] > rates[side]
+        if self._down[side] or not (loads[side] > parameters.landed_n or leaves):
             return
         self._down[side] = True
-        if t_ns - self._left_ns[side] > limits.bounce_s * 1e9:
-            reliable = loads[side] > limits.landed_n and self._cells[side].alive[0]
-            on_heel = 2.0 * cells[0] > loads[side] if reliable else R_world_sole[2, 0] > -math.sin(limits.toes_down_rad)
+        if t_ns - self._left_ns[side] > _BOUNCE_NS:
+            reliable = loads[side] > parameters.landed_n and self._cells[side].alive[0]
+            on_heel = 2.0 * cells[0] > loads[side] if reliable else R_world_sole[2, 0] > -math.sin(_TOES_DOWN_RAD)
             self._land(side, bool(on_heel))
 
     def _detect_lift_off(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
@@ -146,11 +155,10 @@ class Proposed:
         A foot that swings beside a loaded one, with little load except on one cell, has left the ground: that cell is
         stuck, or all of them have crept.
         """
-        limits = self._limits
         for side in sorted(range(2), key=lambda side: -rates[side]):
-            swings = rates[side] > limits.swing_radps and loads[1 - side] > limits.single_support_n
+            swings = rates[side] > _SWING_RADPS and loads[1 - side] > _SINGLE_SUPPORT_N
             load = loads[side] - cells[side].max() if swings else loads[side]
-            if all(self._down) and load < (limits.crept_share * loads[1 - side] if swings else limits.left_n):
+            if all(self._down) and load < (_CREPT_SHARE * loads[1 - side] if swings else self._parameters.left_n):
                 self._down[side], self._left_ns[side] = False, t_ns
                 self._cells[side].empty()
 
@@ -161,12 +169,12 @@ class Proposed:
             if side != self._newest:  # a foot that lands twice steps from the other foot both times
                 self._p_before = self._p_before + self._posterior.values[:3]
         self._steps += 1
-        self._contacts[side] = Footfall(self._steps, on_heel, self._limits)
+        self._contacts[side] = Footfall(self._steps, on_heel)
         self._newest, self._support, self._posterior = side, DoubleSupport(), None
 
     def _reset_contacts(self) -> None:
         """Resets the contacts: after a gap the feet may have moved."""
-        self._contacts = [Footfall(fall.step, fall.on_heel, self._limits) for fall in self._contacts]
+        self._contacts = [Footfall(fall.step, fall.on_heel) for fall in self._contacts]
         self._support, self._posterior = DoubleSupport(), None
 
     def _add_support(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
@@ -176,9 +184,9 @@ class Proposed:
         """
         new, old = self._newest, 1 - self._newest
         fall = self._contacts[new]
-        weight = min(1.0, max(float(loads.min()), 1.0) / self._limits.both_n) ** 2
+        weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2
         if fall.on_heel:
-            weight /= 1.0 + (rate / self._limits.landing_radps) ** 2
+            weight /= 1.0 + (rate / _LANDING_RADPS) ** 2
         vector, J = self._contact(new, fall.on_heel, angles[new])
         before, J_before = self._contact(old, False, angles[old])
         J = J - J_before
@@ -227,12 +235,12 @@ class Proposed:
         x, y, height, slope, before = posterior.values
         covariance = posterior.covariance.copy()
         covariance[2, 2] += (
-            self._compliance.sloping_sd_m * sloping(slope, math.sqrt(covariance[3, 3]), self._classes.ramp_rad)
+            self._compliance.sloping_sd_m * sloping(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
         ) ** 2
         sd = np.sqrt(np.diag(covariance))
         beyond = beyond_slopes(height, math.hypot(x, y), slope, before)
         mode, probability = most_likely(
-            step_modes(slope, sd[3], beyond, sd[2], self._classes), self._classes.probability_min
+            step_modes(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min
         )
         return StepEstimate(
             t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),

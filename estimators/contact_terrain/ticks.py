@@ -1,7 +1,7 @@
 """Joins nine streams into one row per instant, and fuses the attitudes of the exoskeleton's frames.
 
 A tick is complete when every stream has delivered its sample; the first sample of a later instant closes an incomplete
-one. A late stream is extrapolated for up to `TickParameters.hold_s`: an attitude by its last angular rate, an angle and
+one. A late stream is extrapolated for up to `_HOLD_S`: an attitude by its last angular rate, an angle and
 forces as constants. A sample counts as lost if it is not finite, out of the sensor's range, or not later than the
 stream's last one. A negative force, of a cell whose zero is low, counts as none.
 
@@ -23,12 +23,20 @@ from numba import njit
 from stridetwin.estimators import so3
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, AttitudeNoise, TickParameters
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.matrices import copy_matrix, dot, mul, transposed
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
 from stridetwin.streams.so3 import exp
 
 _HERE = Path(__file__).parent
+_HOLD_S = 0.06  # a late stream is extrapolated for this long: six samples at 100 Hz
+_TOGETHER_S = 0.003  # largest difference of the time stamps of one instant: a third of the period at 100 Hz
+# Samples beyond these count as lost: no gyro on a limb has such a range; 32-bit rounding of a quaternion's squared norm
+# is far below; several times a running person's weight on one cell.
+_MAX_RATE_RADPS, _MAX_NORM_ERROR, _MAX_FORCE_N = 50.0, 0.02, 5000.0
+# Hand-chosen on simulated walks of S1-S3, seeds 0-16.
+_FULL_MOTION_RADPS = 2.0  # angular rate from which on an AHRS has its error of full motion
+_LOST_SD_RAD = math.radians(0.15)  # motion of a limb that one lost sample hides
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,11 +67,9 @@ class TickBuilder:
 
     Args:
         exo: Its streams and sensor mounts.
-        parameters: Largest delay of a stream, and ranges of valid samples.
     """
 
-    def __init__(self, exo: Exoskeleton, parameters: TickParameters = DEFAULTS.ticks) -> None:
-        self._parameters = parameters
+    def __init__(self, exo: Exoskeleton) -> None:
         legs = [exo.legs[side] for side in SIDES]
         attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
         self._attitude = {a.topic: (i, a.R_frame_sensor.T) for i, a in enumerate(attitudes)}
@@ -77,14 +83,10 @@ class TickBuilder:
 
     def add(self, sample: Sample) -> list[Tick]:
         """Takes one sample; returns the ticks that it completes or closes, at most two."""
-        if (
-            sample.topic not in self._last
-            or sample.t_ns <= self._last[sample.topic]
-            or not _is_valid(sample, self._parameters)
-        ):
+        if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _is_valid(sample):
             return []
         made = []
-        if self._open and sample.t_ns > self._now + self._parameters.together_s * 1e9:
+        if self._open and sample.t_ns > self._now + _TOGETHER_S * 1e9:
             made += self._close()
         if not self._open:
             self._now = sample.t_ns
@@ -110,15 +112,15 @@ class TickBuilder:
     def _close(self) -> list[Tick]:
         self._open, fresh = set(), np.ones(5, dtype=bool)
         oldest = min(self._last.values())
-        if oldest < 0 or (self._now - oldest) * 1e-9 > self._parameters.hold_s:
+        if oldest < 0 or (self._now - oldest) * 1e-9 > _HOLD_S:
             return []
         R = self._R.copy()
         for topic, (i, _) in self._attitude.items():
             late = (self._now - self._last[topic]) * 1e-9
-            if late > self._parameters.together_s:
+            if late > _TOGETHER_S:
                 R[i], fresh[i] = R[i] @ exp(late * self._rate[i]), False
         dt = (self._now - self._tick_ns) * 1e-9
-        if self._tick_ns < 0 or dt > self._parameters.hold_s:
+        if self._tick_ns < 0 or dt > _HOLD_S:
             dt = 0.0
         self._tick_ns = self._now
         return [
@@ -129,15 +131,15 @@ class TickBuilder:
         ]  # fmt: skip
 
 
-def _is_valid(sample: Sample, limits: TickParameters) -> bool:
+def _is_valid(sample: Sample) -> bool:
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
-            return bool(abs(q @ q - 1.0) < limits.norm_error_max and rate @ rate < limits.rate_max_radps**2)
+            return bool(abs(q @ q - 1.0) < _MAX_NORM_ERROR and rate @ rate < _MAX_RATE_RADPS**2)
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
         case Insole():
-            return bool(np.abs(sample.force).max() < limits.force_max_n)
+            return bool(np.abs(sample.force).max() < _MAX_FORCE_N)
     return False
 
 
@@ -163,18 +165,31 @@ class _State(NamedTuple):
     since: Array
 
 
+class _Noise(NamedTuple):
+    """Noise model of the five attitudes, in the form for compiled code: see `ContactTerrainParameters`."""
+
+    stationary_sd_rad: float
+    moving_sd_rad: float
+    correlation_s: float
+    drift_rad_per_sqrt_s: float
+
+
 class Attitudes:
     """Attitudes of back, thighs and feet.
 
     Args:
-        noise: Noise model.
+        parameters: Of AHRS and gyros.
 
     Attributes:
         R: (5, 3, 3) frame to world.
     """
 
-    def __init__(self, noise: AttitudeNoise = DEFAULTS.attitudes) -> None:
-        self._noise, self.R = noise, np.tile(np.eye(3), (5, 1, 1))
+    def __init__(self, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        self._noise = _Noise(
+            stationary_sd_rad=parameters.ahrs_stationary_sd_rad, moving_sd_rad=parameters.ahrs_moving_sd_rad,
+            correlation_s=parameters.ahrs_correlation_s, drift_rad_per_sqrt_s=parameters.gyro_drift_rad_per_sqrt_s,
+        )  # fmt: skip
+        self.R = np.tile(np.eye(3), (5, 1, 1))
         self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
 
     def update(self, tick: Tick) -> None:
@@ -186,13 +201,13 @@ class Attitudes:
 
 
 @cached(_HERE)
-def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fresh: Array, dt: float) -> None:
+def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Array, dt: float) -> None:
     R, last, variance, last_rate, since = state
     for i in range(len(R)):
         since[i] += dt
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
             copy_matrix(mul(last[i], so3.exp(_scaled(since[i], last_rate[i]))), R[i])
-            variance[i] += noise.lost_sd_rad**2
+            variance[i] += _LOST_SD_RAD**2
             continue
         if variance[i] < 0.0 or dt <= 0.0:
             copy_matrix(measured[i], R[i])
@@ -203,7 +218,7 @@ def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fre
                 turn[j] = 0.5 * since[i] * (last_rate[i, j] + rate[i, j])
             moved = mul(last[i], so3.exp(turn))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
-            share = min(math.sqrt(dot(rate[i], rate[i])) / noise.full_motion_radps, 1.0)
+            share = min(math.sqrt(dot(rate[i], rate[i])) / _FULL_MOTION_RADPS, 1.0)
             sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain

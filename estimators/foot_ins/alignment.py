@@ -51,6 +51,13 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 
+_ALIGN_S = 0.1  # stationary time of an alignment
+_ALIGN_TIMEOUT_S = 2.0  # after this time the filter starts without a stationary window
+# Errors of an alignment at rest and of one in motion: the tilt, and the speed of the foot.
+_TILT_SD_RAD, _SPEED_SD_MPS = 0.0175, 0.01
+_MOVING_TILT_SD_RAD, _MOVING_SPEED_SD_MPS = 0.2, 1.0
+_GAP_SPEED_MPS, _GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while the filter is lost
+
 
 @njit(**INSIDE)
 def begin(memory: Memory, t_ns: int) -> None:
@@ -70,9 +77,9 @@ def begin(memory: Memory, t_ns: int) -> None:
 
 @njit(**INSIDE)
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
-    """Takes one sample into the alignment; ends it once the foot was stationary for `align_s`, or late."""
+    """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
-    if statistic > parameters.stationary_level + unknown_bias_statistic(memory, parameters):
+    if statistic > parameters.stationary_level + unknown_bias_statistic(memory):
         clock[T_STATIONARY] = t_ns
         for i in range(4):
             force_sum[0, i] = 0.0
@@ -80,12 +87,12 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
         for i in range(3):
             force_sum[k, i] += force[i]
         force_sum[k, 3] += 1.0
-    stationary = (t_ns - clock[T_STATIONARY]) * 1e-9 >= parameters.align_s
-    late = (t_ns - clock[T_ALIGN]) * 1e-9 >= parameters.align_timeout_s
+    stationary = (t_ns - clock[T_STATIONARY]) * 1e-9 >= _ALIGN_S
+    late = (t_ns - clock[T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
     period = 0 if stationary or not late else 1
     level(memory, vec3(force_sum[period], 0))
-    tilt_sd = parameters.tilt_sd_rad if stationary else parameters.moving_tilt_sd_rad
-    speed_sd = parameters.aligned_speed_mps if stationary else parameters.moving_speed_mps
+    tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
+    speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if stationary or late:
         size = math.sqrt(dot(vec3(force_sum[0], 0), vec3(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
@@ -150,13 +157,13 @@ def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, til
     growth, levered = lost**2 - lost_before**2, clock[LEVERED] != 0
     for i in range(3):
         p, g, b = o + D_POSITION + i, o + D_GYRO_BIAS + i, o + D_ACCEL_BIAS + i
-        P[p, p] = P[p, p] + parameters.gap_speed_mps**2 * growth if levered else memory.start_sd[0] ** 2
+        P[p, p] = P[p, p] + _GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2
         P[o + D_VELOCITY + i, o + D_VELOCITY + i] = speed_sd**2
         if not levered:
             P[g, g], P[b, b] = parameters.gyro_bias_sd_radps**2, parameters.accel_bias_sd_mps2**2
     tilt, heading = o + D_ATTITUDE, o + D_ATTITUDE + 2
     P[tilt, tilt] = P[tilt + 1, tilt + 1] = tilt_sd**2
-    heading_growth = parameters.gap_turn_rate_radps**2 * growth
+    heading_growth = _GAP_TURN_RATE_RADPS**2 * growth
     P[heading, heading] = P[heading, heading] + heading_growth if levered else memory.start_sd[1] ** 2
     if not levered:
         for i in range(D_CONTACT, STATES):

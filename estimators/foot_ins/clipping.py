@@ -30,6 +30,11 @@ from stridetwin.estimators.foot_ins.state import (
 )
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
 
+_MAX_PEAK_S = 0.15  # a longer clipped peak is not determined by its two ends
+# Least number of clipped samples of a peak: shorter impacts on an accelerometer ring and have no such shape.
+_MIN_PEAK_RATES, _MIN_PEAK_FORCES = 1, 3
+_MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a landing
+
 
 @njit(**INSIDE)
 def restore(memory: Memory, parameters: KernelParameters) -> None:
@@ -106,7 +111,7 @@ def _peak(memory: Memory, parameters: KernelParameters, channel: int) -> int:
     Returns the number of samples since the peak began; 0 if none has just ended.
     """
     known = _range(parameters, channel)
-    least = parameters.peak_rates_min if channel < 3 else parameters.peak_forces_min
+    least = _MIN_PEAK_RATES if channel < 3 else _MIN_PEAK_FORCES
     fill = memory.clock[FILL]
     limit = parameters.clipped_share * known
     last = memory.ring[ring_row(memory, 2), channel]
@@ -126,12 +131,12 @@ def _peak(memory: Memory, parameters: KernelParameters, channel: int) -> int:
         return 0
     if end - 2 < least:
         up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
-        if channel < 3 or sign * up[channel - 3] < parameters.landing_cosine_min:
+        if channel < 3 or sign * up[channel - 3] < _MIN_LANDING_COSINE:
             return 0
         for back in range(2, end):
             memory.hidden[back, channel] = sign * parameters.impact_excess * known
         return end
-    if min(rise, fall) <= 0.0 or span > parameters.peak_max_s:
+    if min(rise, fall) <= 0.0 or span > _MAX_PEAK_S:
         return 0
     top /= end - 2
     before, after = min((top - x_end) / rise, dt), min((top - x1) / fall, dt)

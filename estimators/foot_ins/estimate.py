@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import PathEstimate, deprecated
+from stridetwin.estimators.base import PathEstimate
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     BY_FLOOR,
@@ -104,18 +104,6 @@ class FootInsEstimate:
             covariance=covariance,
             standing_speed_sd=standing_speed_sd, aligned=phase == TRACKING,
         )  # fmt: skip
-
-    @property
-    def p_imu_in_world(self) -> Array:
-        """(3,) m; deprecated, see `pose`."""
-        deprecated("FootInsEstimate.p_imu_in_world", "pose.p_frame_in_world")
-        return self.pose.p_frame_in_world
-
-    @property
-    def q_world_imu(self) -> Array:
-        """(4,) unit quaternion; deprecated, see `pose`."""
-        deprecated("FootInsEstimate.q_world_imu", "pose.q_world_frame")
-        return self.pose.q_world_frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
+from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind, standing_nis
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
@@ -15,7 +15,7 @@ from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, blank
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.rig import ImuCalibration, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.trajectory import Trajectory
 
@@ -25,12 +25,11 @@ class FootIns:
 
     The world's z axis is up. Without a start pose, its origin is where the sensor was first stationary, and its x axis
     is the sensor's x axis then (its z axis, if x is within about 25° of the vertical). A sample is ignored if it is not
-    finite, physically impossible, or not later than the last used one. A gap is bridged up to `max_gap_s`; after a
+    finite, physically impossible, or not later than the last used one. A gap is bridged up to 0.3 s; after a
     longer one the filter keeps its position, with a large covariance, and aligns again.
 
     Args:
-        rig: Noise and turn-on biases of the IMU on the foot; None: any consumer sensor. The calibration of one IMU in
-            its place is deprecated.
+        rig: Noise and turn-on biases of the IMU on the foot; None: any consumer sensor.
         parameters: Parameters for any foot and sensor.
         start: Pose of the sensor at the first sample.
         options: `foot`.
@@ -46,15 +45,13 @@ class FootIns:
     )  # fmt: skip
 
     def __init__(
-        self, rig: Rig | ImuCalibration | None = None, parameters: FootInsParameters | None = None,
+        self, rig: Rig | None = None, parameters: FootInsParameters | None = None,
         start: StartPose | None = None, *, options: Options | None = None,
     ) -> None:  # fmt: skip
         options = options or Options()
         if options.lag_s is not None:
             raise ConfigError("FootIns", "lag_s", options.lag_s, "None; FootIns.batch and FootInsSmoother take a lag")
-        calibration = rig.imu(_topic(options)) if isinstance(rig, Rig) else rig
-        if isinstance(rig, ImuCalibration):
-            deprecated("FootIns(calibration)", 'FootIns(rig, options=Options(foot="l"))')
+        calibration = None if rig is None else rig.imu(_topic(options))
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = blank()

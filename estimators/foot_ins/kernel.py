@@ -44,14 +44,20 @@ from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, llvm_level=1)
 
+_MAX_RATE_RADPS = 100.0  # a larger angular rate is ignored: no foot moves so
+_MAX_FORCE_MPS2 = 5000.0  # a larger specific force is ignored
+MAX_GAP_S = 0.3  # after a longer gap the filter aligns again
+_PEAK_DECAY_S = 0.2  # decay time of the statistic's peak [real walks]
+_MAX_VELOCITY_SD_MPS = 2.0  # zero-velocity updates with a larger standard deviation are skipped
+
 
 @njit(**INSIDE)
-def possible(parameters: KernelParameters, rate: Vec3, force: Vec3) -> bool:
+def possible(rate: Vec3, force: Vec3) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
     for i in range(3):
-        fine = fine and abs(rate[i]) <= parameters.rate_max_radps
-        fine = fine and abs(force[i]) <= parameters.force_max_mps2
+        fine = fine and abs(rate[i]) <= _MAX_RATE_RADPS
+        fine = fine and abs(force[i]) <= _MAX_FORCE_MPS2
     return fine
 
 
@@ -63,7 +69,7 @@ def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
         Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
     """
     clock = memory.clock
-    if not possible(parameters, rate, force):
+    if not possible(rate, force):
         return IGNORED, 0.0, 0.0
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)
@@ -73,7 +79,7 @@ def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
     elif t_ns <= clock[T_LAST]:
         return IGNORED, 0.0, 0.0
     dt = (t_ns - clock[T_LAST]) * 1e-9
-    if dt > parameters.max_gap_s:
+    if dt > MAX_GAP_S:
         begin(memory, t_ns)
     append_sample(memory, t_ns, rate, force)
     statistic = motion_statistic(memory, parameters)
@@ -99,18 +105,18 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
     phase, dt, statistic = take(memory, parameters, t_ns, rate, force)
     if phase != TRACKING:
         return phase, math.inf
-    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / parameters.peak_decay_s))
+    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))
     predict(memory, parameters, rate, force, dt)
     restore(memory, parameters)
     move_contact_point(memory, parameters, dt)
     vary_height_drift(memory, parameters, dt)
     speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
-    if speed < parameters.max_velocity_sd_mps:
+    if speed < _MAX_VELOCITY_SD_MPS:
         zero_velocity_update(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
     level_floor_update(memory, parameters, t_ns, speed)
-    if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory, parameters):
+    if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
         zero_rate_update(memory, parameters, rate, dt)
     return TRACKING, speed
 

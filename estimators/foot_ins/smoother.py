@@ -102,9 +102,9 @@ class FootInsSmoother:
 
     Args:
         lag_s: Age at which a sample's pose is returned, s, up to 10; a second covers a whole swing.
-        calibration: As of `FootIns`.
-        parameters: As of `FootIns`.
-        start: As of `FootIns`.
+        calibration: Noise and turn-on biases of the IMU; None: any consumer sensor.
+        parameters: Parameters for any foot and sensor.
+        start: Pose of the sensor at the first sample.
 
     Raises:
         ConfigError: A lag that is not between 0 and 10 s.

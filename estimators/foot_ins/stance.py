@@ -72,6 +72,20 @@ from stridetwin.streams.samples import Array
 
 _UNIT: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
+# Angular rate and specific force that count 1 in the motion statistic. [real walks]
+GYRO_SCALE_RADPS, ACCEL_SCALE_MPS2 = 0.0017, 0.0045
+# Largest error of an uncalibrated accelerometer at rest, as a share of gravity: data sheets give ±3 % at most.
+_MAX_NORM_ERROR = 0.05
+_CONTACT_S = 10.0  # correlation time of the displacement of the stationary point along the sole [real walks]
+_HEIGHT_DRIFT_S = 5.0  # correlation time of the systematic height error: it changes with the gait
+_LEVEL_STEP_M = 0.035  # a larger change of height between two steps is no error of a level floor
+_SAME_AFTER_NEW = 0.5  # `same_floor` after a step onto a new floor
+_NEW_FLOOR_RANGE_M = 0.5  # another floor is anywhere in a range of this width
+_SOLE_M = 0.1  # arm by which a tilted sole raises the sensor
+_FLOOR_PRIOR = 5.0  # number of level steps that `floor_sd_m` is worth against those of the walk
+_STAND_SPEED_MPS = 0.02  # largest speed uncertainty of a foot on a floor [real walks]
+_STAND_S = 0.0298  # stationary time before the height of a foot counts [real walks]
+
 
 @njit(**INSIDE)
 def append_sample(memory: Memory, t_ns: int, rate: Vec3, force: Vec3) -> None:
@@ -90,7 +104,7 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
     See docs/foot_ins.md (6). |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an
-    error of some per cent; before the alignment, any size within `norm_error_max` of gravity.
+    error of some per cent; before the alignment, any size within `_MAX_NORM_ERROR` of gravity.
 
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
     """
@@ -109,10 +123,10 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
         n += 1
     size, g = math.sqrt(dot(mean, mean)) / n, memory.norm[0]
     if g == 0.0:
-        most = parameters.norm_error_max * parameters.gravity_mps2
+        most = _MAX_NORM_ERROR * parameters.gravity_mps2
         g = parameters.gravity_mps2 + min(max(size - parameters.gravity_mps2, -most), most)
     spread2 = force2 / n - 2.0 * g * size + g * g
-    return max(spread2, 0.0) / parameters.accel_scale_mps2**2 + rate2 / n / parameters.gyro_scale_radps**2
+    return max(spread2, 0.0) / ACCEL_SCALE_MPS2**2 + rate2 / n / GYRO_SCALE_RADPS**2
 
 
 @njit(**INSIDE)
@@ -131,11 +145,11 @@ def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) 
 
     See docs/foot_ins.md (13).
 
-    A first-order Gauss-Markov process of standard deviation `contact_sd` and time constant `contact_s`, across the
+    A first-order Gauss-Markov process of standard deviation `contact_sd_m` and time constant `_CONTACT_S`, across the
     lever arm: a foot rolls over the same ball in every step.
     """
     x, P, o = memory.nominal, memory.covariance, memory.row + D_CONTACT
-    kept = math.exp(-dt / parameters.contact_s)
+    kept = math.exp(-dt / _CONTACT_S)
     for i in range(3):
         x[CONTACT + i] *= kept
         for j in range(P.shape[0]):
@@ -146,9 +160,9 @@ def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) 
 
 @njit(**INSIDE)
 def vary_height_drift(memory: Memory, parameters: KernelParameters, dt: float) -> None:
-    """Lets the height drift per metre of path change over `dt` (s): a Gauss-Markov process of time `height_drift_s`."""
+    """Lets the height drift per metre of path change over `dt` (s), as a Gauss-Markov process of `_HEIGHT_DRIFT_S`."""
     x, P, o = memory.nominal, memory.covariance, memory.row + D_DRIFT
-    kept = math.exp(-dt / parameters.height_drift_s)
+    kept = math.exp(-dt / _HEIGHT_DRIFT_S)
     x[DRIFT] *= kept
     for j in range(P.shape[0]):
         P[o, j] *= kept
@@ -231,10 +245,10 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 
 @njit(**INSIDE)
-def unknown_bias_statistic(memory: Memory, parameters: KernelParameters) -> float:
+def unknown_bias_statistic(memory: Memory) -> float:
     """What two standard deviations of the gyro bias add to the motion statistic of a foot at rest."""
     P, o = memory.covariance, memory.row + D_GYRO_BIAS
-    return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / parameters.gyro_scale_radps**2
+    return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / GYRO_SCALE_RADPS**2
 
 
 @njit(**INSIDE)
@@ -276,9 +290,8 @@ def inject(memory: Memory) -> None:
 
 @njit(**INSIDE)
 def _floor_variance(memory: Memory, parameters: KernelParameters) -> float:
-    """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `floor_prior` steps, and the walk's."""
-    prior = parameters.floor_prior
-    return (prior * parameters.floor_sd_m**2 + memory.floor[2]) / (prior + memory.floor[1])
+    """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `_FLOOR_PRIOR` steps, and the walk's."""
+    return (_FLOOR_PRIOR * parameters.floor_sd_m**2 + memory.floor[2]) / (_FLOOR_PRIOR + memory.floor[1])
 
 
 @njit(**INSIDE)
@@ -309,18 +322,18 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
 
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
     ground is often level (Abdulrahim, Hide, Moore, Hill 2012). Whether it is here is a hypothesis: the same floor, up
-    to its unevenness and the arm of a tilted sole, or another one anywhere within `new_floor_range_m`. The height is
+    to its unevenness and the arm of a tilted sole, or another one anywhere within `_NEW_FLOOR_RANGE_M`. The height is
     corrected by the probability of the first (`kalman.correct_probably`). If that is below a half, as on a stair or
     ramp, the floor is at the foot's height and as uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a
     moving foot.
     """
     clock = memory.clock
-    if stationary_speed_sd > parameters.stand_speed_mps:
+    if stationary_speed_sd > _STAND_SPEED_MPS:
         clock[T_STOOD] = t_ns
         if stationary_speed_sd == math.inf and clock[LANDED] == STANDING:
             clock[LANDED] = SWINGING
         return
-    if clock[LANDED] == STANDING or (t_ns - clock[T_STOOD]) * 1e-9 < parameters.stand_s:
+    if clock[LANDED] == STANDING or (t_ns - clock[T_STOOD]) * 1e-9 < _STAND_S:
         return
     x, P, o, work = memory.nominal, memory.covariance, memory.row, memory.work
     r = rotate(rotation_matrix(quaternion(x, ATTITUDE)), vec3(memory.lever, 0))
@@ -330,13 +343,13 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     height = x[POSITION + 2] + r[2]
     known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
-    lift = parameters.sole_m * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
+    lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
     variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
-    likelihood = _normal(step, work.spread[0, 0] + variance) * parameters.new_floor_range_m
+    likelihood = _normal(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
     same, last = 0.0, memory.floor[0]
-    prior = last * parameters.same_floor + (1.0 - last) * parameters.same_after_new
-    if known and prior > 0.0 and abs(step) < parameters.level_step_m:
+    prior = last * parameters.same_floor + (1.0 - last) * _SAME_AFTER_NEW
+    if known and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
         same = likelihood / (likelihood + 1.0 / prior - 1.0)
         _note_level_step(memory, same, step, variance, work.spread[0, 0])
         correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)

@@ -44,6 +44,10 @@ from stridetwin.estimators.foot_ins.state import (
 )
 from stridetwin.streams.samples import Array
 
+_MAX_STEP_S = 0.03  # a longer step is a gap
+_GAP_GYRO_NOISE_RADPS_RTHZ, _GAP_ACCEL_NOISE_MPS2_RTHZ = 0.3, 3.0
+_MIN_GYRO_RANGE_RADPS, _MIN_ACCEL_RANGE_MPS2 = 7.0, 45.0  # least limits of a sensor of unknown range
+
 
 @njit(**INSIDE)
 def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
@@ -183,7 +187,7 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Vec3, force: Vec
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
     sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess. In an
-    interval longer than `max_step_s` samples are missing.
+    interval longer than `_MAX_STEP_S` samples are missing.
     """
     P, o = memory.covariance, memory.row
     down = vec3(memory.lever, 0)
@@ -197,20 +201,20 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Vec3, force: Vec
         change = plus(force, -1.0, force_of(memory, ring_row(memory, 1)))
         jerk2 = dot(change, change) / (dt * dt)
         velocity_noise += parameters.accel_jerk_noise_s_rthz**2 * jerk2
-    if dt > parameters.max_step_s:
-        attitude_noise += parameters.gap_gyro_noise_radps_rthz**2
-        velocity_noise += parameters.gap_accel_noise_mps2_rthz**2
+    if dt > _MAX_STEP_S:
+        attitude_noise += _GAP_GYRO_NOISE_RADPS_RTHZ**2
+        velocity_noise += _GAP_ACCEL_NOISE_MPS2_RTHZ**2
     axes = transposed(R)
     for i in range(3):
         P[o + D_ATTITUDE + i, o + D_ATTITUDE + i] += attitude_noise * dt
         P[o + D_VELOCITY + i, o + D_VELOCITY + i] += velocity_noise * dt
         P[o + D_GYRO_BIAS + i, o + D_GYRO_BIAS + i] += parameters.gyro_bias_walk_radps2_rthz**2 * dt
         P[o + D_ACCEL_BIAS + i, o + D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
-        known, least = parameters.gyro_range_radps, parameters.gyro_range_min_radps
-        if _at_limit(memory.extreme, i, abs(rate[i]), known, least, parameters.limit_share):
+        known = parameters.gyro_range_radps
+        if _at_limit(memory.extreme, i, abs(rate[i]), known, _MIN_GYRO_RANGE_RADPS, parameters.limit_share):
             _add_along(P, o + D_ATTITUDE, axes[i], parameters.gyro_limit_noise_radps_rthz**2 * dt)
-        known, least = parameters.accel_range_mps2, parameters.accel_range_min_mps2
-        if _at_limit(memory.extreme, 3 + i, abs(force[i]), known, least, parameters.limit_share):
+        known = parameters.accel_range_mps2
+        if _at_limit(memory.extreme, 3 + i, abs(force[i]), known, _MIN_ACCEL_RANGE_MPS2, parameters.limit_share):
             _add_along(P, o + D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
 
 

@@ -1,6 +1,5 @@
 """Paths of both feet, coupled by shoe cameras and sonars."""
 
-from stridetwin.estimators.base import deprecated
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_to_foot.events import RelativePosition
 from stridetwin.estimators.foot_to_foot.filter import METHODS, Aiding, FootToFoot, FootToFootEstimate, follow
@@ -10,10 +9,3 @@ __all__ = [
     "METHODS", "Aiding", "BoardObservation", "FootToFoot", "FootToFootEstimate", "FootToFootParameters",
     "PublishedParameters", "RelativePosition", "follow",
 ]  # fmt: skip
-
-
-def __getattr__(name: str) -> object:
-    if name != "BoardSighting":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    deprecated("foot_to_foot.BoardSighting", "foot_to_foot.BoardObservation")
-    return BoardObservation

@@ -11,13 +11,20 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.checkerboard.detector import BoardDetector
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_to_foot.events import RelativePosition
-from stridetwin.estimators.foot_to_foot.parameters import TrackingParameters
 from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
 _HELD = 8  # images that may wait for the IMUs to reach their time; the oldest is dropped first
+# Half width of the search region: standard deviations of the prediction, and pixels in addition, because an
+# overconfident prediction misidentifies the corners of a partly visible board.
+_REGION_SD, _MIN_REGION_PX = 3.0, 12.0
+# With a less certain prediction the whole image is searched, at most once in this time, because that takes longer.
+_LOST_PX, _LOST_EVERY_NS = 60.0, 100_000_000
+# After this time without a board at its prediction, which may then be wrong, whole images are searched, once in the
+# second time. A stride is no integer multiple of it.
+_MISSED_NS, _MISSED_EVERY_NS = 2_000_000_000, 300_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,12 +62,9 @@ class BoardTracker:
     Args:
         shoes: Cameras and boards.
         exposure_s: Of the cameras.
-        parameters: Of the search.
     """
 
-    def __init__(self, shoes: Shoes, exposure_s: float, parameters: TrackingParameters | None = None) -> None:
-        self._parameters = p = parameters or TrackingParameters()
-        self._lost_every_ns, self._missed_every_ns = round(p.lost_every_s * 1e9), round(p.missed_every_s * 1e9)
+    def __init__(self, shoes: Shoes, exposure_s: float) -> None:
         self._detectors: dict[str, BoardDetector] = {}
         self._cameras: dict[str, tuple[int, CameraCalibration]] = {}
         for i, foot in enumerate(FEET):
@@ -71,7 +75,7 @@ class BoardTracker:
                 self._detectors[camera.topic] = BoardDetector(board, camera)
         self.exposure_ns = round(exposure_s * 1e9)
         self._waiting: deque[Image] = deque(maxlen=_HELD)
-        self._searched_ns = dict.fromkeys(self._cameras, -self._lost_every_ns)
+        self._searched_ns = dict.fromkeys(self._cameras, -_LOST_EVERY_NS)
         self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
         # when a board was last found at its prediction; at first, time of the first image
         self._found_ns: int | None = None
@@ -101,24 +105,23 @@ class BoardTracker:
         """The board in an image."""
         if self._found_ns is None:
             self._found_ns = image.t_ns
-        if image.t_ns - self._found_ns > self._parameters.missed_s * 1e9:
-            found = self._search(image, self._detectors[image.topic], self._missed_every_ns)
+        if image.t_ns - self._found_ns > _MISSED_NS:
+            found = self._search(image, self._detectors[image.topic], _MISSED_EVERY_NS)
             if found is not None:
                 return found
         return self._search_prediction(image, expected)
 
     def _search_prediction(self, image: Image, expected: Expected) -> BoardObservation | None:
         """The board in an image at its prediction, or anywhere if the prediction is uncertain."""
-        p = self._parameters
         detector, (_, camera) = self._detectors[image.topic], self._cameras[image.topic]
         guess = detector.predict(expected.T_camera_board)
         error_px = np.inf
         if guess is not None:
-            error_px = p.region_sd * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + p.region_min_px
-        elif p.region_sd**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and self._is_near(expected):
+            error_px = _REGION_SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _MIN_REGION_PX
+        elif _REGION_SD**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and self._is_near(expected):
             return None  # it certainly faces away, or is behind the camera
-        if guess is None or not error_px < p.lost_px:
-            return self._search(image, detector, self._lost_every_ns)
+        if guess is None or not error_px < _LOST_PX:
+            return self._search(image, detector, _LOST_EVERY_NS)
         inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
         if not inside.any():
             return None
@@ -139,7 +142,7 @@ class BoardTracker:
         """Whether the board's position is certain relative to its distance."""
         distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
         position_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1]))
-        return self._parameters.region_sd * position_sd < distance
+        return _REGION_SD * position_sd < distance
 
 
 def relative_position(

@@ -11,17 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import (
-    PATH,
-    PROPOSED,
-    Declaration,
-    Options,
-    PathEstimate,
-    Progress,
-    Stream,
-    current_name,
-    deprecated,
-)
+from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
@@ -29,7 +19,7 @@ from stridetwin.estimators.foot_ins.state import ATTITUDE, BY_VELOCITY, EMPTY, I
 from stridetwin.estimators.foot_to_foot import kernel
 from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected, relative_position
 from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
-from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
+from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, for_kernel
 from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of, side_by_side
 from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, OBSERVATIONS, Events, blank_pair
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -68,12 +58,6 @@ class FootToFootEstimate:
     observations: tuple[BoardObservation, ...] = ()
     pose: Pose | None = None
 
-    @property
-    def sightings(self) -> tuple[BoardObservation, ...]:
-        """Deprecated, see `observations`."""
-        deprecated("FootToFootEstimate.sightings", "observations")
-        return self.observations
-
 
 class FootToFoot:
     """Inertial navigation of two shoes, coupled by camera or sonar measurements of each other.
@@ -86,14 +70,13 @@ class FootToFoot:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
         options: `method`, one of `METHODS`: the first, or one of Jao, Wang, Shkel 2020: `published`
             (= `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
-        parameters: `FootToFootParameters` for the first method, `PublishedParameters` for the others.
-        method: Deprecated form of `options.method`.
+        parameters: Of any method.
         start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without it, one foot starts as `FootIns`
             does, and two start side by side.
         earth_rate_in_world: (3,) rotation rate of the Earth, rad/s; 0 if latitude or north are unknown.
 
     Raises:
-        ConfigError: An unknown method, or parameters of another one.
+        ConfigError: An unknown method.
         StrideTwinError: No IMU on either foot.
     """
 
@@ -104,27 +87,20 @@ class FootToFoot:
     )  # fmt: skip
 
     def __init__(
-        self, rig: Rig, *, options: Options | None = None, method: str | None = None,
-        parameters: FootToFootParameters | PublishedParameters | None = None,
+        self, rig: Rig, *, options: Options | None = None,
+        parameters: FootToFootParameters | None = None,
         start: Mapping[str, StartPose] | None = None, earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:  # fmt: skip
-        if method is None:
-            method = (options or Options()).method
-        else:
-            deprecated("FootToFoot(method=...)", "FootToFoot(rig, options=Options(method=...))")
-            method = current_name(method)
+        method = (options or Options()).method
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
-        kind = FootToFootParameters if method == PROPOSED else PublishedParameters
-        if not isinstance(parameters := parameters or kind(), kind):
-            raise ConfigError("FootToFoot", "parameters", type(parameters).__name__, f"{kind.__name__} for {method}")
+        parameters, published = parameters or FootToFootParameters(), method != PROPOSED
         self._listens_to = METHODS[method]
         self._shoes = shoes = shoes_of(rig)
-        self._parameters = for_kernel(parameters)
+        self._parameters = for_kernel(parameters, published)
         foot, variance, clock_variance, scale_variance = parameters.foot, np.zeros((4, 6)), 0.0, 0.0
         imus = dict(shoes.imus)
-        if isinstance(parameters, PublishedParameters):
-            foot = parameters.noise_of_the_calibration_alone
+        if published:
             imus = {f: _noise_alone(imu) for f, imu in imus.items()}
         else:
             variance[:2] = np.repeat([parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad], 3) ** 2
@@ -136,7 +112,7 @@ class FootToFoot:
                     parameters.gyro_scale_sd**2,
                 )
                 imus = {f: _noise_alone(imu) for f, imu in imus.items()}
-        left, right = (for_sensor(foot, imus.get(f)) for f in FEET)
+        left, right = (for_sensor(foot, imus.get(f), data_sheet_alone=published) for f in FEET)
         self._foot_parameters = (left, right)
         earth = np.asarray(earth_rate_in_world)
         self._pair = blank_pair(
@@ -149,8 +125,8 @@ class FootToFoot:
         self._newest_ns = [NEVER, NEVER]
         self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
         self._held: deque[Aid] = deque(maxlen=HELD)
-        self._boards = BoardTracker(shoes, parameters.exposure_s, parameters.tracking)
-        self._left_right = LeftRightCheck(shoes.mounts, parameters.exchange)
+        self._boards = BoardTracker(shoes, parameters.exposure_s)
+        self._left_right = LeftRightCheck(shoes.mounts)
         self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
         self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
         self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators import foot_ins
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.clipping import is_clipped
-from stridetwin.estimators.foot_ins.kernel import note_estimate, possible, step
+from stridetwin.estimators.foot_ins.kernel import MAX_GAP_S, note_estimate, possible, step
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
@@ -55,17 +55,17 @@ def in_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> t
 
 
 @njit(**INSIDE)
-def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int, max_gap_s: float) -> None:
+def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     """Propagates a foot's scale error into its attitude error up to `t_ns`: δθ -= R diag(ω) δs dt.
 
     See docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two
     feet that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
-    After a gap longer than `max_gap_s` the foot is aligned again, and nothing is done here.
+    After a gap longer than `MAX_GAP_S` the foot is aligned again, and nothing is done here.
     """
     memory = pair.feet[foot]
     dt = (t_ns - memory.clock[T_LAST]) * 1e-9
     s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
-    if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= max_gap_s or pair.covariance[s, s] == 0.0:
+    if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= MAX_GAP_S or pair.covariance[s, s] == 0.0:
         return
     R = rotation_matrix(quaternion(memory.nominal, ATTITUDE))
     _add_scale_error(pair.covariance, a, s, R, rate, dt)
@@ -109,8 +109,8 @@ def run(
             rate, scales = vec3(events.rate[row], 0), vec3(pair.scales[f], 0)
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
             rate, force = in_inertial_world(memory.nominal, earth, rate, vec3(events.force[row], 0))
-            if possible(feet[f], rate, force):
-                apply_gyro_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
+            if possible(rate, force):
+                apply_gyro_scale(pair, f, rate, t_ns)
             if parameters.published:
                 phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
             else:
@@ -169,9 +169,9 @@ def _predict_pose(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_s: float, T: Array
 ) -> bool:
     """Writes the pose (3, 4) at `t_ns` on the clock of the IMUs, `earlier_s` before the usual; whether it is known."""
-    gravity, delay_s, lead_s = foot.gravity_mps2, parameters.max_delay_s + earlier_s, parameters.max_lead_s
-    a = rewind(pair.feet[camera], gravity, t_ns, delay_s, lead_s)
-    b = rewind(pair.feet[1 - camera], gravity, t_ns, delay_s, lead_s)
+    gravity, delay_s = foot.gravity_mps2, parameters.max_delay_s + earlier_s
+    a = rewind(pair.feet[camera], gravity, t_ns, delay_s)
+    b = rewind(pair.feet[1 - camera], gravity, t_ns, delay_s)
     p, R = board_in_camera(pair, camera, a, b)
     put_matrix(R, T, 0, 0)
     for i in range(3):

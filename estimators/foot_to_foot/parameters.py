@@ -2,104 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, field, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, as_record
 from stridetwin.streams.errors import check_numbers
 
-GROUPS = ("foot", "tracking", "exchange")
+_MAY_BE_ZERO = ("camera_", "board_", "start_", "gyro_scale_", "scaled_")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackingParameters:
-    """Search for the other shoe's board; hand-chosen."""
+class PublishedParameters:
+    """Parameters of Jao, Wang, Shkel 2020 that the paper leaves open.
 
-    region_sd: float = 3.0
-    """Half width of the search region, standard deviations of the prediction ..."""
-    region_min_px: float = 12.0
-    """... and pixels in addition: an overconfident prediction misidentifies the corners of a partly visible board."""
-    lost_px: float = 60.0
-    """With a less certain prediction the whole image is searched ..."""
-    lost_every_s: float = 0.1
-    """... at most once in this time, because that takes longer, s."""
-    missed_s: float = 2.0
-    """After this time without a board at its prediction, which may then be wrong, whole images are searched, s ..."""
-    missed_every_s: float = 0.3
-    """... once in this time, s. A stride is no integer multiple of it."""
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError where a value is not a finite number > 0."""
-        check_numbers("TrackingParameters", asdict(self))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExchangeParameters:
-    """Evidence that left and right are exchanged, as log-likelihoods; hand-chosen."""
-
-    rotation_sd_rad: float = 0.3
-    """A plane's orientation in an image, and the feet's headings while unknown, rad."""
-    evidence_max_sd: float = 4.0
-    """Largest evidence of one image, standard deviations."""
-    apart_s: float = 0.05
-    """Closer images are not independent, s."""
-    uncertain: float = 4.0
-    """With this much evidence for an exchange no observation is used."""
-    certain: float = 20.0
-    """With this much the exchange, or that there is none, is certain ..."""
-    margin: float = 10.0
-    """... if the next assignment is this much less likely."""
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError where a value is not a finite number > 0."""
-        check_numbers("ExchangeParameters", asdict(self))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Common:
-    """Parameters of both methods.
+    "Doubled" is what twice the value does on the paper's simulation (`studies.jao2020.jao_simulation`, 25 strides of
+    seeds 0-2), where the mean error of the end is 0.17 m and the feet are 9 mm off against each other.
 
     Attributes:
-        foot: Parameters of each foot; the same as for one foot alone. The published method takes gravity,
-            alignment and gaps from it; its noise is the calibration's alone.
-        max_delay_s: A later board observation or echo is discarded, s.
-        max_lead_s: Longest extrapolation of the newest IMU sample, s, for a camera whose clock is late.
-        exposure_s: Of the shoe cameras: relates a board's blur to its motion, s.
-        start_position_sd_m: Position uncertainty of the second foot at a start without given poses, m.
-        start_heading_sd_rad: Its heading uncertainty, rad.
-        start_separation_m: Distance between the feet there, m.
-        start_toe_out_rad: Rotation of each foot outwards there, rad.
-        tracking: Search for the boards in the images.
-        exchange: Detection of exchanged shoes, cameras or IMUs.
+        window_s: Duration of the stance detector's window, s; the best of `benchmarks.jao_open_values` (seeds 0-4).
+            Doubled: 0.18 m.
+        threshold: γ; the foot is stationary if the sum of the normalised variances is lower; chosen likewise. Doubled:
+            no difference above 1 mm.
+        zero_velocity_sd_mps: Speed of a stationary foot, m/s; chosen likewise. Doubled: 0.30 m.
+        relative_position_sd_m: Effect of the heading that rotates a relative position, m, in addition to its own noise;
+            reproduces the paper's spread. Doubled: feet 10 mm off against each other.
+        range_sd_m: Of a sonar's echo, m; hand-chosen. Doubled: no difference above 1 mm.
+        max_range_misfit_m: Echoes farther off are from something else, m; hand-chosen. Doubled: echoes from the floor
+            up to 1 m off are used.
     """
 
-    foot: FootInsParameters = field(default_factory=FootInsParameters)
-    max_delay_s: float = 0.1
-    max_lead_s: float = 0.05
-    exposure_s: float = 0.002
-    start_position_sd_m: float = 0.15
-    start_heading_sd_rad: float = 0.2
-    start_separation_m: float = 0.2
-    start_toe_out_rad: float = 0.1
-    tracking: TrackingParameters = TrackingParameters()
-    exchange: ExchangeParameters = ExchangeParameters()
+    window_s: float = 0.05
+    threshold: float = 1e4
+    zero_velocity_sd_mps: float = 0.3
+    relative_position_sd_m: float = 0.015
+    range_sd_m: float = 0.03
+    max_range_misfit_m: float = 0.5
 
     def __post_init__(self) -> None:
-        """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in GROUPS}
-        may_be_zero = ("camera_", "board_", "start_", "gyro_scale_", "scaled_")
-        check_numbers(type(self).__name__, values, [name for name in values if name.startswith(may_be_zero)])
+        """Raises ConfigError where a value is not a finite number > 0."""
+        check_numbers("PublishedParameters", asdict(self))
 
 
 @dataclass(frozen=True, kw_only=True)
-class FootToFootParameters(_Common):
-    """One set serves every wearer and rig.
+class FootToFootParameters:
+    """One set serves every wearer and rig; the values are hand-chosen on walks of seeds below 1000.
+
+    "Doubled" is what twice the value does on the paper's simulation (`studies.jao2020.jao_simulation`, 25 strides of
+    seeds 0-2) with mounts, clocks and gyro scales off by the standard deviations below. There the mean error of the end
+    is 12 mm in the plane, and the feet are 2 mm off against each other, with a standard deviation of 6 mm. With the
+    sonars alone and exact mounts the error is 22 mm. A value without the word changes none of these by 1 mm.
 
     Attributes:
+        foot: Parameters of each foot; the same as for one foot alone. The published method takes gravity
+            and turn-on biases from it; its noise is the calibration's alone.
+        published: Parameters that the published method has in addition.
         camera_position_sd_m: Of the camera's nominal position on the shoe, m.
-        camera_rotation_sd_rad: Of its nominal rotation, rad.
+        camera_rotation_sd_rad: Of its nominal rotation, rad. Doubled: 14 mm.
         board_position_sd_m: The same for the board, m.
         board_rotation_sd_rad: rad.
         camera_clock_sd_s: Of a camera's clock offset, s.
@@ -107,17 +67,32 @@ class FootToFootParameters(_Common):
         gyro_scale_sd: Scale error of a gyro's axis, relative; estimated only if a camera observes the other shoe,
             because nothing else makes it observable.
         scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which covers scale errors.
+            Doubled: 10 mm, and 8 mm of standard deviation against each other.
         observation_correlation_s: Correlation time of an observation's error, s: observations within it share it.
-        max_frame_s: Largest time that one observation counts for, s.
+            Doubled: 7 mm of standard deviation against each other; 29 mm with the sonars alone.
         observation_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
-        range_sd_m: Of a sonar's echo, m: its resolution, and which part of the shoe reflects.
+            Doubled: wrong corners of up to 9 standard deviations keep their weight.
+        range_sd_m: Of a sonar's echo, m: its resolution, and which part of the shoe reflects. Doubled: 37 mm with the
+            sonars alone.
         range_gate: Echoes with a larger innovation, in standard deviations, are from something else.
-        board_depth_min_m: A board predicted nearer than this, or behind the camera, is invalid, m.
-        relinearizations: Largest number of linearisations per image.
-        settled_sd: Smaller changes of the board's pose, in standard deviations of the image, end the iteration.
-        sonar_after_s: The sonar is used only if the other shoe has not been observed for so long, s.
+            Doubled: more echoes from the floor are used.
+        sonar_after_s: The sonar is used only if the other shoe has not been observed for so long, s. Doubled: a covered
+            camera is replaced later.
+        max_delay_s: A later board observation or echo is discarded, s. Doubled: older images are used, and up to twice
+            as many samples are rewound for one.
+        exposure_s: Of the shoe cameras: relates a board's blur to its motion, s. Doubled: a board is searched with
+            twice the smear of its predicted motion.
+        start_position_sd_m: Position uncertainty of the second foot at a start without given poses, m. Doubled: the
+            first image moves it more.
+        start_heading_sd_rad: Its heading uncertainty, rad. Doubled: likewise.
+        start_separation_m: Distance between the feet there, m. Doubled: the second foot starts 0.2 m farther away until
+            the first image.
+        start_toe_out_rad: Rotation of each foot outwards there, rad. Doubled: its path starts turned by 0.2 rad until
+            the first image.
     """
 
+    foot: FootInsParameters = field(default_factory=FootInsParameters)
+    published: PublishedParameters = PublishedParameters()
     camera_position_sd_m: float = 0.001
     camera_rotation_sd_rad: float = 0.005
     board_position_sd_m: float = 0.001
@@ -127,67 +102,61 @@ class FootToFootParameters(_Common):
     gyro_scale_sd: float = 0.003
     scaled_gyro_noise_radps_rthz: float = 0.001
     observation_correlation_s: float = 1.0
-    max_frame_s: float = 0.05
     observation_gate: float = 4.5
     range_sd_m: float = 0.1
     range_gate: float = 3.0
-    board_depth_min_m: float = 0.02
-    relinearizations: float = 5.0
-    settled_sd: float = 0.1
     sonar_after_s: float = 1.0
+    max_delay_s: float = 0.1
+    exposure_s: float = 0.002
+    start_position_sd_m: float = 0.15
+    start_heading_sd_rad: float = 0.2
+    start_separation_m: float = 0.2
+    start_toe_out_rad: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
+        values = _numbers(self)
+        check_numbers("FootToFootParameters", values, [name for name in values if name.startswith(_MAY_BE_ZERO)])
 
 
-@dataclass(frozen=True, kw_only=True)
-class PublishedParameters(_Common):
-    """Parameters of Jao, Wang, Shkel 2020 that the paper leaves open.
-
-    Attributes:
-        window_s: Duration of the stance detector's window, s.
-        accel_spread_mps2: Amplitude σ̄_a by which the accelerometer's standard deviation is normalised, m/s².
-        gyro_spread_radps: Amplitude σ̄_g of the gyro, rad/s.
-        threshold: γ; the foot is stationary if the sum of the normalised variances is lower.
-        zero_velocity_sd_mps: m/s; like the threshold and the window the best of `benchmarks.jao_open_values`.
-        relative_position_sd_m: Effect of the heading that rotates a relative position, m, in addition to its own noise.
-        range_sd_m: Of a sonar's echo, m.
-        max_range_misfit_m: Echoes farther off are from something else, m.
-    """
-
-    window_s: float = 0.05
-    accel_spread_mps2: float = 0.0045
-    gyro_spread_radps: float = 0.0017
-    threshold: float = 1e4
-    zero_velocity_sd_mps: float = 0.3
-    relative_position_sd_m: float = 0.015
-    range_sd_m: float = 0.03
-    max_range_misfit_m: float = 0.5
-
-    @property
-    def noise_of_the_calibration_alone(self) -> FootInsParameters:
-        """The one-foot parameters without their additions to a sensor's data sheet."""
-        return replace(
-            self.foot, gyro_noise_radps_rthz=0.0, gyro_limit_noise_radps_rthz=0.0, accel_noise_mps2_rthz=0.0,
-            accel_motion_noise_per_rthz=0.0, accel_jerk_noise_s_rthz=0.0, accel_limit_noise_mps2_rthz=0.0,
-            accel_extreme_noise_mps2_rthz=0.0, gyro_bias_walk_radps2_rthz=0.0, accel_bias_walk_mps3_rthz=0.0,
-            height_drift_sd=0.0, path_scale_sd=0.0,
-        )  # fmt: skip
+def _numbers(parameters: FootToFootParameters | PublishedParameters) -> dict[str, float]:
+    """The values by name, without the groups."""
+    groups = ("foot", "published")
+    return {f.name: float(getattr(parameters, f.name)) for f in fields(parameters) if f.name not in groups}
 
 
 if TYPE_CHECKING:
 
     @dataclass(frozen=True, kw_only=True)
-    class PairParameters(FootToFootParameters, PublishedParameters):
-        """The parameters of both methods."""
+    class PairParameters:
+        """What the kernel of either method reads; see `for_kernel`."""
 
-        published: bool = False
+        published: bool
+        max_delay_s: float
+        camera_clock_walk_s_rts: float
+        observation_correlation_s: float
+        observation_gate: float
+        range_sd_m: float
+        range_gate: float
+        sonar_after_s: float
+        window_s: float
+        threshold: float
+        zero_velocity_sd_mps: float
+        relative_position_sd_m: float
+        max_range_misfit_m: float
 
 else:
     PairParameters = np.record
 
-_NAMES = [f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name not in GROUPS]
 
+def for_kernel(parameters: FootToFootParameters, published: bool = False) -> PairParameters:
+    """The parameters of both feet by name in one record, as the compiled kernel takes them.
 
-def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairParameters:
-    """Parameters of either method, by name in one record, as the compiled kernel takes them; 0 those of the other."""
-    values: dict[str, Any] = dict.fromkeys(_NAMES, 0.0)
-    values |= {f.name: float(getattr(parameters, f.name)) for f in fields(parameters) if f.name not in GROUPS}
-    return as_record({"published": isinstance(parameters, PublishedParameters), **values})
+    Args:
+        parameters: Of the filter.
+        published: Whether the kernel runs the published method, whose echoes have a standard deviation of their own.
+    """
+    values = _numbers(parameters.published) | _numbers(parameters)
+    if published:
+        values["range_sd_m"] = parameters.published.range_sd_m
+    return as_record({"published": published, **values})

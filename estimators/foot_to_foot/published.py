@@ -16,7 +16,7 @@ from stridetwin.estimators.foot_ins.kalman import clear, correct
 from stridetwin.estimators.foot_ins.kernel import take
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import Vec3, dot, plus, rotate
-from stridetwin.estimators.foot_ins.stance import inject
+from stridetwin.estimators.foot_ins.stance import ACCEL_SCALE_MPS2, GYRO_SCALE_RADPS, inject
 from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     D_VELOCITY,
@@ -38,7 +38,7 @@ from stridetwin.estimators.foot_to_foot.state import Pair, inject_all
 def variances(memory: Memory, parameters: PairParameters) -> float:
     """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D).
 
-    See docs/foot_to_foot.md (10).
+    See docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
     """
     gyro = accel = 0.0
     for channel in range(6):
@@ -46,7 +46,7 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
             gyro += _variance(memory, parameters.window_s, channel)
         else:
             accel += _variance(memory, parameters.window_s, channel)
-    return gyro / parameters.gyro_spread_radps**2 + accel / parameters.accel_spread_mps2**2
+    return gyro / GYRO_SCALE_RADPS**2 + accel / ACCEL_SCALE_MPS2**2
 
 
 @njit(**INSIDE)
@@ -101,8 +101,8 @@ def relative_position_update(
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """
-    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
     z = plus(rotate(a.R, p_other_in_imu), -1.0, plus(b.p, -1.0, a.p))

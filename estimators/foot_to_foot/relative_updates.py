@@ -53,6 +53,10 @@ from stridetwin.estimators.foot_to_foot.state import (
 from stridetwin.streams.samples import Array
 
 UNUSED = -1.0  # the normalised innovation of an unused measurement
+_MAX_FRAME_S = 0.05  # largest time that one observation counts for
+_MIN_BOARD_DEPTH_M = 0.02  # a board predicted nearer than this, or behind the camera, is invalid
+_MAX_LINEARIZATIONS = 5  # per image
+_SETTLED_SD = 0.1  # smaller changes of the board's pose, in standard deviations of the image, end the iteration
 
 
 @njit(**INSIDE)
@@ -85,8 +89,8 @@ def board_update(
         Length of the innovation in standard deviations, or UNUSED.
     """
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s, parameters.max_lead_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s, parameters.max_lead_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
@@ -100,9 +104,9 @@ def board_update(
             board.covariance[i, j] += walked * by_clock
     # An error of a foot's rotation since the exposure moves all points alike.
     rotated = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
-    frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
+    frame_s = min(max(since_s, 1e-3), _MAX_FRAME_S)
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
-    ahead, alone = reduce_measurement(parameters, board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
+    ahead, alone = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
     if not ahead:
         return UNUSED
     P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
@@ -141,8 +145,8 @@ def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
 
 @njit(**INSIDE)
 def reduce_measurement(
-    parameters: PairParameters, board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array,
-    ray_sd: Array, rotated: float, shared: float,
+    board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
+    rotated: float, shared: float,
 ) -> tuple[bool, float]:  # fmt: skip
     """An image's linear measurement of the difference of the board's pose from the predicted one.
 
@@ -163,11 +167,9 @@ def reduce_measurement(
     T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
     for i in range(6):
         u[i] = 0.0  # estimated minus predicted pose
-    for turn in range(int(parameters.relinearizations)):
+    for turn in range(_MAX_LINEARIZATIONS):
         R_now = matrix_product(rotation_matrix(quat_exp(u[3], u[4], u[5])), R)
-        if not _triangulate(
-            parameters, board, plus(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated
-        ):
+        if not _triangulate(board, plus(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
             return turn > 0, alone
         alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
         for i in range(6):
@@ -196,7 +198,7 @@ def reduce_measurement(
             for j in range(6):
                 moved += T[i, j] * change[j]
             moved2 += moved * moved
-        if moved2 < (parameters.settled_sd * noise) ** 2:
+        if moved2 < (_SETTLED_SD * noise) ** 2:
             break
     return True, alone
 
@@ -260,8 +262,8 @@ def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past
 
 @njit(**INSIDE)
 def _triangulate(
-    parameters: PairParameters, board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array,
-    ray_sd: Array, rotated: float,
+    board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
+    rotated: float,
 ) -> bool:  # fmt: skip
     """Writes the triangle of the derivatives (2M, 6) of the rays by the board's pose in the camera, and innovations.
 
@@ -274,7 +276,7 @@ def _triangulate(
     for i in range(m):
         arm = rotate(R, vec3(points_in_board[i], 0))
         x, y, depth = plus(p, 1.0, arm)
-        if not depth > parameters.board_depth_min_m:
+        if not depth > _MIN_BOARD_DEPTH_M:
             return False
         x, y, sd = x / depth, y / depth, math.sqrt(ray_sd[i] ** 2 + rotated)
         scale = 1.0 / (depth * sd)
@@ -320,8 +322,8 @@ def sonar_update(
     if not parameters.published and since_s < parameters.sonar_after_s:
         return UNUSED
     other, work = 1 - sonar, pair.work
-    a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
-    b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
+    a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     arm_a, arm_b = rotate(a.R, vec3(pair.sonars[sonar], 0)), rotate(b.R, vec3(pair.echoes[other], 0))
     d = plus(plus(b.p, 1.0, arm_b), -1.0, plus(a.p, 1.0, arm_a))
     size = math.sqrt(dot(d, d))

@@ -35,6 +35,8 @@ from stridetwin.estimators.foot_ins.state import (
 )
 from stridetwin.estimators.foot_ins.strapdown import force_at_middle
 
+_MAX_LEAD_S = 0.05  # longest extrapolation of the newest IMU sample, for a camera whose clock is late
+
 
 class PastState(NamedTuple):
     """State of a foot's IMU at a past time.
@@ -59,17 +61,17 @@ class PastState(NamedTuple):
 
 
 @njit(**INSIDE)
-def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead_s: float) -> PastState:
+def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastState:
     """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
-    after the newest sample (a camera's clock may be late) that sample is extrapolated.
+    after the newest sample (a camera's clock may be late) that sample is extrapolated, up to `_MAX_LEAD_S`.
     """
     clock, x = memory.clock, memory.nominal
     p, v, q = vec3(x, POSITION), vec3(x, VELOCITY), quaternion(x, ATTITUDE)
     gyro_bias, accel_bias = vec3(x, GYRO_BIAS), vec3(x, ACCEL_BIAS)
     age = (clock[T_LAST] - t_ns) * 1e-9
-    known = clock[PHASE] == TRACKING and -max_lead_s <= age <= max_age_s
+    known = clock[PHASE] == TRACKING and -_MAX_LEAD_S <= age <= max_age_s
     w = plus(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)
     back, left = 0, known
     while left:

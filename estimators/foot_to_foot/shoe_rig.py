@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
 from stridetwin.estimators.foot_ins.estimate import StartPose
-from stridetwin.estimators.foot_to_foot.parameters import ExchangeParameters, FootToFootParameters, PublishedParameters
+from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
@@ -31,6 +31,12 @@ _NAMES = {
     (1, 0): "the IMUs sit on each other's shoe",
     (1, 1): "IMUs and cameras sit on each other's shoe",
 }
+_ROTATION_SD_RAD = 0.3  # a plane's orientation in an image, and the feet's headings while unknown
+_MAX_EVIDENCE_SD = 4.0  # largest evidence of one image
+_APART_S = 0.05  # closer images are not independent
+# Evidence as log-likelihoods: with more than the first no observation is used; with the second an exchange, or that
+# there is none, is certain, if the next assignment is less likely by the third.
+_UNCERTAIN, _CERTAIN, _MARGIN = 4.0, 20.0, 10.0
 
 
 class LeftRightCheck:
@@ -38,11 +44,9 @@ class LeftRightCheck:
 
     Args:
         mounts: (4, 7) of cameras and boards in their feet's IMUs, as in `state.Pair`.
-        parameters: Of the decision.
     """
 
-    def __init__(self, mounts: Array, parameters: ExchangeParameters | None = None) -> None:
-        self._parameters = parameters or ExchangeParameters()
+    def __init__(self, mounts: Array) -> None:
         self._R_imu_part = Rotation.from_quat(mounts[:, 3:], scalar_first=True).as_matrix()
         self._against = np.zeros(len(_WAYS))
         self._newest_ns = NEVER
@@ -58,22 +62,21 @@ class LeftRightCheck:
         """
         if self._settled:
             return True
-        p = self._parameters
-        if observation.t_ns - self._newest_ns >= round(p.apart_s * 1e9) and (
+        if observation.t_ns - self._newest_ns >= round(_APART_S * 1e9) and (
             poses := admissible(board_poses(observation))
         ):
             self._newest_ns = observation.t_ns
             seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
             self._against += [self._misfit(seen, camera, R_world_imu, *way) for way in _WAYS]
         behind = self._against[0] - self._against[1:].min()
-        self._settled = behind < -p.certain
-        if behind > p.certain and np.diff(np.sort(self._against))[0] > p.margin:
+        self._settled = behind < -_CERTAIN
+        if behind > _CERTAIN and np.diff(np.sort(self._against))[0] > _MARGIN:
             what = _NAMES[_WAYS[int(np.argmin(self._against))]]
             raise StrideTwinError(
                 f"left and right are exchanged at {observation.t_ns * 1e-9:.2f} s: {what}: "
                 "expected every part on the shoe that the rig says"
             )
-        return bool(behind < p.uncertain)
+        return bool(behind < _UNCERTAIN)
 
     def _misfit(self, R_camera_board: Array, camera: int, R_world_imu: Array, imus: int, cameras: int) -> float:
         """Negative log-likelihood of one assignment, of the most likely of (N, 3, 3) poses."""
@@ -81,8 +84,8 @@ class LeftRightCheck:
         by_image = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
         cosine = (np.einsum("nij,ij->n", by_image, by_imus).max() - 1.0) / 2.0
-        off = math.acos(max(-1.0, min(1.0, cosine))) / self._parameters.rotation_sd_rad
-        return 0.5 * min(off, self._parameters.evidence_max_sd) ** 2
+        off = math.acos(max(-1.0, min(1.0, cosine))) / _ROTATION_SD_RAD
+        return 0.5 * min(off, _MAX_EVIDENCE_SD) ** 2
 
 
 class _Mounted(Protocol):
@@ -146,7 +149,7 @@ def shoes_of(rig: Rig) -> Shoes:
     )
 
 
-def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParameters) -> dict[str, StartPose]:
+def side_by_side(shoes: Shoes, parameters: FootToFootParameters) -> dict[str, StartPose]:
     """Assumed stance at the start: both feet flat, side by side, the toes a little out.
 
     The world's origin is on the ground between the heels, its x axis points forward. The left foot's position and

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from stridetwin.streams.rig import ImuCalibration, Mount
+from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
 GRAVITY = 9.8029
@@ -26,6 +26,23 @@ ADIS16485 = ImuCalibration(
     gyroscope_bias_sd=np.radians(0.2),
     accelerometer_bias_sd=0.03,
 )
+
+
+def rig_of(calibration: ImuCalibration) -> Rig:
+    """A rig with one IMU alone."""
+    return Rig(imus={calibration.topic: calibration})
+
+
+LEFT_FOOT = rig_of(ADIS16485)
+
+
+def ranges(gyro_radps: float = 0.0, accel_mps2: float = 0.0) -> ImuCalibration:
+    """A sensor of which the limits alone are known; 0: not even these."""
+    return ImuCalibration(
+        topic="/foot_l/imu", part="", rate_hz=120.0, mount=Mount(body="foot_l"), gyroscope_noise_density=0.0,
+        gyroscope_random_walk=0.0, accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
+        gyroscope_range=gyro_radps, accelerometer_range=accel_mps2,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

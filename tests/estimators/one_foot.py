@@ -1,4 +1,4 @@
-"""Samples for one foot's filter."""
+"""Samples and parameters for one foot's filter."""
 
 from __future__ import annotations
 
@@ -9,6 +9,14 @@ from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import NOMINAL, Memory
 from stridetwin.streams.samples import Array
+
+
+def with_values(parameters: KernelParameters, **values: float) -> KernelParameters:
+    """A copy of a kernel's parameters with other values, also of those that only a calibration determines."""
+    record = parameters.copy()
+    for name, value in values.items():
+        record[name] = value
+    return record
 
 
 def take(memory: Memory, parameters: KernelParameters, t_ns: int | NDArray[np.int64], rate: Array, force: Array) -> int:

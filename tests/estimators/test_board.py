@@ -10,7 +10,7 @@ from board_images import BOARD, LENSES, Scene, camera, image_of, pose, project, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.checkerboard.detector import BoardDetector, BoardDetectorParameters
+from stridetwin.estimators.checkerboard.detector import BoardDetector
 from stridetwin.estimators.checkerboard.pattern import Lens
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -225,5 +225,3 @@ def test_boards_and_lenses_that_cannot_work_are_refused() -> None:
         BoardDetector(replace(BOARD, squares=(6, 8)), camera())
     with pytest.raises(ConfigError, match="radtan, equidistant"):
         BoardDetector(BOARD, replace(camera(), distortion_model="omni"))
-    with pytest.raises(ConfigError, match="max_misfit"):
-        BoardDetectorParameters(max_misfit=0.0)

@@ -7,23 +7,29 @@ import pytest
 from exo_walk import dropped, level_walk, remounted, turned
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain, PublishedParameters
 from stridetwin.estimators.contact_terrain.estimate import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
 from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures, _update
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
+from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 from stridetwin.outputs.steps.scores import score_steps
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
 from tests.pinned import SAME_WALK, assert_pinned, columns
 
-CLASSES = DEFAULTS.classes
+PARAMETERS = ContactTerrainParameters()
 
 
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def estimator(exo, method="proposed"):
+    return ContactTerrain(Rig(), options=Options(method=method), exoskeleton=exo)
 
 
 def table(steps):
@@ -38,7 +44,7 @@ def walk():
 @pytest.fixture(scope="module")
 def ours(walk):
     exo, samples, _ = walk
-    return ContactTerrain(exo).run(samples)
+    return estimator(exo).run(samples)
 
 
 def test_proposed_estimates_a_level_walk_as_level(walk, ours):
@@ -54,7 +60,7 @@ def test_proposed_estimates_a_level_walk_as_level(walk, ours):
 
 def test_published_errs_as_on_people(walk):
     exo, samples, footprints = walk
-    steps = [s for s in score_steps(footprints, ContactTerrain(exo, "published").run(samples)) if s.seen]
+    steps = [s for s in score_steps(footprints, estimator(exo, "published").run(samples)) if s.seen]
     assert 0.003 < rms([s.elevation_error for s in steps]) < 0.015
     assert np.radians(0.3) < rms([s.slope_error for s in steps]) < np.radians(2.5)
 
@@ -62,7 +68,7 @@ def test_published_errs_as_on_people(walk):
 @pytest.mark.parametrize("method", METHODS)
 def test_every_number_is_finite_or_says_that_it_is_unknown(walk, method):
     exo, samples, _ = walk
-    for s in ContactTerrain(exo, method).run(samples):
+    for s in estimator(exo, method).run(samples):
         assert np.isfinite([s.slope, s.elevation, *s.normal, *s.p_sole_in_world]).all()
         assert s.slope_sd > 0
         assert s.elevation_sd > 0
@@ -72,8 +78,8 @@ def test_every_number_is_finite_or_says_that_it_is_unknown(walk, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_turned_world_has_the_same_slopes(walk, method):
     exo, samples, _ = walk
-    plain = table(ContactTerrain(exo, method).run(samples))
-    other = table(ContactTerrain(exo, method).run(turned(samples, Rotation.from_euler("z", 2.0))))
+    plain = table(estimator(exo, method).run(samples))
+    other = table(estimator(exo, method).run(turned(samples, Rotation.from_euler("z", 2.0))))
     assert other[:, :2] == pytest.approx(plain[:, :2], abs=1e-6)
     assert np.linalg.norm(np.diff(other[:, 2:4], axis=0), axis=1) == pytest.approx(
         np.linalg.norm(np.diff(plain[:, 2:4], axis=0), axis=1), abs=1e-6
@@ -83,7 +89,7 @@ def test_a_turned_world_has_the_same_slopes(walk, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_the_same_legs_described_by_another_table_walk_the_same(walk, method):
     exo, samples, _ = walk
-    plain = table(ContactTerrain(exo, method).run(samples))
+    plain = table(estimator(exo, method).run(samples))
     turn = Rotation.from_euler("xyz", [0.4, -1.0, 2.0])
     legs = {}
     for side, leg in exo.legs.items():
@@ -99,13 +105,13 @@ def test_the_same_legs_described_by_another_table_walk_the_same(walk, method):
         moved = remounted(tuple(moved), f"/exo/thigh_{side}/ahrs", turn)
     other = parse_exoskeleton(to_text(replace(exo, legs=legs)), "other.yaml")
     # lengths that the filter thinks may be off are measured along the bones: they are as they were
-    assert table(ContactTerrain(other, method).run(moved)) == pytest.approx(plain, abs=1e-5)
+    assert table(estimator(other, method).run(moved)) == pytest.approx(plain, abs=1e-5)
 
 
 def test_samples_one_by_one_and_in_another_order_at_one_instant_give_the_same(walk, ours):
     exo, samples, _ = walk
     shuffled = sorted(reversed(samples), key=lambda s: s.t_ns)
-    assert table(ContactTerrain(exo).run(shuffled)) == pytest.approx(table(ours), abs=1e-12)
+    assert table(estimator(exo).run(shuffled)) == pytest.approx(table(ours), abs=1e-12)
 
 
 def cell_dead(samples, cell, value):
@@ -143,7 +149,7 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_leave_the_class_right_or_unknown(walk, fault):
     exo, samples, footprints = walk
-    steps = score_steps(footprints, ContactTerrain(exo).run(FAULTS[fault](samples)))
+    steps = score_steps(footprints, estimator(exo).run(FAULTS[fault](samples)))
     classified = [s for s in steps if s.estimated_mode not in ("", "unknown")]
     assert len(classified) >= 0.5 * len(steps)
     assert all(s.estimated_mode == "LG" for s in classified)
@@ -177,7 +183,7 @@ def creeping(samples):
 @pytest.mark.parametrize("fault", [lambda s: sticking(s, 0), lambda s: sticking(s, 3), creeping, low])
 def test_cells_that_stick_creep_or_are_low_hide_no_step(walk, fault):
     exo, samples, footprints = walk
-    steps = score_steps(footprints, ContactTerrain(exo).run(fault(samples)))
+    steps = score_steps(footprints, estimator(exo).run(fault(samples)))
     assert [s.estimated_mode for s in steps] == ["LG"] * len(steps)
     assert rms([s.elevation_error for s in steps]) < 0.01
 
@@ -194,21 +200,14 @@ def test_cells_live_through_a_swing_over_two_risers():
 def test_a_gap_is_survived(walk):
     exo, samples, _ = walk
     cut = [s for s in samples if not 4.0e9 < s.t_ns < 4.7e9]
-    steps = ContactTerrain(exo).run(cut)
+    steps = estimator(exo).run(cut)
     assert len(steps) > 4
     assert np.isfinite(table(steps)).all()
 
 
 def test_an_unknown_method_is_refused(walk):
     with pytest.raises(ConfigError, match="expected proposed or published"):
-        ContactTerrain(walk[0], "best")
-
-
-def test_the_former_name_of_the_proposed_method_goes_on_for_one_release(walk, ours):
-    exo, samples, _ = walk
-    with pytest.warns(DeprecationWarning, match="'stridetwin' is now 'proposed'"):
-        former = ContactTerrain(exo, "stridetwin")
-    assert table(former.run(samples)).tobytes() == table(ours).tobytes()
+        estimator(walk[0], "best")
 
 
 def test_compliance_survives_its_file_and_files_without_it_mean_the_defaults(walk):
@@ -234,22 +233,24 @@ def test_compliance_survives_its_file_and_files_without_it_mean_the_defaults(wal
 def test_a_more_compliant_exoskeleton_leads_to_larger_standard_deviations(walk, ours):
     exo, samples, _ = walk
     soft = replace(exo, compliance=Compliance(vector_sd_m=(0.03, 0.03, 0.02), slope_sd_rad=np.radians(2.0)))
-    for firm, yielding in zip(ours, ContactTerrain(soft).run(samples)):
+    for firm, yielding in zip(ours, estimator(soft).run(samples)):
         assert yielding.slope_sd > firm.slope_sd
         assert yielding.elevation_sd > firm.elevation_sd
 
 
 @pytest.mark.parametrize(
-    ("group", "changed", "said"),
+    ("name", "value", "said"),
     [
-        ("classes", {"probability_min": 1.0}, "probability_min: invalid 1.0: .* below 1"),
-        ("footfall", {"left_n": 90.0}, "left_n: invalid 90.0: .* landed_n"),
-        ("ticks", {"hold_s": -0.1}, "hold_s: invalid -0.1"),
+        ("probability_min", 1.0, "probability_min: invalid 1.0: .* below 1"),
+        ("left_n", 90.0, "left_n: invalid 90.0: .* landed_n"),
+        ("riser_m", -0.1, "riser_m: invalid -0.1"),
     ],
 )
-def test_parameters_that_make_no_sense_are_refused(group, changed, said):
+def test_parameters_that_make_no_sense_are_refused(name, value, said):
     with pytest.raises(ConfigError, match=said):
-        ContactTerrainParameters(**{group: replace(getattr(DEFAULTS, group), **changed)})
+        ContactTerrainParameters(**{name: value})
+    with pytest.raises(ConfigError, match="virtual_m"):
+        PublishedParameters(virtual_m=0.0)
 
 
 @pytest.mark.parametrize(
@@ -267,16 +268,16 @@ def test_parameters_that_make_no_sense_are_refused(group, changed, said):
 )
 def test_modes_follow_from_geometry(slope, height, mode):
     beyond = beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
-    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, CLASSES)
+    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, PARAMETERS)
     assert sum(probabilities.values()) == pytest.approx(1.0)
-    assert most_likely(probabilities, CLASSES.probability_min)[0] == mode
-    between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, CLASSES)
-    assert most_likely(between, CLASSES.probability_min)[0] == "unknown"
+    assert most_likely(probabilities, PARAMETERS.probability_min)[0] == mode
+    between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, PARAMETERS)
+    assert most_likely(between, PARAMETERS.probability_min)[0] == "unknown"
 
 
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
 def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
-    assert sloping(np.radians(slope), np.radians(0.3), CLASSES.ramp_rad) == pytest.approx(share, abs=1e-6)
+    assert sloping(np.radians(slope), np.radians(0.3), PARAMETERS.ramp_rad) == pytest.approx(share, abs=1e-6)
 
 
 def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():
@@ -298,7 +299,7 @@ def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():
 def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     rng = np.random.default_rng(0)
     J_vector, J_slopes = rng.normal(0.0, 0.5, (2, 3, OFFSETS)), rng.normal(0.0, 1.0, (2, 2, OFFSETS))
-    offsets, sd = Offsets(DEFAULTS.offsets, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
+    offsets, sd = Offsets(PARAMETERS, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
     for k in range(7000):
         noise = rng.normal(0.0, 0.3 * sd)
         step = StepFigures(
@@ -318,4 +319,4 @@ def test_pinned_numbers(ours, num_regression):
 
 def test_pinned_numbers_of_the_published_method(walk, num_regression):
     exo, samples, _ = walk
-    assert_pinned(num_regression, columns(ContactTerrain(exo, "published").run(samples)), SAME_WALK)
+    assert_pinned(num_regression, columns(estimator(exo, "published").run(samples)), SAME_WALK)

@@ -10,15 +10,11 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.contact_terrain import footfall, speed
 from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, fixed_contact
 from stridetwin.estimators.contact_terrain.offsets import OFFSETS
-from stridetwin.estimators.contact_terrain.parameters import CellParameters, FootfallParameters
 from stridetwin.estimators.contact_terrain.proposed import DoubleSupport, _normal
-
-CELLS = CellParameters(rotating_radps=1.0, alive_n=40.0, stride_s=0.6)
-FLAT = FootfallParameters()
 
 
 def test_the_load_is_above_the_least_of_the_last_strides():
-    loads = CellLoads(CELLS)
+    loads = CellLoads()
     at_rest, air = np.array([100.0, 50.0, 30.0, 20.0]), np.array([5.0, 7.0, 1.0, 20.0])
     for _ in range(3):
         np.testing.assert_array_equal(loads.update(at_rest, 0.1, 0.5), at_rest)  # nothing is known of an unloaded cell
@@ -37,7 +33,7 @@ def test_the_load_is_above_the_least_of_the_last_strides():
 
 
 def test_a_cell_is_alive_by_loads_of_three_strides_and_not_longer():
-    loads = CellLoads(CELLS)
+    loads = CellLoads()
     low, high = np.array([0.0, 0.0, 100.0, 0.0]), np.array([41.0, 39.0, 100.0, 41.0])  # the third is stuck
     loads.update(high, 0.1, 0.1)
     for k in range(3):
@@ -52,7 +48,7 @@ def pitched(angle, turn=0.3):
 
 
 def test_a_footfall_is_the_weighted_mean_of_its_flat_attitudes():
-    fall, expected, free_weight = Footfall(3, True, FLAT), np.zeros((2, 3)), 0.0
+    fall, expected, free_weight = Footfall(3, True), np.zeros((2, 3)), 0.0
     for angle, rate, alone, free in ((0.05, 0.0, True, True), (0.06, 0.2, True, True), (0.055, 0.1, False, True),
                                      (0.06, 0.0, True, False), (0.06, 0.59, False, False)):  # fmt: skip
         R = pitched(angle)
@@ -70,14 +66,14 @@ def test_a_footfall_is_the_weighted_mean_of_its_flat_attitudes():
     np.testing.assert_allclose(fall.R_world_sole(), np.column_stack([forward, np.cross(up, forward), up]), atol=1e-12)
     assert fall.strained == pytest.approx(max(0.0, 1.0 - free_weight / 1.0))
     assert fall.weight == pytest.approx(np.linalg.norm(expected[1]), rel=1e-3)
-    few = Footfall(1, False, FootfallParameters(free_weight=5.0))
+    few = Footfall(1, False)
     assert few.strained == 1.0
-    few.add(pitched(0.0), 0.0, True, True, True)
+    few.add(pitched(0.0), 0.4, True, True, True)
     assert few.strained == pytest.approx(0.8)
 
 
 def test_a_foot_is_not_flat_unloaded_rotating_or_with_a_rising_heel():
-    fall = Footfall(1, True, FLAT)
+    fall = Footfall(1, True)
     assert not fall.add(pitched(0.05), 0.0, False, True, True)
     assert not fall.add(pitched(0.05), 0.61, True, True, True)
     assert fall.add(pitched(0.05), 0.6, True, True, True)

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, Walk, walk
+from foot_motion import ADIS16485, Walk, rig_of, walk
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsSmoother, StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.samples import Array
+from tests.estimators.one_foot import with_values
 
 EXACT = replace(ADIS16485, gyroscope_range=1e3, accelerometer_range=1e4)
 
@@ -37,7 +38,7 @@ def test_a_clipped_peak_is_restored(truth: Walk, name: str, range_name: str, sha
     limit = share * float(np.abs(truth.imu.columns[name]).max())
     cut = clipped(truth, name, limit)
     knows, blind = (
-        FootIns(calibration).run(cut.imu).trajectory.p_frame_in_world
+        FootIns(rig_of(calibration)).run(cut.imu).trajectory.p_frame_in_world
         for calibration in (replace(EXACT, **{range_name: limit}), EXACT)
     )
     assert end_error(truth, knows) < 0.5 * end_error(truth, blind)
@@ -45,7 +46,7 @@ def test_a_clipped_peak_is_restored(truth: Walk, name: str, range_name: str, sha
 
 def test_a_range_that_is_not_reached_changes_nothing(truth: Walk) -> None:
     wider = replace(EXACT, gyroscope_range=2e3, accelerometer_range=2e4)
-    a, b = (FootIns(c).run(truth.imu).trajectory.p_frame_in_world for c in (EXACT, wider))
+    a, b = (FootIns(rig_of(c)).run(truth.imu).trajectory.p_frame_in_world for c in (EXACT, wider))
     np.testing.assert_array_equal(a, b)
 
 
@@ -55,7 +56,7 @@ def test_a_restored_peak_gives_no_information_on_the_heading(truth: Walk) -> Non
     calibration = replace(EXACT, gyroscope_range=limit)
     start = StartPose(p_imu_in_world=np.zeros(3), q_world_imu=truth.q_world_imu[0])
     sure, unsure = (
-        FootIns(calibration, start=replace(start, heading_sd=sd)).run(clipped(truth, "angular_rate", limit).imu)
+        FootIns(rig_of(calibration), start=replace(start, heading_sd=sd)).run(clipped(truth, "angular_rate", limit).imu)
         for sd in (1e-3, 0.5)
     )
     np.testing.assert_allclose(
@@ -76,7 +77,7 @@ def test_of_a_parabola_the_hidden_area_comes_back(curvature: float) -> None:
         columns = {"angular_rate": still.imu.columns["angular_rate"][:250], "specific_force": force}
         imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
         nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0)
-        ins = FootIns(replace(EXACT, accelerometer_range=limit), parameters=nothing_stands)
+        ins = FootIns(rig_of(replace(EXACT, accelerometer_range=limit)), parameters=nothing_stands)
         return float(ins.run(imu).v_imu_in_world[top + 30, 0])
 
     true = speed(force, np.inf)
@@ -99,7 +100,7 @@ def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: 
 
     def speed(excess: float) -> Array:
         nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, impact_excess=excess)
-        return FootIns(calibration, parameters=nothing_stands).run(imu).v_imu_in_world[hit + 5]
+        return FootIns(rig_of(calibration), parameters=nothing_stands).run(imu).v_imu_in_world[hit + 5]
 
     np.testing.assert_allclose(
         speed(share) - speed(0.0), [0.0, 0.0, share * limit * 2 / 120.0 * (axis == 2)], atol=1e-3
@@ -114,8 +115,9 @@ def test_where_a_long_span_at_the_limit_has_no_shape_the_covariance_grows() -> N
     imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
 
     def variance(noise: float) -> Array:
-        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, accel_limit_noise_mps2_rthz=noise)
-        ins = FootIns(replace(EXACT, accelerometer_range=limit), parameters=nothing_stands)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0)
+        ins = FootIns(rig_of(replace(EXACT, accelerometer_range=limit)), parameters=nothing_stands)
+        ins._parameters = with_values(ins._parameters, accel_limit_noise_mps2_rthz=noise)
         last = [ins.update(sample) for sample in imu][begin + samples + 10]
         assert last is not None
         return np.diag(last.covariance)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, walk
+from foot_motion import ADIS16485, LEFT_FOOT, walk
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 
@@ -12,8 +12,8 @@ from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 @pytest.mark.parametrize("seed", range(3))
 def test_level_ground_stays_level(seed: int) -> None:
     truth = walk(strides=30, slow_heel_rad=0.05, calibration=ADIS16485, rng=np.random.default_rng(seed))
-    z = FootIns(ADIS16485).run(truth.imu).trajectory.p_frame_in_world[:, 2]
-    new_floors = FootIns(ADIS16485, replace(FootInsParameters(), same_floor=0.0, same_after_new=0.0)).run(truth.imu)
+    z = FootIns(LEFT_FOOT).run(truth.imu).trajectory.p_frame_in_world[:, 2]
+    new_floors = FootIns(LEFT_FOOT, replace(FootInsParameters(), same_floor=0.0)).run(truth.imu)
     assert abs(z[-1] - z[0]) < 0.01
     assert abs(z[-1] - z[0]) < abs(np.ptp(new_floors.trajectory.p_frame_in_world[[0, -1], 2]))
 
@@ -21,7 +21,7 @@ def test_level_ground_stays_level(seed: int) -> None:
 @pytest.mark.parametrize("rise", [0.04, 0.07, 0.17, 0.34])
 def test_what_climbs_is_not_taken_for_level(rise: float) -> None:
     truth = walk(strides=16, rise=rise)
-    path = FootIns(ADIS16485).run(truth.imu).trajectory.p_frame_in_world
+    path = FootIns(LEFT_FOOT).run(truth.imu).trajectory.p_frame_in_world
     error = (path - path[0] - truth.p_imu_in_world + truth.p_imu_in_world[0])[:, 2]
     assert abs(error).max() < 0.05 + 0.02 * 8 * rise
     assert abs(error[-1]) < 0.05
@@ -29,7 +29,7 @@ def test_what_climbs_is_not_taken_for_level(rise: float) -> None:
 
 def test_the_height_of_a_level_walk_is_known_and_that_of_a_climb_is_not() -> None:
     level, climb = (
-        FootIns(ADIS16485).run(walk(strides=16, rise=rise).imu).trajectory.covariance[-1, 2, 2] for rise in (0.0, 0.17)
+        FootIns(LEFT_FOOT).run(walk(strides=16, rise=rise).imu).trajectory.covariance[-1, 2, 2] for rise in (0.0, 0.17)
     )
     assert level < climb
 
@@ -64,6 +64,6 @@ def test_a_foot_rests_on_an_accelerometer_whose_size_of_gravity_is_wrong(excess:
 
 
 def test_no_probability_of_the_same_floor_makes_every_floor_new() -> None:
-    estimator = FootIns(ADIS16485, FootInsParameters(same_floor=0.0, same_after_new=0.0))
+    estimator = FootIns(LEFT_FOOT, FootInsParameters(same_floor=0.0))
     estimator.run(walk(strides=8).imu)
     assert "floor" not in estimator.nis_by_kind

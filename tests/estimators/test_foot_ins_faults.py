@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, Walk, walk
+from foot_motion import ADIS16485, LEFT_FOOT, Walk, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,7 +25,7 @@ def under(truth: Walk, *faults: Fault, seed: int = 0) -> tuple[Block[Imu], FootI
     planned = plan_faults(faults, rig, seed, truth.t_ns[-1] * 1e-9)
     arrived = block_of([sample for a in arrivals([truth.imu], planned) for sample in a.item])
     start = StartPose(p_imu_in_world=truth.p_imu_in_world[0], q_world_imu=truth.q_world_imu[0])
-    return arrived, FootIns(ADIS16485, start=start).run(arrived)
+    return arrived, FootIns(LEFT_FOOT, start=start).run(arrived)
 
 
 def end_error(truth: Walk, path: FootInsPath) -> float:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, Walk, walk
+from foot_motion import ADIS16485, LEFT_FOOT, Walk, ranges, rig_of, walk
 
-from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.samples import Block, Imu
 from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
@@ -40,7 +41,7 @@ def _rows(path: FootInsPath, every: int = 25) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("name", WALKS)
 def test_one_foot_with_its_calibration(name: str, num_regression: Any) -> None:
-    estimator = FootIns(ADIS16485)
+    estimator = FootIns(LEFT_FOOT)
     assert_pinned(num_regression, _rows(estimator.run(_walk(name).imu)))
 
 
@@ -51,8 +52,7 @@ def test_one_foot_of_an_unknown_sensor_at_its_limits(num_regression: Any) -> Non
 
 
 def test_one_foot_with_known_limits(num_regression: Any) -> None:
-    parameters = FootInsParameters(gyro_range_radps=5.0, accel_range_mps2=40.0)
-    path = FootIns(parameters=parameters).run(_clipped(_walk("stairs").imu, 5.0, 40.0))
+    path = FootIns(rig_of(ranges(5.0, 40.0))).run(_clipped(_walk("stairs").imu, 5.0, 40.0))
     assert_pinned(num_regression, _rows(path))
 
 
@@ -66,6 +66,6 @@ def test_two_feet(method: str, num_regression: Any) -> None:
     simulation = Simulation(Setup(walk=SteadyWalk(strides=5)))
     rng = np.random.default_rng(3)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
-    paths = FootToFoot(simulation.rig, method=method, start=simulation.start()).run(imus, aids)
+    paths = FootToFoot(simulation.rig, options=Options(method=method), start=simulation.start()).run(imus, aids)
     rows = {f"{foot}.{name}": values for foot, path in paths.items() for name, values in _rows(path, 60).items()}
     assert_pinned(num_regression, rows)

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foot_motion import ADIS16485, walk
+from foot_motion import ADIS16485, LEFT_FOOT, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators import foot_to_foot
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
@@ -50,7 +49,6 @@ published_step = from_python(published.published_step)
 relative_position_update = from_python(published.relative_position_update)
 
 GRAVITY = FootInsParameters().gravity_mps2
-ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
 RIGHT = replace(ADIS16485, topic="/foot_r/imu", mount=Mount(body="foot_r"))
 
 
@@ -63,7 +61,7 @@ def short() -> tuple[Simulation, dict[str, Block[Imu]], list]:
 
 
 def estimator_for(simulation: Simulation, method: str = "proposed", **options: object) -> FootToFoot:
-    return FootToFoot(simulation.rig, **{"method": method, "start": simulation.start()} | options)
+    return FootToFoot(simulation.rig, **{"options": Options(method=method), "start": simulation.start()} | options)
 
 
 def ends(simulation: Simulation, imus: dict[str, Block[Imu]], aids: list, method: str = "proposed") -> np.ndarray:
@@ -89,7 +87,7 @@ def moving_pair(seed: int) -> Pair:
 
 def seen(pair: Pair, camera: int, t_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1, 0.05) for f in (camera, 1 - camera))
+    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1) for f in (camera, 1 - camera))
     assert a.known
     assert b.known
     p, R = board_in_camera(pair, camera, a, b)
@@ -141,7 +139,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
         foot.covariance[:] = 0.0  # so that nothing is corrected
         if k == 79 - back:
             then = foot.nominal.copy()
-    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0, 0.05)
+    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0)
     assert found.known
     assert then is not None
     assert found.age == pytest.approx(back * 0.008)
@@ -157,11 +155,11 @@ def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
     seen = turn.apply(points) + p
     predicted, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
-    parameters, rays = for_kernel(FootToFootParameters()), seen[:, :2] / seen[:, 2:]
+    rays = seen[:, :2] / seen[:, 2:]
     board = state.board_workspace()
     board.covariance[:] = covariance
     pose = tuple(predicted), tuple(tuple(row) for row in about.as_matrix())
-    ahead, _ = reduced(parameters, board, *pose, len(points), points, rays, sd, 0.0, 8.0)
+    ahead, _ = reduced(board, *pose, len(points), points, rays, sd, 0.0, 8.0)
     T, z = board.reduced.jacobian, board.reduced.innovation
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
@@ -170,8 +168,8 @@ def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
 
 def test_one_foot_alone_is_the_one_foot_filter() -> None:
     truth = walk(strides=6, calibration=ADIS16485, rng=np.random.default_rng(0))
-    one = FootIns(ADIS16485).run(truth.imu)
-    two = FootToFoot(ONE_FOOT).run({"l": truth.imu})["l"]
+    one = FootIns(LEFT_FOOT).run(truth.imu)
+    two = FootToFoot(LEFT_FOOT).run({"l": truth.imu})["l"]
     np.testing.assert_allclose(two.trajectory.p_frame_in_world, one.trajectory.p_frame_in_world, atol=1e-12)
     np.testing.assert_allclose(two.trajectory.covariance, one.trajectory.covariance, atol=1e-12)
     np.testing.assert_array_equal(two.standing_speed_sd, one.standing_speed_sd)
@@ -182,7 +180,7 @@ def test_two_feet_without_cameras_and_echoes_are_two_one_foot_filters(short) -> 
     simulation, imus, _ = short
     paths = FootToFoot(replace(simulation.rig, cameras={}), start=simulation.start()).run(imus)
     for foot, start in simulation.start().items():
-        alone = FootIns(simulation.rig.imu(f"/foot_{foot}/imu"), start=start).run(imus[foot])
+        alone = FootIns(simulation.rig, start=start, options=Options(foot=foot)).run(imus[foot])
         np.testing.assert_allclose(
             paths[foot].trajectory.p_frame_in_world, alone.trajectory.p_frame_in_world, atol=1e-12
         )
@@ -196,8 +194,8 @@ def test_sample_by_sample_and_block_give_identical_numbers(short, method: str) -
     samples = sorted([*imus["l"], *imus["r"], *aids], key=lambda s: (s.t_ns, not isinstance(s, Imu)))
     last = [e for e in map(stepwise.update, samples) if e is not None][-1]
     path, right = paths["r"].trajectory, last.feet["r"]  # the left foot's last row is older: the right moves it yet
-    np.testing.assert_array_equal(right.p_imu_in_world, path.p_frame_in_world[-1])
-    np.testing.assert_array_equal(right.q_world_imu, path.q_world_frame[-1])
+    np.testing.assert_array_equal(right.pose.p_frame_in_world, path.p_frame_in_world[-1])
+    np.testing.assert_array_equal(right.pose.q_world_frame, path.q_world_frame[-1])
     np.testing.assert_array_equal(right.covariance[:3, :3], path.covariance[-1, :3, :3])
 
 
@@ -221,8 +219,8 @@ def test_blocks_in_pieces_give_the_same_path(short) -> None:
 
 def assert_sane(estimate: FootToFootEstimate) -> None:
     for foot in estimate.feet.values():
-        assert np.all(np.isfinite(foot.p_imu_in_world))
-        assert np.linalg.norm(foot.q_world_imu) == pytest.approx(1.0, abs=1e-9)
+        assert np.all(np.isfinite(foot.pose.p_frame_in_world))
+        assert np.linalg.norm(foot.pose.q_world_frame) == pytest.approx(1.0, abs=1e-9)
     assert np.all(np.isfinite(estimate.covariance))
     np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, atol=1e-12)
     assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-9
@@ -309,7 +307,7 @@ def test_impossible_repeated_and_late_samples_are_ignored(short, value: float, m
         assert troubled.update(sample) is None
     assert kept is not None
     assert got is not None
-    np.testing.assert_array_equal(got.feet["l"].p_imu_in_world, kept.feet["l"].p_imu_in_world)
+    np.testing.assert_array_equal(got.feet["l"].pose.p_frame_in_world, kept.feet["l"].pose.p_frame_in_world)
 
 
 def test_an_observation_that_fits_no_board_moves_nothing_far(short) -> None:
@@ -331,15 +329,13 @@ def test_an_observation_too_late_is_left_out(short) -> None:
     after = estimator.update(old)
     assert before is not None
     assert after is not None
-    np.testing.assert_array_equal(after.feet["l"].p_imu_in_world, before.feet["l"].p_imu_in_world)
+    np.testing.assert_array_equal(after.feet["l"].pose.p_frame_in_world, before.feet["l"].pose.p_frame_in_world)
 
 
 def test_wrong_use_is_named(short) -> None:
     simulation, imus, _ = short
     with pytest.raises(ConfigError, match="proposed"):
-        FootToFoot(simulation.rig, method="magic")
-    with pytest.raises(ConfigError, match="PublishedParameters"):
-        FootToFoot(simulation.rig, method="zupt", parameters=FootToFootParameters())
+        FootToFoot(simulation.rig, options=Options(method="magic"))
     with pytest.raises(ConfigError, match="threshold"):
         PublishedParameters(threshold=0.0)
     with pytest.raises(StrideTwinError, match="no IMU"):
@@ -347,7 +343,7 @@ def test_wrong_use_is_named(short) -> None:
     with pytest.raises(StrideTwinError, match="/foot_l/imu"):
         estimator_for(simulation).update(replace(next(iter(imus["l"])), topic="/head/imu"))
     with pytest.raises(ConfigError, match="'r'"):
-        FootToFoot(ONE_FOOT).run(imus)
+        FootToFoot(LEFT_FOOT).run(imus)
     with pytest.raises(ConfigError, match="4 to 64"):
         BoardObservation(
             topic="/foot_l/camera", t_ns=0, points_in_board=np.zeros((3, 3)), rays=np.zeros((3, 2)), ray_sd=np.ones(3)
@@ -367,13 +363,6 @@ def test_the_streams_are_imus_cameras_and_sonars_of_the_feet_alone() -> None:
         ("/foot_l/imu", True), ("/foot_r/imu", True), ("/foot_l/camera", False), ("/foot_r/camera", False),
         ("/foot_l/sonar", False), ("/foot_r/sonar", False),
     ]  # fmt: skip
-
-
-def test_the_former_name_of_an_observation_warns() -> None:
-    with pytest.warns(DeprecationWarning, match=r"BoardSighting is deprecated .* use foot_to_foot\.BoardObservation"):
-        assert foot_to_foot.BoardSighting is BoardObservation
-    with pytest.raises(AttributeError, match="BoardSightings"):
-        _ = foot_to_foot.BoardSightings
 
 
 def test_feet_start_side_by_side_where_nobody_says_otherwise() -> None:
@@ -425,7 +414,7 @@ def test_mounts_are_refined_within_their_prior(short) -> None:
 
 
 def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_given() -> None:
-    parameters = for_sensor(PublishedParameters().noise_of_the_calibration_alone, ADIS16485)
+    parameters = for_sensor(FootInsParameters(), ADIS16485, data_sheet_alone=True)
     assert ADIS16485.accelerometer_range == 0.0
     assert parameters.accel_limit_noise_mps2_rthz == parameters.gyro_limit_noise_radps_rthz == 0.0
     assert parameters.accel_noise_mps2_rthz == ADIS16485.accelerometer_noise_density
@@ -434,7 +423,8 @@ def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is
 def test_the_published_zero_velocity_update_stops_a_foot() -> None:
     pair = moving_pair(3)
     memory, foot = pair.feet[0], for_sensor(FootInsParameters(), None)
-    parameters = for_kernel(PublishedParameters(threshold=1e9, zero_velocity_sd_mps=0.01))
+    own = PublishedParameters(threshold=1e9, zero_velocity_sd_mps=0.01)
+    parameters = for_kernel(FootToFootParameters(published=own), published=True)
     memory.covariance[D_VELOCITY : D_VELOCITY + 3, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
     t_ns = int(memory.ring_t_ns.max()) + 8_000_000
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.4, -0.3, 0.2
@@ -445,13 +435,13 @@ def test_the_published_zero_velocity_update_stops_a_foot() -> None:
 @pytest.mark.parametrize("camera", [0, 1])
 def test_the_published_relative_position_moves_both_feet_to_it(camera: int) -> None:
     pair = moving_pair(5)
-    parameters, foot = for_kernel(PublishedParameters()), for_sensor(FootInsParameters(), None)
+    parameters, foot = for_kernel(FootToFootParameters(), published=True), for_sensor(FootInsParameters(), None)
     here, there = pair.feet[camera], pair.feet[1 - camera]
     t_ns = int(max(here.ring_t_ns.max(), there.ring_t_ns.max()))
     for memory in (here, there):
         at = memory.row + D_POSITION
         pair.covariance[at : at + 3, at : at + 3] = np.eye(3)
-    a = rewind(here, GRAVITY, t_ns, 0.1, 0.05)
+    a = rewind(here, GRAVITY, t_ns, 0.1)
     wanted = np.array([0.3, -0.2, 0.1])  # in the world
     before = [memory.nominal[POSITION : POSITION + 3].copy() for memory in (here, there)]
     measured = tuple((np.array(a.R).T @ wanted).tolist())

@@ -33,7 +33,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
         pair.covariance[:, :SCALES] = 0.0
         for k, rate in enumerate(rates, 40):
             scaled = (1.0 - scale) * rate
-            apply_gyro_scale(pair, foot, tuple(scaled), k * 8_000_000, parameters.max_gap_s)
+            apply_gyro_scale(pair, foot, tuple(scaled), k * 8_000_000)
             take(pair.feet[foot], parameters, k * 8_000_000, scaled, gravity)
         a, s = STATES * foot + D_ATTITUDE, SCALES + 3 * foot
         q = pair.feet[foot].nominal[ATTITUDE : ATTITUDE + 4]
