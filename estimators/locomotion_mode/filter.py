@@ -8,17 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stridetwin.estimators.base import (
-    BACKENDS,
-    CAMERA_POSES,
-    POSE_STREAM,
-    PROPOSED,
-    Declaration,
-    Options,
-    Stream,
-    current_name,
-    deprecated,
-)
+from stridetwin.estimators.base import BACKENDS, CAMERA_POSES, POSE_STREAM, PROPOSED, Declaration, Options, Stream
 from stridetwin.estimators.base import MODES as MODES_KIND
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
@@ -42,7 +32,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, is_pose, transform
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
 METHODS = (PROPOSED, "published")
@@ -62,13 +52,10 @@ class LocomotionMode:
     it resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this.
 
     Args:
-        rig: Rig with a depth camera. A map in its place, and the camera as second argument, are deprecated.
-        camera: Deprecated; the depth camera.
+        rig: Rig with a depth camera.
         options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`, Zhao et
             al. 2023, eqs. (16)-(18).
         ground: Map of the ground for the same options; it is updated here with the same samples. None builds one.
-        mount: Deprecated; pose of the camera in the frame of the poses.
-        method: Deprecated form of `options.method`.
         parameters: One set serves everyone.
 
     Raises:
@@ -82,29 +69,19 @@ class LocomotionMode:
 
     def __init__(
         self,
-        rig: Rig | TerrainMap,
-        camera: CameraCalibration | None = None,
+        rig: Rig,
         *,
         options: Options | None = None,
         ground: TerrainMap | None = None,
-        mount: Mount | None = None,
-        method: str | None = None,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
         options = options or Options()
-        if isinstance(rig, Rig):
-            camera, method = depth_calibration(rig), options.method
-            T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
-            ground = ground or TerrainMap(rig, options=options)
-        else:
-            deprecated("LocomotionMode(map, camera)", "LocomotionMode(rig, options=..., ground=map)")
-            ground, method = rig, current_name(method or PROPOSED)
-            T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
-        assert camera is not None
+        camera, method = depth_calibration(rig), options.method
+        T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         if method not in METHODS:
             raise ConfigError("LocomotionMode", "method", method, ", ".join(METHODS))
         self.parameters = p = parameters or LocomotionModeParameters()
-        self.ground, self.method = ground, method
+        self.ground, self.method = ground or TerrainMap(rig, options=options), method
         self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
         self._body = Body(*self._followed(T_frame_camera), p)
         self._touch = TouchDowns(p)

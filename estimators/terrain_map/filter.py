@@ -18,7 +18,6 @@ from stridetwin.estimators.base import (
     Declaration,
     Options,
     Stream,
-    deprecated,
 )
 from stridetwin.estimators.terrain_map.depth_camera import (
     DepthCamera,
@@ -36,7 +35,7 @@ from stridetwin.estimators.terrain_map.profile import profile
 from stridetwin.estimators.terrain_map.terrains import Terrains
 from stridetwin.estimators.terrain_map.volume import Volume, VoxelVolume
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
 _NEVER_NS = -(10**18)
@@ -57,7 +56,6 @@ class TerrainMap:
         rig: Holds the camera.
         options: `poses_of`, the frame of the incoming poses; `backend`, one of `BACKENDS`: `numba`, the proposed
             volume, or `open3d`, the published one by Open3D.
-        mount: Deprecated; pose of the depth camera's optical frame in the frame of the poses (`T_body_sensor`).
         topic: Depth stream; None: the rig's first.
         parameters: One set serves every camera and terrain.
 
@@ -75,7 +73,6 @@ class TerrainMap:
         rig: Rig,
         *,
         options: Options | None = None,
-        mount: Mount | None = None,
         topic: str | None = None,
         parameters: TerrainMapParameters | None = None,
     ) -> None:
@@ -83,11 +80,7 @@ class TerrainMap:
         self.parameters = p = parameters or TerrainMapParameters()
         camera = depth_calibration(rig, topic)
         self._camera = DepthCamera(camera)
-        if mount is None:
-            self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
-        else:
-            deprecated("TerrainMap(mount=...)", "TerrainMap(rig, options=Options(poses_of=FRAME))")
-            self._T_frame_camera = np.asarray(mount.T_body_sensor, dtype=float)
+        self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         self._poses = Poses(p)
         self._R_world_grid = _rotation_z(p.grid_rotation_rad)
         self._volume = _volume(options.backend, self._camera, self._R_world_grid, p)

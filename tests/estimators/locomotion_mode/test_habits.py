@@ -12,7 +12,7 @@ from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, Locomot
 from stridetwin.estimators.locomotion_mode.habits import HABITS, Habit, Habits
 from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, mixed, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import heights, surface_along
-from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from stridetwin.estimators.terrain_map import Profile
 from tests.estimators.locomotion_mode.test_next_steps import RATIOS, S, foot_at, ground
 from tests.estimators.locomotion_mode.walker import footprints, samples
 from tests.estimators.terrain_map.scenes import RIG
@@ -189,7 +189,7 @@ def test_a_heel_that_overhangs_an_edge_is_as_high_as_its_sole():
 @pytest.fixture(scope="module")
 def stair_walk():
     """True steps and predictions of a scripted walker who puts both feet on each tread."""
-    mode = LocomotionMode(TerrainMap(RIG), RIG.cameras["/head/color"])
+    mode = LocomotionMode(RIG)
     return footprints(both=True), [e for e in map(mode.update, samples(both=True)) if e is not None]
 
 

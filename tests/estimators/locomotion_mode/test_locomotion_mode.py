@@ -9,7 +9,6 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.published import mode_between
-from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Insole, Odometry
@@ -21,7 +20,7 @@ CAMERA = RIG.cameras["/head/color"]
 
 
 def predictor(method="proposed"):
-    return LocomotionMode(TerrainMap(RIG), CAMERA, method=method)
+    return LocomotionMode(RIG, options=Options(method=method))
 
 
 @pytest.fixture(scope="module")

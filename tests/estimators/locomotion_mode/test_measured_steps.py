@@ -10,7 +10,6 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import LocomotionMode
 from stridetwin.estimators.locomotion_mode.foothold import extrapolated, measured_step, step_likelihood
 from stridetwin.estimators.locomotion_mode.segments import Segment, mode_table
-from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.samples import Depth
 from tests.estimators.locomotion_mode import walker
 from tests.estimators.locomotion_mode.test_next_steps import P, S, foot_at, ground
@@ -77,7 +76,7 @@ def test_unobserved_ground_continues_as_measured():
 
 def test_in_the_dark_stairs_continue():
     """Without any depth, the next steps are predicted to climb once two treads were measured, and not before."""
-    mode = LocomotionMode(TerrainMap(RIG), RIG.cameras["/head/color"])
+    mode = LocomotionMode(RIG)
     prints, predicted = walker.footprints(), {}
     high = np.cumsum([walker.RISER * (m == "SA") for _, _, _, m in prints])
     felt_ns = [round(t * 1e9) + 250_000_000 for t, *_ in prints]
