@@ -39,6 +39,8 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
 _NEVER_NS = -(10**18)
+_MIN_PIXELS = 500
+"""A depth image with fewer valid pixels is ignored."""
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
 
 
@@ -114,7 +116,7 @@ class TerrainMap:
             return None
         self._last_ns = sample.t_ns
         depth, count = self._camera.rectified(sample.depth, self.parameters)
-        if count < self.parameters.pixels_min:
+        if count < _MIN_PIXELS:
             return None
         T_world_camera = T_world_frame @ self._T_frame_camera
         T_grid_camera = T_world_camera.copy()

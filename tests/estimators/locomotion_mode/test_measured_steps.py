@@ -54,10 +54,10 @@ def test_a_riser_under_the_feet_identifies_their_side_of_an_edge():
     assert made is not None
     stair = ground((2.0, 0.15))
     before, unsure = foot_at(1.62), np.exp(-0.5 * ((S - 2.0) / 0.05) ** 2)
-    after = unsure * step_likelihood(made, S, stair, before, P)
+    after = unsure * step_likelihood(made, S, stair, before)
     assert after[S > 2.0].sum() > 0.95 * after.sum()
     level = replace(made, elevation=0.0)
-    after = unsure * step_likelihood(level, S, stair, before, P)
+    after = unsure * step_likelihood(level, S, stair, before)
     assert after[S < 2.0].sum() > 0.95 * after.sum()
 
 

@@ -168,7 +168,7 @@ def test_a_rig_without_depth_is_refused():
         TerrainMap(RIG, topic="/x")
 
 
-@pytest.mark.parametrize(("field", "value"), [("voxel_size_m", 0.0), ("riser_min_m", 0.5), ("weight_max", math.nan)])
+@pytest.mark.parametrize(("field", "value"), [("voxel_size_m", 0.0), ("min_riser_m", 0.5), ("max_weight", math.nan)])
 def test_parameters_are_checked(field, value):
     with pytest.raises(ConfigError, match=field):
         TerrainMapParameters(**{field: value})
