@@ -20,7 +20,6 @@ import numpy as np
 from benchmarks.command import answer, command
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters, PublishedParameters
-from stridetwin.estimators.foot_to_foot.parameters import PublishedParameters
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario

@@ -113,7 +113,7 @@ class Open3d:
         fx, fy, cx, cy = camera.intrinsics
         self._K = o3d.core.Tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], o3d.core.float64)
         p = TerrainMapParameters()
-        self._far_m, self._band = p.range_max_m, p.truncation_m / p.voxel_size_m
+        self._far_m, self._band = p.max_range_m, p.truncation_m / p.voxel_size_m
         self._grid = o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1,), (1,)), p.voxel_size_m, 16, 20_000
         )

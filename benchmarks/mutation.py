@@ -98,7 +98,7 @@ EQUIVALENT = {
         "the product with the descent is 0 as well",
     ("estimators/contact_terrain/offsets.py", "explained[i, j] + explained[j, i]",
         "explained[i, j] + explained[i, j]"): "the matrix is symmetric but for rounding errors",
-    ("estimators/locomotion_mode/rhythm.py", "elapsed < self._p.bounce_share", "elapsed <= self._p.bounce_share"):
+    ("estimators/locomotion_mode/rhythm.py", "elapsed < _BOUNCE_SHARE", "elapsed <= _BOUNCE_SHARE"):
         "no step takes just that share",
     ("outputs/terrain_ahead.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
         "no cell's middle is just there",

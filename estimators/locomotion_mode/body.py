@@ -12,9 +12,22 @@ from collections import deque
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.terrain_map.depth_camera import is_pose
 from stridetwin.streams.samples import Array, Odometry
+
+_STILL_M = 0.15
+"""A walker who moved less within a stride is taken to walk in the camera's viewing direction."""
+_HISTORY_S, _HISTORY_PERIOD_S = 2.0, 0.02
+"""Time for which positions are stored, and between two of them."""
+_VIEW_TIME_S = 1.5
+"""Time constant of the camera's viewing direction."""
+_JUMP_SLACK_M = 0.5
+"""The body has jumped if it moved farther than its largest speed explains, and this."""
+_MAX_POSE_AGE_S = 0.2
+"""Without a pose for longer, nothing is predicted."""
+_VELOCITY_S = 0.1
+"""Time over which the velocity is measured."""
 
 
 class Body:
@@ -23,13 +36,13 @@ class Body:
     Args:
         p_body_in_frame: (3,) m, the carrying body's origin in the frame of the poses.
         R_frame_camera: (3, 3) rotation of the camera's optical frame in that frame.
-        parameters: One set serves everyone.
+        settings: Largest gap and speed of the poses, which are the map's.
     """
 
-    def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, parameters: LocomotionModeParameters) -> None:
+    def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, settings: Settings) -> None:
         self.follow(p_body_in_frame, R_frame_camera)
-        self._parameters = p = parameters
-        self._history: deque[tuple[int, Array]] = deque(maxlen=round(p.history_s / p.history_period_s) + 2)
+        self._max_gap_s, self._max_speed_mps = settings.map.max_gap_s, settings.map.max_speed_mps
+        self._history: deque[tuple[int, Array]] = deque(maxlen=round(_HISTORY_S / _HISTORY_PERIOD_S) + 2)
         self._look: Array | None = None
         self.t_ns = -1
         self.p = np.zeros(3)
@@ -51,25 +64,23 @@ class Body:
         place, forward = p + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        far = math.dist(
-            place.tolist(), self.p.tolist()
-        ) > self._parameters.jump_m + self._parameters.max_speed_mps * min(dt, 1.0)
-        jumped = self.t_ns >= 0 and (far or dt > self._parameters.max_gap_s)
+        far = math.dist(place.tolist(), self.p.tolist()) > _JUMP_SLACK_M + self._max_speed_mps * min(dt, 1.0)
+        jumped = self.t_ns >= 0 and (far or dt > self._max_gap_s)
         if jumped:
             self._history.clear()
             self._look = None
         if self._look is None:
             self._look = forward
-        share = min(1.0, dt / self._parameters.view_time_s)
+        share = min(1.0, dt / _VIEW_TIME_S)
         self._look = self._look + share * (forward - self._look)
         self.p, self.t_ns = place, pose.t_ns
-        if not self._history or pose.t_ns - self._history[-1][0] >= self._parameters.history_period_s * 1e9:
+        if not self._history or pose.t_ns - self._history[-1][0] >= _HISTORY_PERIOD_S * 1e9:
             self._history.append((pose.t_ns, place))
         return jumped
 
     def known(self, t_ns: int) -> bool:
         """Whether there is a recent pose."""
-        return bool(self._history) and t_ns - self.t_ns < self._parameters.stale_s * 1e9
+        return bool(self._history) and t_ns - self.t_ns < _MAX_POSE_AGE_S * 1e9
 
     def before(self, seconds: float) -> Array:
         """(3,) m, position of the body that long ago, or at the oldest stored instant."""
@@ -85,15 +96,14 @@ class Body:
 
     def heading(self, stride_s: float) -> float:
         """Walking direction over the last stride, rad from the world's x."""
-        way = (self.p - self.before(min(stride_s, self._parameters.history_s)))[:2]
+        way = (self.p - self.before(min(stride_s, _HISTORY_S)))[:2]
         look = np.zeros(2) if self._look is None else self._look
-        way = way + self._parameters.still_m * look / max(float(np.linalg.norm(look)), 1e-9)
+        way = way + _STILL_M * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 
     def velocity(self) -> Array:
         """(3,) m/s, over the last tenth of a second."""
-        seconds = self._parameters.velocity_s
-        return (self.p - self.before(seconds)) / seconds
+        return (self.p - self.before(_VELOCITY_S)) / _VELOCITY_S
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> Array:

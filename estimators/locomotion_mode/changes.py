@@ -10,11 +10,20 @@ import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, NextChange
 from stridetwin.estimators.locomotion_mode.foothold import Line
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments
-from stridetwin.estimators.locomotion_mode.segments import Segment, mode_table, segment_under
+from stridetwin.estimators.locomotion_mode.segments import BEHIND_M, PLACE_SD_M, Segment, mode_table, segment_under
 from stridetwin.estimators.terrain_map import Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
+
+_FLIGHT_MATCH_M, _FLIGHT_COSINE = 0.15, 0.8
+"""An edge belongs to a flight that has an edge so near, if the cosine between path and ascent is no smaller."""
+_FLIGHT_RISER_SD_M = 0.0025
+"""Standard deviation of a flight's riser in addition to the map's."""
+_TREAD_SD_SHARE = 0.7
+"""Factor on the error of distances between edges of one flight, which share most of their error."""
+_TREAD_DOWN_FACTOR = 2.0
+"""Factor on the error of descending treads, of which the camera sees only strips."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,7 +43,7 @@ class _Found:
     segment: int
 
 
-def _first(ground: Sequence[Segment], here: int, mode: str, p: LocomotionModeParameters) -> _Found | None:
+def _first(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> _Found | None:
     """The first segment boundary ahead of the segment `here` beyond which the steps' mode is no longer `mode`.
 
     Stairs end at their last edge: the step over it still climbs, the next one does not.
@@ -47,7 +56,7 @@ def _first(ground: Sequence[Segment], here: int, mode: str, p: LocomotionModePar
         onward = MODES[int(table[k, k].argmax())]
         if mode in ("SA", "SD"):
             last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
-            if into == mode and last and ground[k].length > p.tread_max_m:
+            if into == mode and last and ground[k].length > p.map.max_tread_m:
                 return _Found(mode=onward, at=ground[k].start, sd=ground[k].start_sd, segment=k)
         elif into != mode:
             return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, segment=k)
@@ -56,7 +65,7 @@ def _first(ground: Sequence[Segment], here: int, mode: str, p: LocomotionModePar
 
 def next_change(
     estimate: TerrainEstimate | None, ground: Sequence[Segment], stance: float, line: Line, chain: Chain, s: Array,
-    times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: LocomotionModeParameters,
+    times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: Settings,
 ) -> NextChange | None:  # fmt: skip
     """The first change of the ground ahead, and when a foot lands beyond it.
 
@@ -90,25 +99,26 @@ def next_change(
     place = line.origin + found.at * line.forward
     sizes = dict.fromkeys(("riser", "riser_sd", "tread", "tread_sd", "slope", "slope_sd"), math.nan)
     return NextChange(
-        mode=found.mode, p_in_world=place, distance=found.at - p.behind_m, distance_sd=max(found.sd, p.place_sd_m),
+        mode=found.mode, p_in_world=place, distance=found.at - BEHIND_M, distance_sd=max(found.sd, PLACE_SD_M),
         time_s=in_s, time_sd_s=in_sd_s, **sizes | _sizes(found.mode, ground[found.segment], estimate, place, line, p),
     )  # fmt: skip
 
 
-def _mode_here(ground: Sequence[Segment], here: int, p: LocomotionModeParameters) -> str:
+def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
     """Mode of steps on the ground under the foot; on a tread, that of its stairs."""
     segment = ground[here]
     if segment.mode != "LG":
         return segment.mode
     if here > 0 and here + 1 < len(ground):
         drops = segment.drop, ground[here + 1].drop
-        if min(map(abs, drops)) > p.stair_m and drops[0] * drops[1] > 0 and segment.length < p.tread_max_m:
+        are_stairs = min(map(abs, drops)) > p.min_stair_riser_m and drops[0] * drops[1] > 0
+        if are_stairs and segment.length < p.map.max_tread_m:
             return "SA" if drops[0] > 0 else "SD"
     return "LG"
 
 
 def _sizes(
-    mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: Line, p: LocomotionModeParameters
+    mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: Line, p: Settings
 ) -> dict[str, float]:
     """Riser and tread, or slope, of the ground that begins at a place; only known values."""
     if mode in ("RA", "RD"):
@@ -116,27 +126,25 @@ def _sizes(
     if mode not in ("SA", "SD"):
         return {}
     up = mode == "SA"
-    flight = _flight_at(estimate, place, line.forward, up, p)
+    flight = _flight_at(estimate, place, line.forward, up)
     if flight is None:
-        return {"riser": segment.drop, "riser_sd": math.hypot(p.riser_sd_m, segment.drop_sd)}
+        return {"riser": segment.drop, "riser_sd": math.hypot(p.mode.riser_sd_m, segment.drop_sd)}
     riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()
-    sizes = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.flight_riser_sd_m)}
+    sizes = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, _FLIGHT_RISER_SD_M)}
     if flight.steps > 1:
-        sizes |= {"tread": flight.tread, "tread_sd": p.tread_sd_share * (1.0 if up else p.tread_down_factor) * tread_sd}
+        sizes |= {"tread": flight.tread, "tread_sd": _TREAD_SD_SHARE * (1.0 if up else _TREAD_DOWN_FACTOR) * tread_sd}
     return sizes
 
 
-def _flight_at(
-    estimate: TerrainEstimate, place: Array, forward: Array, up: bool, p: LocomotionModeParameters
-) -> Stairs | None:
+def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
     """The stairs with most steps that have an edge at a (2,) place, m, on the path along (2,) `forward`, up or down."""
     best: tuple[Stairs, float] | None = None
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)
-        if along < p.flight_cosine:
+        if along < _FLIGHT_COSINE:
             continue
         away = np.abs(flight.edges - float(flight.up @ place))
         off = float(np.min(away[np.isfinite(away)], initial=math.inf))
-        if off < p.flight_match_m and (best is None or flight.steps > best[0].steps):
+        if off < _FLIGHT_MATCH_M and (best is None or flight.steps > best[0].steps):
             best = flight, off
     return None if best is None else best[0]

@@ -8,28 +8,19 @@ from typing import ClassVar
 
 import numpy as np
 
-from stridetwin.estimators.base import (
-    BACKENDS,
-    CAMERA_POSES,
-    POSE_STREAM,
-    PROPOSED,
-    Declaration,
-    Options,
-    Stream,
-    current_name,
-    deprecated,
-)
+from stridetwin.estimators.base import BACKENDS, CAMERA_POSES, POSE_STREAM, PROPOSED, Declaration, Options, Stream
 from stridetwin.estimators.base import MODES as MODES_KIND
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, extrapolated, position
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.foothold import USUAL_HEIGHT_M, Foothold, Line, extrapolated, position
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters, Settings
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.segments import (
+    BEHIND_M,
     Flight,
     Segment,
     heights,
@@ -42,11 +33,15 @@ from stridetwin.estimators.locomotion_mode.segments import (
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, is_pose, transform
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
 METHODS = (PROPOSED, "published")
 INSOLES = ("/foot_l/insole", "/foot_r/insole")
+_BACK_M = 2.4
+"""How far behind the start of the path the ground is read from the map."""
+_MAX_HEIGHT_M = 2.2
+"""A greater height of the body over the ground is wrong."""
 
 
 class LocomotionMode:
@@ -62,14 +57,11 @@ class LocomotionMode:
     it resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this.
 
     Args:
-        rig: Rig with a depth camera. A map in its place, and the camera as second argument, are deprecated.
-        camera: Deprecated; the depth camera.
+        rig: Rig with a depth camera.
         options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`, Zhao et
             al. 2023, eqs. (16)-(18).
         ground: Map of the ground for the same options; it is updated here with the same samples. None builds one.
-        mount: Deprecated; pose of the camera in the frame of the poses.
-        method: Deprecated form of `options.method`.
-        parameters: One set serves everyone.
+        parameters: One set serves everyone. Dimensions of stairs and gates on poses are those of the map's parameters.
 
     Raises:
         StrideTwinError: The method is unknown, or the rig has no depth camera.
@@ -82,29 +74,20 @@ class LocomotionMode:
 
     def __init__(
         self,
-        rig: Rig | TerrainMap,
-        camera: CameraCalibration | None = None,
+        rig: Rig,
         *,
         options: Options | None = None,
         ground: TerrainMap | None = None,
-        mount: Mount | None = None,
-        method: str | None = None,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
         options = options or Options()
-        if isinstance(rig, Rig):
-            camera, method = depth_calibration(rig), options.method
-            T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
-            ground = ground or TerrainMap(rig, options=options)
-        else:
-            deprecated("LocomotionMode(map, camera)", "LocomotionMode(rig, options=..., ground=map)")
-            ground, method = rig, current_name(method or PROPOSED)
-            T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
-        assert camera is not None
+        camera, method = depth_calibration(rig), options.method
+        T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         if method not in METHODS:
             raise ConfigError("LocomotionMode", "method", method, ", ".join(METHODS))
-        self.parameters = p = parameters or LocomotionModeParameters()
-        self.ground, self.method = ground, method
+        self.parameters = parameters or LocomotionModeParameters()
+        self.ground, self.method = ground or TerrainMap(rig, options=options), method
+        self._settings = p = Settings(self.parameters, self.ground.parameters)
         self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
         self._body = Body(*self._followed(T_frame_camera), p)
         self._touch = TouchDowns(p)
@@ -135,7 +118,7 @@ class LocomotionMode:
                 if is_pose(sample):
                     self._body.follow(*self._followed(transform(sample)))
             elif self._body.add(sample):
-                self._rhythm = Rhythm(self.parameters)
+                self._rhythm = Rhythm(self._settings)
                 self._foothold.reset()
                 self._walking.clear()
             return None
@@ -174,7 +157,7 @@ class LocomotionMode:
             ground = self._ground_along(profile, line)
             behind, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
             self._foothold.land(
-                landing, line, ground, heights(ground, profile, self._foothold.s, self.parameters),
+                landing, line, ground, heights(ground, profile, self._foothold.s, self._settings),
                 self._body_height(), top, self._height(line.origin + behind * line.forward),
                 self._walking.last_size(),
             )  # fmt: skip
@@ -182,20 +165,19 @@ class LocomotionMode:
     def _body_height(self) -> float:
         """Height of the body over the ground under it, m."""
         height = float(self._body.p[2]) - self._height(self._body.p[:2])
-        p = self.parameters
-        return height if 0.0 < height < p.tallest_m else p.usual_height_m
+        return height if 0.0 < height < _MAX_HEIGHT_M else USUAL_HEIGHT_M
 
     def _line(self) -> Line:
         heading = self._body.heading(2.0 * self._rhythm.step_s)
         forward = np.array([math.cos(heading), math.sin(heading)])
-        return Line(self._body.p[:2] - self.parameters.behind_m * forward, forward)
+        return Line(self._body.p[:2] - BEHIND_M * forward, forward)
 
     def _profile(self, line: Line) -> Profile:
         """The profile from farther back than the line: of an occluded flight, only the beginning is known."""
-        p, heading = self.parameters, math.atan2(line.forward[1], line.forward[0])
-        far = self.ground.profile(line.origin - p.back_m * line.forward, heading, p.back_m + p.behind_m + p.reach_m)
-        changes = tuple(replace(change, s=change.s - p.back_m) for change in far.changes)
-        return replace(far, s=far.s - p.back_m, changes=changes)
+        heading, length_m = math.atan2(line.forward[1], line.forward[0]), _BACK_M + BEHIND_M + self.parameters.reach_m
+        far = self.ground.profile(line.origin - _BACK_M * line.forward, heading, length_m)
+        changes = tuple(replace(change, s=change.s - _BACK_M) for change in far.changes)
+        return replace(far, s=far.s - _BACK_M, changes=changes)
 
     def _ground_along(self, profile: Profile, line: Line) -> list[Segment]:
         """The terrain segments of a profile; unobserved ground ahead continues as the legs last measured it."""
@@ -204,14 +186,14 @@ class LocomotionMode:
             foot, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
             seen = profile.s[profile.plane >= 0]
             if not len(seen) or seen[-1] < foot + self.parameters.toe_m:
-                return extrapolated(step, foot, self.parameters)
+                return extrapolated(step, foot, self._settings)
         estimate = self.ground.estimate
         if estimate is not None:
-            self._stairs = last_flight(estimate, self._stairs, self.parameters)
-        return segments_along(profile, estimate, line.forward, self.parameters, self._stairs)
+            self._stairs = last_flight(estimate, self._stairs)
+        return segments_along(profile, estimate, line.forward, self._settings, self._stairs)
 
     def _predicted(self, t_ns: int) -> ModeEstimate:
-        p, foothold, rhythm = self.parameters, self._foothold, self._rhythm
+        p, foothold, rhythm = self._settings, self._foothold, self._rhythm
         line = self._line()
         profile = self._profile(line)
         ground = self._ground_along(profile, line)
@@ -229,13 +211,13 @@ class LocomotionMode:
         steps = []
         for k, foot in enumerate(feet):
             s, sd = moments(chain.density[k], foothold.s)
-            xy = line.origin + s * line.forward + 0.5 * p.width_m * SIDE[foot] * left
+            xy = line.origin + s * line.forward + 0.5 * p.mode.width_m * SIDE[foot] * left
             steps.append(
                 StepPrediction(
                     step=rhythm.step + k + 1, foot=foot, mode=MODES[int(modes[k].argmax())],
                     probabilities=dict(zip(MODES, modes[k].tolist())), t_ns=times[k][0], t_sd_s=times[k][1],
                     p_foot_in_world=np.array([*xy, self._height(xy)]),
-                    covariance=turn @ np.diag([sd**2, p.width_sd_m**2]) @ turn.T,
+                    covariance=turn @ np.diag([sd**2, p.mode.width_sd_m**2]) @ turn.T,
                     slope=slopes[k][0], slope_sd=slopes[k][1],
                 )
             )  # fmt: skip
@@ -259,7 +241,7 @@ class LocomotionMode:
         step_s = rhythm.step_s if math.isnan(step_s) else step_s
         return ModeEstimate(
             t_ns=t_ns, step=rhythm.step, change=None,
-            steps=published_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self.parameters),
+            steps=published_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self._settings),
             heading=math.atan2(v[1], v[0]), p_body_in_world=self._body.p.copy(),
             step_length=size, step_length_sd=math.nan, step_time=step_s,
         )  # fmt: skip

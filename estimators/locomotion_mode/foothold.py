@@ -17,14 +17,68 @@ import numpy as np
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.habits import Habit, Habits
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, Landing, StepFilter
+from stridetwin.estimators.locomotion_mode.parameters import Settings
+from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, STEP_DRIFT, Landing, StepFilter, usual_steps
 from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, mixed, moments, roll_out
-from stridetwin.estimators.locomotion_mode.segments import Segment, segment_under, surface_along
+from stridetwin.estimators.locomotion_mode.segments import (
+    BEHIND_M,
+    CLEARANCE_SD_M,
+    MIN_FOOTHOLD_M,
+    OCCLUDED_EDGE_SD_M,
+    Segment,
+    segment_under,
+    surface_along,
+)
 from stridetwin.streams.samples import Array
 
 _STRIDE = 3
 """Footprints per stride."""
+GRID_M = 0.03
+"""Cell of the density over the next footprints."""
+USUAL_HEIGHT_M = 1.3
+"""Prior height of neck and waist over the ground."""
+_LEAN_RAD = 0.032
+"""ζ of docs/locomotion_mode.md (12): at touch-down the body is ahead of the middle between the feet by this share of
+its height."""
+_CLIMB_LEAN = 0.12
+"""Additional lead uphill on a ramp, as a share of height and slope."""
+_BODY_SD_M = 0.035
+"""Standard deviation of that lead."""
+_EDGE_AHEAD_M, _EDGE_AHEAD_SD_M = 0.05, 0.07
+"""Distance of the foot ahead of the body after a step over an edge as long as a usual tread, and its deviation."""
+_EDGE_AHEAD_SHARE = 0.35
+"""Its growth with the length of the step beyond a usual tread: 0.10 m over two treads at a time on five walks of
+tuning seeds."""
+_JOINED_AHEAD_M, _JOINED_AHEAD_SD_M = 0.13, 0.05
+"""Distance of the body ahead of both feet after a step that joins them, and its standard deviation: 0.15 m up and
+0.12 m down on five walks of tuning seeds."""
+_TOP_SD_M = 0.035
+"""Standard deviation of the body's rise over the stance foot, relative to level ground."""
+_TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M = 1e-3, 0.005, 0.01
+"""Of the body's top over a foot: standard deviation of half the difference between left and right, random walk per
+step, and standard deviation of a single step."""
+_MAX_HEIGHT_SD_M = 0.05
+"""Largest standard deviation of a usable body height."""
+_ADAPT_SD = 0.06
+"""Relative standard deviation of the common change of all steps up to the next edge."""
+_RAMP_STEP, _RAMP_STEP_SD = 0.80, 0.12
+"""Prior ratio of step lengths on ramps to those on level ground, and its standard deviation."""
+_CLIMB_SD = 0.06
+"""Standard deviation of half the ratio's difference between uphill and downhill."""
+_STANDING_SD_M, _WALKING_SD_M = 0.08, 0.25
+"""Standard deviation of the first foot about the body, at the start and after a reset during the walk."""
+_ROTATION_RAD = 0.2
+"""From this rotation on, the foot's lateral position gives its position along the new path."""
+_LATERAL_SD_M = 0.10
+"""Lateral standard deviation of the foot from the body's path."""
+_ROTATION_SD_RAD = 0.25
+"""A step that rotates by more does not update the step statistics."""
+_ELEVATION_SD_M, _SLOPE_MATCH_SD_RAD = 0.01, 0.0175
+"""Standard deviations of the map's height differences and slopes where an exoskeleton measured them."""
+_LIKELIHOOD_FLOOR = 1e-3
+"""Lower limit of a position's likelihood: the map may be wrong under the foot, and people duck."""
+_MAX_TREADS = 6
+"""Largest number of extrapolated treads."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,9 +114,7 @@ def measured_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
     return made if all(map(math.isfinite, known)) else None
 
 
-def step_likelihood(
-    step: MeasuredStep, s: Array, ground: Sequence[Segment], before: Array, p: LocomotionModeParameters
-) -> Array:
+def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], before: Array) -> Array:
     """(S,) likelihood of each landing position given the measured step, about 1 at best.
 
     Args:
@@ -71,35 +123,34 @@ def step_likelihood(
         ground: Terrain segments along it.
         before: (S,) density of the previous footprint; sums to 1. It depends on the body's lean, which is the same at
             every step, so the length of the last step does not reduce that uncertainty.
-        p: Standard deviations.
     """
     height, slope, slope_sd = surface_along(ground, s)
     high, far = float(before @ height), float(before @ s)
     high_sd, far_sd = (math.sqrt(max(float(before @ (v - m) ** 2), 0.0)) for v, m in ((height, high), (s, far)))
     off = (
-        (s - far - step.length) / math.hypot(far_sd, step.length_sd, p.body_sd_m),
-        (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, p.elevation_sd_m),
-        (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + p.slope_match_sd_rad**2),
+        (s - far - step.length) / math.hypot(far_sd, step.length_sd, _BODY_SD_M),
+        (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, _ELEVATION_SD_M),
+        (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + _SLOPE_MATCH_SD_RAD**2),
     )
-    return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + p.likelihood_floor)
+    return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + _LIKELIHOOD_FLOOR)
 
 
-def extrapolated(step: MeasuredStep, foot: float, p: LocomotionModeParameters) -> list[Segment]:
+def extrapolated(step: MeasuredStep, foot: float, p: Settings) -> list[Segment]:
     """Extrapolates the measured ground where it was not observed: equal treads, the same slope, or level ground.
 
     The foot of the last step is at `foot`, m along the path.
     """
     stairs = step.mode in ("SA", "SD")
     slope = 0.0 if stairs or step.mode == "LG" else step.slope
-    slope_sd = math.hypot(p.slope_sd_rad, step.slope_sd)
-    tread = min(max(step.length, p.tread_min_m), p.tread_max_m)
-    first = foot + p.toe_m + p.clearance_sd_m
-    edges = [first + k * tread for k in range(p.treads_max)] if stairs else []
+    slope_sd = math.hypot(p.mode.slope_sd_rad, step.slope_sd)
+    tread = min(max(step.length, MIN_FOOTHOLD_M), p.map.max_tread_m)
+    first = foot + p.mode.toe_m + CLEARANCE_SD_M
+    edges = [first + k * tread for k in range(_MAX_TREADS)] if stairs else []
     bounds = [-math.inf, *edges, math.inf]
     return [
         Segment(
-            start=a, start_sd=p.occluded_edge_sd_m if k else 0.0,
-            end=b, end_sd=p.occluded_edge_sd_m if k < len(edges) else 0.0,
+            start=a, start_sd=OCCLUDED_EDGE_SD_M if k else 0.0,
+            end=b, end_sd=OCCLUDED_EDGE_SD_M if k < len(edges) else 0.0,
             drop=step.elevation if k else 0.0, drop_sd=step.elevation_sd, slope=slope, slope_sd=slope_sd,
             mapped_slope=slope, mode=step.mode if step.mode in ("RA", "RD") else "LG",
         )
@@ -111,7 +162,7 @@ class Line(NamedTuple):
     """The path straight ahead.
 
     Attributes:
-        origin: (2,) m, its start, `behind_m` behind the body.
+        origin: (2,) m, its start, `BEHIND_M` behind the body.
         forward: (2,) unit vector.
     """
 
@@ -127,12 +178,12 @@ class _Stance:
     s: Array
     density: Array
 
-    def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
+    def along(self, line: Line, s: Array) -> Array:
         """Joint density over the cells of another line."""
         turn = _turn(self.line.forward, line.forward)
         rows = self.density.reshape(-1, len(self.s))
-        if abs(turn) > p.rotation_rad:
-            made = [self._turned(row, turn, line, s, p) for row in rows]
+        if abs(turn) > _ROTATION_RAD:
+            made = [self._turned(row, turn, line, s) for row in rows]
         else:
             old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
             made = [np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]
@@ -141,12 +192,12 @@ class _Stance:
         shares = self.density.sum(axis=-1, keepdims=True)
         return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
 
-    def _turned(self, row: Array, turn: float, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
+    def _turned(self, row: Array, turn: float, line: Line, s: Array) -> Array:
         """(S,) part of the density on a line that turns by an angle, rad: the lateral position matters."""
         share = float(row.sum())
         mean, sd = moments(row / max(share, 1e-300), self.s)
         at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
-        across = math.hypot(math.cos(turn) * sd, math.sin(turn) * p.lateral_sd_m)
+        across = math.hypot(math.cos(turn) * sd, math.sin(turn) * _LATERAL_SD_M)
         return share * _normed(_normal(s - at, across))
 
 
@@ -176,28 +227,25 @@ class Foothold:
     """Estimates the position of the stance foot and the step lengths.
 
     Args:
-        parameters: One set serves everyone.
+        settings: Priors of steps and habits, and the reach of the prediction.
     """
 
-    def __init__(self, parameters: LocomotionModeParameters) -> None:
-        self._p = p = parameters
-        self._habits = Habits(p)
-        self.s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
-        self.reset(p.standing_sd_m)
+    def __init__(self, settings: Settings) -> None:
+        self._p = settings
+        self._habits = Habits(settings)
+        cells = round((BEHIND_M + settings.mode.reach_m) / GRID_M)
+        self.s: Array = np.asarray(GRID_M * (np.arange(cells) + 0.5), float)
+        self.reset(_STANDING_SD_M)
 
-    def reset(self, sd_m: float | None = None) -> None:
+    def reset(self, sd_m: float = _WALKING_SD_M) -> None:
         """Resets: the walker is unknown, and the foot's position follows from the body alone."""
-        p = self._p
-        shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
-        self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares), outlier_sd=p.outlier_sd)
-        top = p.usual_height_m, p.usual_height_m, p.top_asymmetry_sd_m, p.top_drift_m, p.top_noise_m
-        self._tall = StepFilter(*top, outlier_sd=p.outlier_sd)  # top of the body over a foot, m
-        self._ramps = StepFilter(
-            p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise, outlier_sd=p.outlier_sd
-        )
+        self._length = usual_steps(self._p.mode.step_m, self._p)
+        # top of the body over a foot, m
+        self._tall = StepFilter(USUAL_HEIGHT_M, USUAL_HEIGHT_M, _TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M)
+        self._ramps = StepFilter(_RAMP_STEP, _RAMP_STEP_SD, _CLIMB_SD, STEP_DRIFT, self._p.mode.step_noise)
         self._stance: _Stance | None = None
         self._shares = self._habits.prior  # (HABITS,) probability of each habit, for when the position is lost
-        self._sd_m = p.walking_sd_m if sd_m is None else sd_m
+        self._sd_m = sd_m
         self._alike = 0  # steps in a row on ground of one mode
         self._landed: _Landed | None = None
         self.last_step: MeasuredStep | None = None  # the last step as the legs measured it
@@ -205,7 +253,7 @@ class Foothold:
 
     def lose_position(self) -> None:
         """Handles a touch-down at an unknown position."""
-        self._stance, self._sd_m, self._alike = None, self._p.walking_sd_m, 0
+        self._stance, self._sd_m, self._alike = None, _WALKING_SD_M, 0
 
     @property
     def step_m(self) -> float:
@@ -220,9 +268,9 @@ class Foothold:
     def standing(self, line: Line) -> Array:
         """Joint density of the stance foot over the cells of a line, see `Habits`."""
         if self._stance is None:
-            density = np.exp(-0.5 * ((self.s - self._p.behind_m) / self._sd_m) ** 2)
+            density = np.exp(-0.5 * ((self.s - BEHIND_M) / self._sd_m) ** 2)
             return self._habits.joint(density / density.sum(), self._shares)
-        return self._stance.along(line, self.s, self._p)
+        return self._stance.along(line, self.s)
 
     def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
         """Density of the stance foot once the body has passed over it: it is a leg's length below the body's top.
@@ -232,10 +280,10 @@ class Foothold:
             height: (S,) m, height of the ground along the path; None: unknown.
             top: Greatest height of the body over the foot, m.
         """
-        sd = math.hypot(self._p.top_sd_m, self._tall.sd)
-        if height is None or sd > self._p.height_sd_m:
+        sd = math.hypot(_TOP_SD_M, self._tall.sd)
+        if height is None or sd > _MAX_HEIGHT_SD_M:
             return stance
-        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + self._p.likelihood_floor)
+        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + _LIKELIHOOD_FLOOR)
         return np.asarray(density / density.sum())
 
     def rolled(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
@@ -249,7 +297,7 @@ class Foothold:
         landing: Likelihoods | None = None,
     ) -> Chain:  # fmt: skip
         lengths = [self._length.of(SIDE[foot]) for foot in feet]
-        shared = math.hypot(self._length.sd, self._p.adapt_sd * self._length.mean)
+        shared = math.hypot(self._length.sd, _ADAPT_SD * self._length.mean)
         ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
         return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
 
@@ -271,18 +319,18 @@ class Foothold:
             floor: Observed height of the ground under the foot behind, m; NaN if unobserved.
             went_m: Distance the body moved since the previous touch-down; None: unknown.
         """
-        p, stance = self._p, self.after_passing(self.standing(line), height, top)
+        stance = self.after_passing(self.standing(line), height, top)
         came = None if self._stance is None else self._stance.line.forward
         behind = position(stance)
         before, _ = moments(behind, self.s)
         between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
-        ahead = self.s - p.behind_m  # position relative to the body
+        ahead = self.s - BEHIND_M  # position relative to the body
         went = self.s - before - between
         even = ahead + self._leaning(ground, body) - 0.5 * went
-        over = ahead - p.edge_ahead_m - p.edge_ahead_share * (went - p.tread_m)
+        over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
         likelihoods = Likelihoods(
-            even=_normal(even, p.body_sd_m), over=_normal(over, p.edge_ahead_sd_m),
-            beside=_normal(ahead + p.joined_ahead_m, p.joined_ahead_sd_m),
+            even=_normal(even, _BODY_SD_M), over=_normal(over, _EDGE_AHEAD_SD_M),
+            beside=_normal(ahead + _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M),
         )  # fmt: skip
         chains = [
             self._rolled(part, ground, landing.feet, habit, likelihoods)
@@ -293,9 +341,7 @@ class Foothold:
         self._stance = _Stance(line=line, s=self.s, density=density)
         self._landed = None
         if landing.measurable:
-            straight = (
-                1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / self._p.rotation_sd_rad) ** 2)
-            )
+            straight = 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / _ROTATION_SD_RAD) ** 2)
             self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
             if self._alike > 1 and math.isfinite(floor):
                 self._tall.update(0.0, top - floor)
@@ -322,7 +368,7 @@ class Foothold:
         self._alike = self._alike + 1 if mode and even > 0.5 else 0
         length = made - before
         if self._alike > 1 and went_m is not None:  # the body moves as far as the feet, and is known better
-            length, sd = went_m, 0.5 * self._p.body_sd_m
+            length, sd = went_m, 0.5 * _BODY_SD_M
         self._lengthen(foot, mode, length, sd, even)
 
     def _lengthen(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
@@ -351,7 +397,7 @@ class Foothold:
         if landed is None:
             return first
         stance = landed.stance
-        density = stance.density * step_likelihood(step, self.s, landed.ground, landed.before, self._p)
+        density = stance.density * step_likelihood(step, self.s, landed.ground, landed.before)
         self._stance = replace(stance, density=density / density.sum())
         self._length, self._ramps = copy(landed.length), copy(landed.ramps)
         self._lengthen(step.foot, landed.mode, step.length, step.length_sd, landed.even)
@@ -359,10 +405,10 @@ class Foothold:
 
     def _leaning(self, ground: Sequence[Segment], height_m: float) -> Array:
         """(S,) m, how far the body is ahead of the middle between the feet at touch-down, by landing position."""
-        p, lean = self._p, np.full(len(self.s), self._p.lean_rad)
+        lean = np.full(len(self.s), _LEAN_RAD)
         for segment in ground:
             if segment.mode == "RA":
-                lean[(self.s >= segment.start) & (self.s < segment.end)] += p.climb_lean * segment.slope
+                lean[(self.s >= segment.start) & (self.s < segment.end)] += _CLIMB_LEAN * segment.slope
         return np.asarray(height_m * lean)
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.segments import Segment, edges_before
 from stridetwin.streams.samples import Array
 
@@ -20,6 +20,20 @@ HABITS = 4
 """In order: both feet on each tread; steps by their length; one foot per tread; two treads at a time on the way up."""
 
 _BOTH, _BY_LENGTH, _ONE, _TWO = range(HABITS)
+_JOINER_JOINS, _OTHER_JOINS = 0.97, 0.005
+"""q of docs/locomotion_mode.md (14), for walkers who put both feet on each tread, and for all others."""
+_HABIT_CHANGE = 0.05
+"""c of (13): probability that the walker chooses anew, at each edge crossed."""
+_AGAINST_HABIT = 0.003
+"""γ of (15): weight of a step that walkers of a habit hardly ever take."""
+_SKIP = 0.01
+"""Probability that a step takes one more tread than usual."""
+_MIN_SHARE = 0.01
+"""A less probable habit does not affect predictions."""
+_TWO_PACES_M = 0.40
+"""Shallowest tread with room for a second step."""
+_ONE_PACE_M = 0.65
+"""Deepest tread that walkers cross in one pace."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,17 +65,17 @@ class Habits:
     See docs/locomotion_mode.md (13).
 
     Args:
-        parameters: One set serves everyone.
+        settings: Shares of walkers.
     """
 
-    def __init__(self, parameters: LocomotionModeParameters) -> None:
-        self._p = p = parameters
+    def __init__(self, settings: Settings) -> None:
+        self._min_step_height_m, p = settings.min_step_height_m, settings.mode
         others = 1.0 - p.joiners - p.two_at_a_time
         self.prior: Array = np.empty(HABITS)
         self.prior[_BOTH], self.prior[_TWO] = p.joiners, p.two_at_a_time
         self.prior[_ONE], self.prior[_BY_LENGTH] = others * p.one_per_tread, others * (1.0 - p.one_per_tread)
-        self.chances: Array = np.full(HABITS, p.other_joins)
-        self.chances[_BOTH] = p.joiner_joins
+        self.chances: Array = np.full(HABITS, _OTHER_JOINS)
+        self.chances[_BOTH] = _JOINER_JOINS
 
     def joint(self, density: Array, habits: Array) -> Array:
         """Joint density of a foot with (S,) density whose step crossed no edge, and (HABITS,) probabilities."""
@@ -69,7 +83,7 @@ class Habits:
 
     def changed(self, joint: Array) -> Array:
         """Joint density after the walker may have changed the habit, which matters only after a step over an edge."""
-        after, change = joint.copy(), self._p.habit_change
+        after, change = joint.copy(), _HABIT_CHANGE
         crossed = joint[:, 1]
         after[:, 1] = (1.0 - change) * crossed + change * self.prior[:, None] * crossed.sum(axis=0)
         return after
@@ -79,15 +93,18 @@ class Habits:
         return [(part, self._together(joint, [habit])) for habit, part in enumerate(joint)]
 
     def that_differ(self, joint: Array, ground: Sequence[Segment]) -> list[tuple[Array, Habit]]:
-        """The same, with those together whose steps differ by joining at most, and without the improbable others."""
+        """(2, S) part of a joint density of each group of habits, and the group's habit.
+
+        Habits whose steps differ by joining at most on this ground are one group; improbable other ones are left out.
+        """
         apart = []
-        if any(self._p.two_paces_m < length <= self._p.one_pace_m for length in _tread_lengths(ground)):
+        if any(_TWO_PACES_M < length <= _ONE_PACE_M for length in _tread_lengths(ground)):
             apart.append(_ONE)
-        if any(min(one.drop, other.drop) > self._p.kerb_m for one, other in pairwise(ground)):
+        if any(min(one.drop, other.drop) > self._min_step_height_m for one, other in pairwise(ground)):
             apart.append(_TWO)
         shares = joint.sum(axis=(1, 2))
         together = [habit for habit in range(HABITS) if habit not in apart]
-        groups = [together, *([habit] for habit in apart if shares[habit] > self._p.habit_min)]
+        groups = [together, *([habit] for habit in apart if shares[habit] > _MIN_SHARE)]
         return [(joint[group].sum(axis=0), self._together(joint, group)) for group in groups]
 
     def _together(self, joint: Array, group: list[int]) -> Habit:
@@ -99,21 +116,22 @@ class Habits:
         return Habit(joins=(following, later), one_per_tread=group == [_ONE], treads=2 if group == [_TWO] else 1)
 
 
-def step_weights(ground: Sequence[Segment], habit: Habit, p: LocomotionModeParameters) -> tuple[Array, Array]:
+def step_weights(ground: Sequence[Segment], habit: Habit, settings: Settings) -> tuple[Array, Array]:
     """(P, P) weights of steps between segments, on even ground and over edges; no step goes backward."""
     edges, order = np.array(edges_before(ground)), np.arange(len(ground))
     between = edges[None, :] - edges[:, None]  # edges crossed
     ahead = order[None, :] >= order[:, None]
     even = (ahead & (between == 0)).astype(float)
-    over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
+    over = np.where(ahead & (between > 0), _SKIP ** np.maximum(between - 1, 0), 0.0)
     if habit.one_per_tread:
-        treads = [length <= p.one_pace_m for length in _tread_lengths(ground)]
-        even[treads, treads] = p.against_habit
+        treads = [length <= _ONE_PACE_M for length in _tread_lengths(ground)]
+        even[treads, treads] = _AGAINST_HABIT
     if habit.treads > 1:
-        not_up = np.cumsum([abs(segment.drop) > 0.0 and segment.drop <= p.kerb_m for segment in ground])
+        least = settings.min_step_height_m
+        not_up = np.cumsum([abs(segment.drop) > 0.0 and segment.drop <= least for segment in ground])
         up = (over > 0.0) & (not_up[None, :] == not_up[:, None])
         fewer = between < habit.treads
-        over = np.where(up, np.where(fewer, p.against_habit, p.skip ** np.maximum(between - habit.treads, 0)), over)
+        over = np.where(up, np.where(fewer, _AGAINST_HABIT, _SKIP ** np.maximum(between - habit.treads, 0)), over)
     return even, over
 
 

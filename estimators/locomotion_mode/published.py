@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm
+from stridetwin.estimators.locomotion_mode.parameters import Settings
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, SOON_S, Rhythm
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainMap
 from stridetwin.streams.samples import Array
 
@@ -42,11 +42,11 @@ class WalkingInformation:
     """The last touch-downs.
 
     Args:
-        parameters: Width of a step.
+        settings: Width of a step.
     """
 
-    def __init__(self, parameters: LocomotionModeParameters) -> None:
-        self._p = parameters
+    def __init__(self, settings: Settings) -> None:
+        self._width_m = settings.mode.width_m
         self._divisions: list[Division] = []
 
     def clear(self) -> None:
@@ -98,7 +98,7 @@ class WalkingInformation:
             return None
         forward, left = axes
         other = -SIDE[last.foot] * (1.0 if ahead % 2 else -1.0)
-        offset = 0.5 * size * forward + 0.5 * self._p.width_m * other * left
+        offset = 0.5 * size * forward + 0.5 * self._width_m * other * left
         return last.p[:2] + forward * size * ahead + offset, forward
 
     def _axes(self) -> tuple[Array, Array] | None:
@@ -113,11 +113,11 @@ class WalkingInformation:
         if last is None or axes is None or not sizes:
             return None
         forward, left = axes
-        return np.asarray(last.p[:2] + 0.5 * sizes[-1] * forward + 0.5 * self._p.width_m * SIDE[last.foot] * left)
+        return np.asarray(last.p[:2] + 0.5 * sizes[-1] * forward + 0.5 * self._width_m * SIDE[last.foot] * left)
 
 
 def mode_between(
-    ground: TerrainMap, here: Array, there: Array, forward: Array, p: LocomotionModeParameters
+    ground: TerrainMap, here: Array, there: Array, forward: Array, settings: Settings
 ) -> tuple[str, float]:
     """Mode of a step from one place to another, and the height of the ground there; LG and NaN if unknown.
 
@@ -126,7 +126,7 @@ def mode_between(
         here: (2,) m, previous footprint.
         there: (2,) m, new footprint.
         forward: (2,) unit vector of the walking direction.
-        p: Thresholds.
+        settings: Thresholds of ramps and stairs.
     """
     found, before = ground.ground(there), ground.ground(here)
     if found is None:
@@ -134,21 +134,21 @@ def mode_between(
     plane, terrain = found
     height = float(plane.height(there))
     slope = math.atan(float(plane.gradient @ forward))
-    if isinstance(terrain, Ramp) and abs(slope) > p.ramp_rad:
+    if isinstance(terrain, Ramp) and abs(slope) > settings.mode.min_ramp_slope_rad:
         return ("RA" if slope > 0 else "RD"), height
     if isinstance(terrain, Stairs):
         return ("SA" if float(terrain.up @ forward) > 0.0 else "SD"), height
     if before is None:
         return "LG", height
     risen = height - float(before[0].height(here))
-    if isinstance(before[1], Ramp) or abs(risen) < p.kerb_m:
+    if isinstance(before[1], Ramp) or abs(risen) < settings.min_step_height_m:
         return "LG", height
     return ("SA" if risen > 0 else "SD"), height
 
 
 def published_steps(
     walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
-    p: LocomotionModeParameters,
+    settings: Settings,
 ) -> tuple[StepPrediction, ...]:  # fmt: skip
     """Predicts the coming steps by the paper's method; LG if too little is known.
 
@@ -159,17 +159,17 @@ def published_steps(
         body: (2,) m, position of the camera.
         step_s: Time of a step.
         t_ns: Current time.
-        p: Thresholds.
+        settings: Thresholds of ramps and stairs.
     """
     size, before, steps = walking.next_size(), walking.stance(), []
     for k, foot in enumerate(rhythm.next_feet()):
         footprint = walking.footprint(k + 1)
-        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * p.soon_s * (k + 1)))
+        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
         place, height, mode = body, math.nan, "LG"
         if footprint is not None:
             place, forward = footprint
             here = place - forward * size if before is None else before
-            mode, height = mode_between(ground, here, place, forward, p)
+            mode, height = mode_between(ground, here, place, forward, settings)
             before = place
         steps.append(
             StepPrediction(

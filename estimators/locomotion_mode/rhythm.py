@@ -8,13 +8,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.streams.samples import Array, Insole
 
 SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
 """Sign of each foot, left positive; 0 if unknown."""
 CLIMB = {"RA": 1.0, "RD": -1.0}
 """Sign of each kind of ramp, upward positive."""
+STEP_DRIFT = 0.05
+"""Random walk of the mean length and time per step, as a share of the step."""
+_ASYMMETRY_SD = 0.03
+"""Standard deviation between walkers of left steps' excess over the mean, as a share of the step."""
+_OUTLIER_SD = 2.0
+"""Standard deviations beyond which a step gets less weight in the mean."""
+SOON_S = 0.05
+"""Shortest predicted time to a landing."""
+_CREEP_NPS = 4.0
+"""Largest rate at which an insole's zero rises."""
+_LIFT_SHARE = 0.1
+"""A foot whose load falls below this share of its recent largest load has left the ground."""
+_PEAK_LOAD_S = 5.0
+"""Time constant with which that largest load is forgotten."""
+_MAX_FORCE_N = 5000.0
+"""A larger load is invalid."""
+_BOUNCE_SHARE = 0.6
+"""Share of a step time within which a second touch-down of one foot is a bounce."""
+_MISSED_STEPS = 1.4
+"""Step times after which a second touch-down of one foot implies a missed step of the other."""
+_OVER_FOOT_SHARE = 0.6
+"""Share of a step time after which the body has passed over the foot."""
+_PAUSE_STEPS = 3.0
+"""Usual step times after which a touch-down does not update the rhythm."""
 
 
 class StepFilter:
@@ -28,15 +52,12 @@ class StepFilter:
         asymmetry_sd: Standard deviation of half the difference.
         drift: Standard deviation of the mean's change from step to step.
         noise: Standard deviation of a step from the mean.
-        outlier_sd: Standard deviations beyond which a step gets less weight.
     """
 
-    def __init__(
-        self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float, *, outlier_sd: float = 2.0
-    ) -> None:
+    def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
         self._x = np.array([mean, 0.0])
         self._P = np.diag([sd**2, asymmetry_sd**2])
-        self._drift, self._noise, self._outlier_sd = drift, noise, outlier_sd
+        self._drift, self._noise = drift, noise
 
     def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
         """Takes a step.
@@ -57,7 +78,7 @@ class StepFilter:
         off = value - float(J @ self._x)
         spread = float(J @ self._P @ J) + noise
         # An outlier, such as a step into a pause or beside an obstacle, gets less weight.
-        spread *= max(1.0, off**2 / (self._outlier_sd**2 * spread))
+        spread *= max(1.0, off**2 / (_OUTLIER_SD**2 * spread))
         gain: Array = self._P @ J / spread
         self._x = self._x + gain * off
         self._P = self._P - np.outer(gain, J @ self._P)
@@ -83,6 +104,12 @@ class StepFilter:
         return math.sqrt(max(float(J @ self._P @ J), 0.0))
 
 
+def usual_steps(usual: float, settings: Settings) -> StepFilter:
+    """Filter of the length, or time, of a walker's steps, whose usual value is the prior mean."""
+    p = settings.mode
+    return StepFilter(usual, *(share * usual for share in (p.step_sd, _ASYMMETRY_SD, STEP_DRIFT, p.step_noise)))
+
+
 FEET = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
 
 
@@ -104,33 +131,33 @@ class TouchDowns:
     ignored.
 
     Args:
-        parameters: Loads.
+        settings: Loads, and the shortest swing.
     """
 
-    def __init__(self, parameters: LocomotionModeParameters) -> None:
-        self._p = parameters
+    def __init__(self, settings: Settings) -> None:
+        self._p = settings.mode
         self._feet = {foot: _Foot() for foot in FEET.values()}
 
     def update(self, sample: Insole) -> str | None:
         """The foot that touches down with this sample, else None."""
         foot = self._feet.get(FEET.get(sample.topic, ""))
         load = float(sample.force.sum())
-        if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < self._p.force_max_n:
+        if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < _MAX_FORCE_N:
             return None
         dt = (sample.t_ns - foot.t_ns) * 1e-9 if foot.t_ns >= 0 else 0.0
         foot.t_ns = sample.t_ns
-        foot.least = min(load, foot.least + self._p.creep_nps * dt)
-        foot.most = max(load, foot.most * math.exp(-dt / self._p.peak_load_s))
+        foot.least = min(load, foot.least + _CREEP_NPS * dt)
+        foot.most = max(load, foot.most * math.exp(-dt / _PEAK_LOAD_S))
         over = load - foot.least
         if foot.down:
-            if over < self._p.lift_n or load < self._p.lift_share * foot.most:
+            if over < self._p.lift_n or load < _LIFT_SHARE * foot.most:
                 foot.down, foot.raised_ns, foot.least = False, sample.t_ns, load
             return None
         if over < self._p.touch_n:
             return None
         foot.down = True
         in_air = (sample.t_ns - foot.raised_ns) * 1e-9
-        return FEET[sample.topic] if in_air >= self._p.swing_min_s else None
+        return FEET[sample.topic] if in_air >= self._p.min_swing_s else None
 
 
 _OTHER = {"l": "r", "r": "l", "": ""}
@@ -153,13 +180,12 @@ class Rhythm:
     """Alternating touch-downs of both feet; a foot without detections is predicted from the other.
 
     Args:
-        parameters: Prior step time.
+        settings: Prior of the step time, and number of predicted steps.
     """
 
-    def __init__(self, parameters: LocomotionModeParameters) -> None:
-        self._p = p = parameters
-        shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
-        self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares), outlier_sd=p.outlier_sd)
+    def __init__(self, settings: Settings) -> None:
+        self._p = settings.mode
+        self._time = usual_steps(self._p.step_s, settings)
         self.foot, self.down_ns, self.step = "", -1, 0
         self._undetected = ""  # foot whose insole did not detect its last step
         self._inferred, self._detected_ns = False, -1  # whether the last touch-down was inferred; last detection
@@ -177,7 +203,7 @@ class Rhythm:
 
     def over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the stance foot by now."""
-        return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > self._p.over_foot_share * self._time.mean
+        return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean
 
     def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
         """Handles a touch-down of `l` or `r`, detected by its insole or inferred; None if the foot only bounced."""
@@ -185,9 +211,9 @@ class Rhythm:
         if detected and foot == self._undetected:
             self._undetected = ""
         if foot == self.foot:
-            if elapsed < self._p.bounce_share * self._time.mean:
+            if elapsed < _BOUNCE_SHARE * self._time.mean:
                 return None
-            missed = elapsed > self._p.missed_steps * self._time.mean
+            missed = elapsed > _MISSED_STEPS * self._time.mean
         if missed:
             self._undetected = _OTHER[foot]
         first = self.down_ns < 0
@@ -195,7 +221,7 @@ class Rhythm:
         if detected:
             since, steps = (self._detected_ns, 2) if self._inferred else (self.down_ns, 1 + missed)
             seconds = (t_ns - since) * 1e-9
-            if not first and seconds < self._p.pause_steps * self._p.step_s:
+            if not first and seconds < _PAUSE_STEPS * self._p.step_s:
                 self._time.update(SIDE["" if self._inferred else foot], seconds / steps)
             self._detected_ns = t_ns
         self._inferred = not detected
@@ -212,7 +238,7 @@ class Rhythm:
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0
         for foot in feet:
-            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * self._p.soon_s)
+            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * SOON_S)
             variance += (self._p.step_noise * self._time.mean) ** 2
             found.append((int(at), math.sqrt(variance + self._time.sd**2)))
         return found

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.locomotion_mode.habits import Habit, step_weights
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.segments import Segment, foothold_weights, mode_table, path_scale
 from stridetwin.estimators.matrices import mul
 from stridetwin.streams.samples import Array
@@ -29,6 +29,18 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _LEAST = 1e-300
+_EDGE_STEP, _EDGE_STEP_SD_M = 0.60, 0.15
+"""Of docs/locomotion_mode.md (7): mean length of a step over an edge, as a share of the level step, and σ_x."""
+_BESIDE_SD_M = 0.05
+"""σ_b of (14): standard deviation of the distance along the path between a foot and the one that joins it."""
+_MAX_STEP_M = 1.35
+"""Longest step."""
+_WEIGHT_FLOOR = 1e-9
+"""Lower limit of a foothold's weight: an unexpected step must not leave the density empty."""
+_MIN_DENSITY = 1e-10
+"""Smaller densities are not propagated."""
+_TAIL_SD = 8.0
+"""Standard deviations beyond which a density is taken as zero: it is far below `_MIN_DENSITY`."""
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 
 
@@ -79,7 +91,7 @@ class Likelihoods(NamedTuple):
 
 def roll_out(
     stance: Array, s: Array, ground: Sequence[Segment], lengths: Sequence[float], length_sd: float,
-    ratios: Mapping[str, tuple[float, float]], p: LocomotionModeParameters,
+    ratios: Mapping[str, tuple[float, float]], settings: Settings,
     habit: Habit | None = None, landing: Likelihoods | None = None,
 ) -> Chain:  # fmt: skip
     """Density of the next footprints.
@@ -93,25 +105,25 @@ def roll_out(
         lengths: Expected length of each coming step on level ground, m.
         length_sd: Standard deviation common to all of them, m.
         ratios: Step length relative to level ground and its standard deviation, by mode of the ground (RA, RD).
-        p: Dimensions.
+        settings: Dimensions and standard deviations.
         habit: How the walker uses stairs; None: every step follows from its length.
         landing: Likelihoods of the last step; None: unknown.
     """
     habit = habit or Habit()
-    weight = foothold_weights(ground, s, p) + p.weight_floor
-    plain = step_weights(ground, Habit(), p)
-    even, over = plain if habit.usual else step_weights(ground, habit, p)
+    weight = foothold_weights(ground, s, settings) + _WEIGHT_FLOOR
+    plain = step_weights(ground, Habit(), settings)
+    even, over = plain if habit.usual else step_weights(ground, habit, settings)
     level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES
-    band = round(p.longest_step_m / (s[1] - s[0]))
+    band = round(_MAX_STEP_M / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
-    made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]
+    made = [_kernels(s, level, unsure, length, shifts, band, settings.mode.step_noise) for length in kinds]
     usual = _found(weight, *plain, made)
     scale = np.ones_like(usual) if habit.usual else usual / np.maximum(_found(weight, even, over, made), _LEAST)
     share = usual / np.maximum([_found_beside(kernels.beside, even @ weight) for kernels in made], _LEAST)
     if landing is not None:  # the last step has its own kind
-        made.append(_landed(made[kind[-1]], landing, p))
+        made.append(_landed(made[kind[-1]], landing))
         share, scale = (np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (share, scale))
         kind[-1] = len(kinds)
     near, far, beside = (np.array([of_kind[i] for of_kind in made]) for i in range(3))
@@ -120,8 +132,8 @@ def roll_out(
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
     chances = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
     steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=chances)
-    density, on, flow, last, joined, evidence = _chain(first, weight, even, over, steps, p.density_min)
-    modes = np.einsum("kab,abm->km", flow, mode_table(ground, p))
+    density, on, flow, last, joined, evidence = _chain(first, weight, even, over, steps)
+    modes = np.einsum("kab,abm->km", flow, mode_table(ground, settings))
     return Chain(density=density, modes=modes, on=on, last=last, joined=joined, evidence=mass * evidence)
 
 
@@ -154,7 +166,7 @@ class _Kernels(NamedTuple):
 
     Attributes:
         near: (H, S, B) to the B cells from it on, on even ground.
-        far: (S, B) the same over an edge.
+        far: (S, B) to the same cells, over an edge.
         beside: (S, W) to the W cells about it, joining the other foot.
     """
 
@@ -164,34 +176,34 @@ class _Kernels(NamedTuple):
 
 
 def _kernels(
-    s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, p: LocomotionModeParameters
+    s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, step_noise: float
 ) -> _Kernels:
     """Density of a step on level ground of the given length, m.
 
     See docs/locomotion_mode.md (7) and (14).
     """
     lag = s[1] - s[0]
-    far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
-    near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band, p.tail_sd)
-    beside = np.exp(-0.5 * (lag * _around(lag, p) / p.beside_sd_m) ** 2) / p.beside_sd_m
+    far = np.exp(-0.5 * ((lag * np.arange(band) - _EDGE_STEP * length) / _EDGE_STEP_SD_M) ** 2) / _EDGE_STEP_SD_M
+    near = _even_steps(level, length * np.hypot(step_noise, unsure), length, shifts, band)
+    beside = np.exp(-0.5 * (lag * _around(lag) / _BESIDE_SD_M) ** 2) / _BESIDE_SD_M
     return _Kernels(near, np.broadcast_to(far, (len(s), band)), np.broadcast_to(beside, (len(s), len(beside))))
 
 
-def _around(lag: float, p: LocomotionModeParameters) -> NDArray[np.int64]:
+def _around(lag: float) -> NDArray[np.int64]:
     """(W,) cells about a foot that the other foot may join it in."""
-    reach = max(1, round(3.0 * p.beside_sd_m / lag))
+    reach = max(1, round(3.0 * _BESIDE_SD_M / lag))
     return np.arange(-reach, reach + 1)
 
 
-def _landed(kernels: _Kernels, landing: Likelihoods, p: LocomotionModeParameters) -> _Kernels:
+def _landed(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
     """Kernels of a step whose landing gave these likelihoods."""
     cells, half = len(landing.even), kernels.beside.shape[1] // 2
     here = np.arange(cells)[:, None]
     onward = np.minimum(here + np.arange(kernels.far.shape[1]), cells - 1)
     around = np.clip(here + np.arange(-half, half + 1), 0, cells - 1)
     return _Kernels(
-        kernels.near * (landing.even[onward] + p.weight_floor), kernels.far * (landing.over[onward] + p.weight_floor),
-        kernels.beside * (landing.beside[around] + p.weight_floor),
+        kernels.near * (landing.even[onward] + _WEIGHT_FLOOR), kernels.far * (landing.over[onward] + _WEIGHT_FLOOR),
+        kernels.beside * (landing.beside[around] + _WEIGHT_FLOOR),
     )  # fmt: skip
 
 
@@ -226,7 +238,7 @@ def _found_beside(beside: Array, onto_even: Array) -> Array:
 
 
 @cached(_HERE)
-def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int, tail_sd: float) -> Array:
+def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
     """(H, S, B) density of steps on even ground, from (S,) path length and its (S,) standard deviation."""
     found = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
@@ -235,14 +247,14 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
             off = level[q] - level[p] - length
             for h in range(len(shifts)):
                 away = (off - shifts[h]) / sd[q]
-                if abs(away) < tail_sd:
+                if abs(away) < _TAIL_SD:
                     found[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
     return found
 
 
 @cached(_HERE)
 def _chain(
-    first: Array, weight: Array, even: Array, over: Array, steps: _Steps, density_min: float
+    first: Array, weight: Array, even: Array, over: Array, steps: _Steps
 ) -> tuple[Array, Array, Array, Array, Array, float]:
     """Forward and backward sums over a chain of footprints.
 
@@ -255,7 +267,6 @@ def _chain(
         even: (P, P) 1 where a step between segments crosses no edge.
         over: (P, P) probability of a step that crosses edges.
         steps: The coming steps.
-        density_min: Smaller densities are not propagated.
 
     Returns:
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, (2, S) of the last one by
@@ -275,14 +286,14 @@ def _chain(
                 for p in range(S):
                     crossed = alpha[k, h, 1, a, p]
                     v = (alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed) * scale[kind[k], a, p]
-                    if v >= density_min:
+                    if v >= _MIN_DENSITY:
                         n = min(B, S - p)
                         _spread(
                             v, near[kind[k], h, p, :n], far[kind[k], p, :n], reach_near[k, h, a, p : p + n],
                             reach_far[k, h, a, p : p + n],
                         )  # fmt: skip
                     v = joins[k] * share[kind[k], a, p] * crossed
-                    if v >= density_min:
+                    if v >= _MIN_DENSITY:
                         _spread_beside(v, beside[kind[k], p], reach_near[k, h, a], p)
             for a in range(P):
                 for b in range(a, P):
@@ -328,7 +339,7 @@ def _chain(
             for a in range(P):
                 for p in range(S):
                     crossed = alpha[k, h, 1, a, p]
-                    if max(alpha[k, h, 0, a, p], crossed) < density_min:
+                    if max(alpha[k, h, 0, a, p], crossed) < _MIN_DENSITY:
                         continue
                     n = min(B, S - p)
                     v = _gather(
@@ -336,7 +347,7 @@ def _chain(
                     )
                     v *= scale[kind[k], a, p]
                     back[h, 0, a, p] = v
-                    if crossed >= density_min:
+                    if crossed >= _MIN_DENSITY:
                         w = joins[k] * share[kind[k], a, p] * _gather_beside(beside[kind[k], p], onto_even[a], p)
                         back[h, 1, a, p] = (1.0 - joins[k]) * v + w
                         beside_all += crossed * w

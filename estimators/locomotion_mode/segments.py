@@ -12,10 +12,45 @@ import numpy as np
 
 from stridetwin.estimators.contact_terrain.estimate import above
 from stridetwin.estimators.locomotion_mode.estimate import MODES
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.vertical import without_lean
 from stridetwin.estimators.terrain_map import Change, Profile, TerrainEstimate
 from stridetwin.streams.samples import Array
+
+BEHIND_M = 1.2
+"""A path begins at s = 0, this far behind the body."""
+MIN_FOOTHOLD_M = 0.22
+"""Shortest tread that a foot is placed on. The map's `min_tread_m` is less, as it also bounds measured distances."""
+OCCLUDED_EDGE_SD_M = 0.04
+"""Standard deviation of an occluding edge."""
+CLEARANCE_SD_M = 0.02
+"""Standard deviation of a sole's apparent depth inside a riser."""
+PLACE_SD_M = 0.008
+"""Smallest standard deviation of the distance to a change."""
+_OVERHANG_SD_M = 0.03
+"""Standard deviation of a sole's overhang over a free edge beyond the usual one."""
+_ACROSS_SD_M = 0.05
+"""Standard deviation of a sole's length beyond a slope break."""
+_MIN_EDGE_SD_M = 0.01
+"""Smallest standard deviation of an edge in the probability that a sole is beyond it."""
+_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M = 0.01, 0.03
+"""Standard deviations below which a riser, and a tread, is well known."""
+_UNDER_M, _BEGIN_SD_M = 0.5, 0.1
+"""Ground first observed farther ahead of the body than this begins there, with this standard deviation."""
+_MAX_SEGMENTS = 10
+"""Farther segments are omitted."""
+_HIDDEN_PER_SD = 4.0
+"""Length occluded behind an edge, divided by the edge's standard deviation in the map."""
+_HIDDEN_RISER_SD, _HIDDEN_TREAD_SD = 0.40, 0.15
+"""Relative standard deviations of unobserved risers and treads from usual ones."""
+_ALIKE_RISER_SD, _ALIKE_TREAD_SD = 0.05, 0.05
+"""Relative standard deviations of those of stairs like the last observed ones."""
+_ALIKE_FALL_M = 0.03
+"""Largest difference between a height drop and a whole number of the last observed risers."""
+_LEVEL_SD_RAD = 0.0175
+"""Standard deviation of the slope where nothing is known of the ground."""
+_MAP_SD_M = 0.015
+"""Standard deviation of the mapped height of one end of a plane over the other, by drift of the poses."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,9 +100,9 @@ class Flight:
     tread: float
 
 
-def last_flight(estimate: TerrainEstimate, before: Flight | None, p: LocomotionModeParameters) -> Flight | None:
+def last_flight(estimate: TerrainEstimate, before: Flight | None) -> Flight | None:
     """Dimensions of the well-known stairs with the most steps; if there are none, `before`."""
-    most = np.array([p.known_riser_sd_m, p.known_tread_sd_m]) ** 2
+    most = np.array([_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M]) ** 2
     known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
     if not known:
         return before
@@ -76,7 +111,7 @@ def last_flight(estimate: TerrainEstimate, before: Flight | None, p: LocomotionM
 
 
 def segments_along(
-    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: LocomotionModeParameters,
+    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: Settings,
     usual: Flight | None = None,
 ) -> list[Segment]:  # fmt: skip
     """Cuts a profile at its changes; at most one segment lies behind s = 0.
@@ -85,19 +120,19 @@ def segments_along(
         profile: Profile of the ground along the path.
         estimate: Its planes and terrains; None: unknown.
         forward: (2,) unit vector of the path.
-        p: Standard deviations.
+        p: Dimensions and standard deviations.
         usual: Dimensions of stairs here; None: none observed.
     """
     changes, until = _passable(_whole_treads(_without_small_objects(profile.changes, p), p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
     seen = profile.s[profile.plane >= 0]
-    if len(seen) and seen[0] > p.behind_m + p.under_m:  # distant ground does not give the slope under the feet
-        bounds.append(_Bound(float(seen[0]), p.begin_sd_m, 0.0))
+    if len(seen) and seen[0] > BEHIND_M + _UNDER_M:  # distant ground does not give the slope under the feet
+        bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
     for change in changes:
         bounds += _bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
-    bounds = [*bounds[first : first + p.segments_max], _Bound(math.inf, 0.0, 0.0)]
-    mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, p.level_sd_rad), []
+    bounds = [*bounds[first : first + _MAX_SEGMENTS], _Bound(math.inf, 0.0, 0.0)]
+    mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, _LEVEL_SD_RAD), []
     for k, (one, other) in enumerate(pairwise(bounds)):
         measured = None
         if not _is_tread(one, other, p):
@@ -107,18 +142,18 @@ def segments_along(
             known.append(k)
     slope = mapped.copy()
     breaks = np.array([j == i + 1 and bounds[j].drop == 0.0 for i, j in pairwise(known)], bool)
-    slope[known], sd[known] = without_lean(mapped[known], sd[known], breaks, p)
+    slope[known], sd[known] = without_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
     return [
         Segment(
             start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
             slope=float(slope[k]), slope_sd=float(sd[k]), mapped_slope=float(mapped[k]),
-            mode="LG" if abs(slope[k]) < p.ramp_rad else "RA" if slope[k] > 0 else "RD",
+            mode="LG" if abs(slope[k]) < p.mode.min_ramp_slope_rad else "RA" if slope[k] > 0 else "RD",
         )
         for k, (one, other) in enumerate(pairwise(bounds))
     ]  # fmt: skip
 
 
-def _without_small_objects(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change]:
+def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Change]:
     """The changes in order, without those that are stepped over: ground that soon returns to its previous level.
 
     No foot is placed on a strip shorter than any tread, nor into a hole shorter than a step; these are small objects
@@ -132,38 +167,38 @@ def _without_small_objects(changes: Iterable[Change], p: LocomotionModeParameter
             if kept[k].kind != "edge":
                 break
             risen += kept[k].drop
-            longest = p.tread_min_m if abs(kept[k].drop) < p.riser_max_m else p.tread_max_m
-            if abs(risen) < p.kerb_m and 0.0 < change.s - kept[k].s < longest:
+            longest = MIN_FOOTHOLD_M if abs(kept[k].drop) < p.map.max_riser_m else p.map.max_tread_m
+            if abs(risen) < p.min_step_height_m and 0.0 < change.s - kept[k].s < longest:
                 del kept[k:]
                 break
     return kept
 
 
-def _whole_treads(changes: list[Change], p: LocomotionModeParameters) -> list[Change]:
+def _whole_treads(changes: list[Change], p: Settings) -> list[Change]:
     """Removes slope breaks between two edges a tread apart: see `_is_tread`."""
     edges = [c.s for c in changes if c.kind == "edge"]
-    treads = [(a, b) for a, b in pairwise(edges) if b - a <= p.tread_max_m]
+    treads = [(a, b) for a, b in pairwise(edges) if b - a <= p.map.max_tread_m]
     return [c for c in changes if c.kind == "edge" or not any(a < c.s < b for a, b in treads)]
 
 
 def _passable(
-    changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters
+    changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: Settings
 ) -> tuple[list[Change], float]:
     """The changes between impassable edges behind and ahead of the walker, and the passable distance, m."""
     behind = 0
     for k, change in enumerate(changes):
         if _blocks(change, profile, estimate, p):
-            if change.s > p.behind_m:
+            if change.s > BEHIND_M:
                 return changes[behind:k], change.s
             behind = k + 1
     return changes[behind:], math.inf
 
 
-def _blocks(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters) -> bool:
+def _blocks(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: Settings) -> bool:
     """Whether an edge is impassable: higher than a riser where no flight continues, or too steep a drop."""
     if change.drop <= 0.0:
-        return -change.drop > p.riser_max_m * (1.0 + p.hidden_per_sd * change.sd / p.tread_min_m)
-    if change.drop <= p.riser_max_m:
+        return -change.drop > p.map.max_riser_m * (1.0 + _HIDDEN_PER_SD * change.sd / MIN_FOOTHOLD_M)
+    if change.drop <= p.map.max_riser_m:
         return False
     beyond = profile.plane[(profile.s > change.s) & (profile.plane >= 0)]
     return not any(int(i) in flight.planes for i in beyond[:1] for flight in (estimate.stairs if estimate else ()))
@@ -176,15 +211,15 @@ class _Bound(NamedTuple):
     drop_sd: float = 0.0
 
 
-def _is_tread(one: _Bound, other: _Bound, p: LocomotionModeParameters) -> bool:
+def _is_tread(one: _Bound, other: _Bound, p: Settings) -> bool:
     """Whether the ground between two edges is a tread, and so level, whatever its mapped slope.
 
     A tread is mapped over several steps. A pose correction in between gives its two sides different heights.
     """
-    return one.drop != 0.0 and other.drop != 0.0 and other.s - one.s <= p.tread_max_m
+    return one.drop != 0.0 and other.drop != 0.0 and other.s - one.s <= p.map.max_tread_m
 
 
-def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -> list[_Bound]:
+def _bounds(change: Change, usual: Flight | None, p: Settings) -> list[_Bound]:
     """Converts a change to edges that can be stepped over.
 
     A camera looking down over an edge sees the ground up to the edge, but not what it occludes. The edge is where
@@ -193,36 +228,36 @@ def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -
     """
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
-    hidden = p.hidden_per_sd * change.sd
+    hidden = _HIDDEN_PER_SD * change.sd
     riser, tread, riser_sd, tread_sd = _hidden_steps(-change.drop, usual, p)
     count = round(-change.drop / riser)
-    sd = min(change.sd, p.occluded_edge_sd_m)
-    edge_s = change.s + max(sd - p.place_sd_m, 0.0)
+    sd = min(change.sd, OCCLUDED_EDGE_SD_M)
+    edge_s = change.s + max(sd - PLACE_SD_M, 0.0)
     first = _Bound(edge_s, sd, change.drop)
-    if -change.drop < p.riser_max_m or count < 2 or hidden < p.tread_min_m:
+    if -change.drop < p.map.max_riser_m or count < 2 or hidden < MIN_FOOTHOLD_M:
         return [first]
-    if hidden / (count - 1) < p.tread_min_m:
-        count = 1 + int(hidden / p.tread_min_m)
+    if hidden / (count - 1) < MIN_FOOTHOLD_M:
+        count = 1 + int(hidden / MIN_FOOTHOLD_M)
     tread, drop = min(hidden / max(count - 1, 1), tread), change.drop / count
     return [
-        _Bound(edge_s + k * tread, p.occluded_edge_sd_m + tread_sd * k * tread, drop, riser_sd * abs(drop))
+        _Bound(edge_s + k * tread, OCCLUDED_EDGE_SD_M + tread_sd * k * tread, drop, riser_sd * abs(drop))
         for k in range(count)
     ]
 
 
-def _hidden_steps(fall: float, usual: Flight | None, p: LocomotionModeParameters) -> tuple[float, float, float, float]:
+def _hidden_steps(fall: float, usual: Flight | None, p: Settings) -> tuple[float, float, float, float]:
     """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
     They equal the last observed ones if a whole number of those makes up the drop, and usual ones otherwise.
     """
-    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < p.alike_fall_m:
-        return usual.riser, usual.tread, p.alike_riser_sd, p.alike_tread_sd
-    return p.riser_m, p.tread_m, p.hidden_riser_sd, p.hidden_tread_sd
+    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_FALL_M:
+        return usual.riser, usual.tread, _ALIKE_RISER_SD, _ALIKE_TREAD_SD
+    return p.mode.usual_riser_m, p.mode.usual_tread_m, _HIDDEN_RISER_SD, _HIDDEN_TREAD_SD
 
 
 def _slope(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
-    p: LocomotionModeParameters,
+    p: Settings,
 ) -> tuple[float, float] | None:  # fmt: skip
     """Slope of a segment in the map and its standard deviation; None where no plane is known."""
     planes = {} if estimate is None else estimate.planes
@@ -233,19 +268,19 @@ def _slope(
     plane = planes[int(np.bincount(known).argmax())]
     on = inside & (profile.plane == plane.id)
     seen = profile.s[on]
-    bent = p.map_sd_m / max(float(seen[-1] - seen[0]), p.tread_min_m)
+    bent = _MAP_SD_M / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)
     slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
     if profile.slope is not None and profile.slope_sd is not None:
         slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
-    return slope, math.hypot(p.slope_sd_rad, sd, bent)
+    return slope, math.hypot(p.mode.slope_sd_rad, sd, bent)
 
 
-def half_sole(p: LocomotionModeParameters) -> float:
+def half_sole(p: Settings) -> float:
     """From the heel's centre forward to the middle of the sole, m."""
-    return 0.5 * (p.toe_m - p.heel_m)
+    return 0.5 * (p.mode.toe_m - p.mode.heel_m)
 
 
-def segment_under(ground: Sequence[Segment], s: float, p: LocomotionModeParameters) -> int:
+def segment_under(ground: Sequence[Segment], s: float, p: Settings) -> int:
     """Index of the segment under the middle of a sole whose heel's centre is at s, m along the path."""
     middle = s + half_sole(p)
     return next(k for k, segment in enumerate(ground) if middle < segment.end)
@@ -274,7 +309,7 @@ def slopes_under(ground: Sequence[Segment], on: Array) -> list[tuple[float, floa
     return list(zip(mean.tolist(), np.sqrt(np.maximum(variance, 0.0)).tolist()))
 
 
-def heights(ground: Sequence[Segment], profile: Profile, s: Array, p: LocomotionModeParameters) -> Array | None:
+def heights(ground: Sequence[Segment], profile: Profile, s: Array, p: Settings) -> Array | None:
     """(S,) m, height of the ground that carries a sole, also where unobserved; None if none is observed.
 
     Heels overhang edges: the ground is that under the sole's middle, extended to the heel's centre, which is at (S,) s.
@@ -294,23 +329,23 @@ def edges_before(ground: Sequence[Segment]) -> list[int]:
     return np.cumsum([abs(segment.drop) > 0.0 for segment in ground]).tolist()
 
 
-def mode_table(ground: Sequence[Segment], p: LocomotionModeParameters) -> Array:
+def mode_table(ground: Sequence[Segment], p: Settings) -> Array:
     """(P, P, 5) probability of each mode of a step from one segment to another. See docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
     for b, segment in enumerate(ground):
-        up, down = (above(sign * segment.slope, p.ramp_rad, segment.slope_sd) for sign in (1.0, -1.0))
+        up, down = (above(sign * segment.slope, p.mode.min_ramp_slope_rad, segment.slope_sd) for sign in (1.0, -1.0))
         risen = 0.0
         for a in range(b, -1, -1):
             high = low = 0.0
             if risen != 0.0:
-                high, low = (above(sign * risen, p.stair_m, p.riser_sd_m) for sign in (1.0, -1.0))
+                high, low = (above(sign * risen, p.min_stair_riser_m, p.mode.riser_sd_m) for sign in (1.0, -1.0))
             flat = 1.0 - up - down
             table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
             risen += ground[a].drop
     return table
 
 
-def foothold_weights(ground: Sequence[Segment], s: Array, p: LocomotionModeParameters) -> Array:
+def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
     """(P, S) weight of a foothold at s on each segment: the whole sole is supported, and toes end before a riser.
 
     See docs/locomotion_mode.md (6).
@@ -318,34 +353,34 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: LocomotionModeParam
     Args:
         ground: Terrain segments.
         s: (S,) m along the path, of the heel's centre.
-        p: Dimensions.
+        p: Dimensions of the sole.
     """
     found = np.ones((len(ground), len(s)))
     middle = s + half_sole(p)
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
-    inside = s - p.heel_m - start[1:, None]
-    found[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _beyond(middle, start[1:], start_sd[1:], p)
+    inside = s - p.mode.heel_m - start[1:, None]
+    found[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _beyond(middle, start[1:], start_sd[1:])
     # ahead: a riser before a step up, a free edge before a step down
-    inside = end[:-1, None] - s - p.toe_m
-    found[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _beyond(-middle, -end[:-1], end_sd[:-1], p)
+    inside = end[:-1, None] - s - p.mode.toe_m
+    found[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _beyond(-middle, -end[:-1], end_sd[:-1])
     return found
 
 
-def _foothold_weight(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) -> Array:
+def _foothold_weight(inside: Array, sd: Array, fall: Array, p: Settings) -> Array:
     """(N, S) weight of soles ending so far inside their segments; `fall` (N,) is < 0 where the ground beyond rises."""
-    spread = np.where(fall < 0.0, p.clearance_sd_m, np.where(fall > 0.0, p.overhang_sd_m, p.across_sd_m))
-    allowed = np.where(fall > 0.0, p.overhang_m, 0.0)
+    spread = np.where(fall < 0.0, CLEARANCE_SD_M, np.where(fall > 0.0, _OVERHANG_SD_M, _ACROSS_SD_M))
+    allowed = np.where(fall > 0.0, p.mode.overhang_m, 0.0)
     beyond = np.maximum(0.0, -inside - allowed[:, None])
     return np.asarray(np.exp(-0.5 * (beyond / np.hypot(spread, sd)[:, None]) ** 2))
 
 
-def _beyond(s: Array, start: Array, sd: Array, p: LocomotionModeParameters) -> Array:
+def _beyond(s: Array, start: Array, sd: Array) -> Array:
     """(N, S) probability that positions lie beyond edges (N,) of known standard deviation."""
-    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, p.edge_sd_min_m))[:, None])))
+    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, _MIN_EDGE_SD_M))[:, None])))
 
 
-def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters) -> Array:
+def unseen(profile: Profile, s: Array, here: float, p: Settings) -> Array:
     """(S,) probability that unobserved positions are of another mode than assumed.
 
     Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
@@ -361,8 +396,8 @@ def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters)
     bounds = np.concatenate([[-np.inf], seen, [np.inf]])
     i = np.searchsorted(seen, s)
     back, ahead = s - bounds[i], bounds[i + 1] - s
-    between = np.expm1(-back / p.change_m) * np.expm1(-ahead / p.change_m)
-    return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.change_m)))
+    between = np.expm1(-back / p.mode.change_m) * np.expm1(-ahead / p.mode.change_m)
+    return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
 
 
 def with_unseen(modes: Array, chance: Array) -> Array:

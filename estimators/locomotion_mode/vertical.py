@@ -11,14 +11,21 @@ import math
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.streams.samples import Array
 
 _LEANS = 81
+_REACH_SD = 4.0
+"""Largest lean, in standard deviations."""
+_FLAT_SD_RAD, _RAMP_SD_RAD = 0.006, 0.12
+"""Standard deviations of the slope, about level, of ground built level and of ramps."""
+_LEVEL_SHARE = 0.85
+"""π of docs/locomotion_mode.md (10): share of level ground among planes too long for a tread."""
+_FALSE_BREAK = 0.1
+"""ψ of (11): weight of a slope break between two segments that are both level."""
 _LEVEL, _RAMP = 0, 1
 
 
-def without_lean(slope: Array, sd: Array, breaks: Array, p: LocomotionModeParameters) -> tuple[Array, Array]:
+def without_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> tuple[Array, Array]:
     """True slopes of segments from mapped ones.
 
     See docs/locomotion_mode.md (10), (11).
@@ -27,18 +34,18 @@ def without_lean(slope: Array, sd: Array, breaks: Array, p: LocomotionModeParame
         slope: (N,) rad, as mapped, uphill positive, in order along the path.
         sd: (N,) rad, without the lean that all have in common.
         breaks: (N - 1,) whether a segment and the next one meet in a slope break.
-        p: Prior of lean and ground.
+        lean_sd_rad: Standard deviation of the lean, rad.
 
     Returns:
         (N,) rad; (N,) standard deviation, rad.
     """
-    lean = np.linspace(-p.lean_reach_sd, p.lean_reach_sd, _LEANS) * p.lean_sd_rad
+    lean = np.linspace(-_REACH_SD, _REACH_SD, _LEANS) * lean_sd_rad
     off, variance = slope[:, None] - lean, sd[:, None] ** 2
-    built = np.array([p.flat_sd_rad, p.ramp_sd_rad]) ** 2
-    share = np.array([p.level_share, 1.0 - p.level_share])
+    built = np.array([_FLAT_SD_RAD, _RAMP_SD_RAD]) ** 2
+    share = np.array([_LEVEL_SHARE, 1.0 - _LEVEL_SHARE])
     likelihood = share[:, None] * _normal(off[:, None, :], (variance + built)[:, :, None])
-    kinds, evidence = _level_or_ramp(likelihood, breaks, p.false_break)
-    weight = _normal(lean, p.lean_sd_rad**2) * evidence
+    kinds, evidence = _level_or_ramp(likelihood, breaks)
+    weight = _normal(lean, lean_sd_rad**2) * evidence
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
     shrink = built / (built + variance)
@@ -48,20 +55,19 @@ def without_lean(slope: Array, sd: Array, breaks: Array, p: LocomotionModeParame
     return found, np.sqrt(np.maximum(square @ weight - found**2, 0.0))
 
 
-def _level_or_ramp(likelihood: Array, breaks: Array, false_break: float) -> tuple[Array, Array]:
+def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
     """Probability that each segment is level or a ramp, for each lean: forward and backward along the path.
 
     Args:
         likelihood: (N, 2, L) of each segment, times the prior.
         breaks: (N - 1,) whether two segments meet in a slope break.
-        false_break: Weight of two level segments that do.
 
     Returns:
         (N, 2, L) the probability; (L,) evidence of each lean.
     """
     beside = np.ones((2, 2))
     at_break = beside.copy()
-    at_break[_LEVEL, _LEVEL] = false_break
+    at_break[_LEVEL, _LEVEL] = _FALSE_BREAK
     after = [at_break if cut else beside for cut in breaks]
     ahead = likelihood.copy()
     for k, meet in enumerate(after):

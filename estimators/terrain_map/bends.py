@@ -12,8 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stridetwin.estimators.terrain_map.parameters import BendParameters
 from stridetwin.streams.samples import Array
+
+_BIN_M = 0.1
+"""Heights are averaged over this length."""
+_MIN_BINS = 5
+"""A straight stretch is no shorter."""
+_NOISE_M = 0.004
+"""Standard deviation of a bin's height over a straight line."""
+_MIN_BEND_SD = 5.0
+"""Smallest bend, in standard deviations."""
+_MAX_MISFIT_SD = 2.0
+"""Where heights scatter more about a stretch, the ground jumps or bulges there, and nothing is cut."""
+_PASSES = 4
+"""How often each bend is placed again between its neighbours."""
 
 
 class Stretch(NamedTuple):
@@ -39,7 +51,7 @@ class Stretch(NamedTuple):
     break_sd: float = math.nan
 
 
-def straight_stretches(s: Array, height: Array, first: int, last: int, p: BendParameters) -> list[Stretch]:
+def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_rad: float) -> list[Stretch]:
     """Cuts samples of one plane into straight stretches; fewer than two if nothing bends, or not like a ramp.
 
     Args:
@@ -47,29 +59,29 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, p: BendPa
         height: (N,) m, NaN where unknown.
         first: First sample of the plane.
         last: Its last one.
-        p: Least bend and length.
+        min_bend_rad: Smallest bend, rad.
     """
     here = slice(first, last + 1)
-    x, z = _binned(s[here], height[here], p.bin_m)
+    x, z = _binned(s[here], height[here])
     cuts: list[int] = []
-    _cut(x, z, 0, len(x), cuts, p)
-    bounds = _settled(x, z, [0, *sorted(cuts), len(x)], p)
+    _cut(x, z, 0, len(x), cuts)
+    bounds = _settled(x, z, [0, *sorted(cuts), len(x)], min_bend_rad)
     stretches: list[Stretch] = []
     for k, (a, b) in enumerate(pairwise(bounds)):
-        if b - a < p.fewest_bins:
+        if b - a < _MIN_BINS:
             return []
-        middle, level, slope, slope_sd = _line(x[a:b], z[a:b], p)
+        middle, level, slope, slope_sd = _line(x[a:b], z[a:b])
         off = z[a:b] - level - slope * (x[a:b] - middle)
-        if off @ off > (b - a) * (p.misfit_max_sd * p.noise_m) ** 2:
+        if off @ off > (b - a) * (_MAX_MISFIT_SD * _NOISE_M) ** 2:
             return []  # a jump or a bulge
         begin, at, at_sd = first, math.nan, math.nan
         if k:
             one = stretches[-1]
             bend = slope - one.slope
-            reach = (b - bounds[k - 1]) * p.bin_m / 2
+            reach = (b - bounds[k - 1]) * _BIN_M / 2
             away = (one.height + one.slope * (x[a] - one.s)) - (level + slope * (x[a] - middle))
             at = float(x[a]) + min(max(away / bend, -reach), reach) if bend else float(x[a])
-            at_sd = p.noise_m / max(abs(bend), 1e-6)
+            at_sd = _NOISE_M / max(abs(bend), 1e-6)
             begin = int(np.searchsorted(s, at))
             begin = min(max(begin, one.first + 1), last)
             stretches[-1] = one._replace(last=begin - 1)
@@ -77,42 +89,42 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, p: BendPa
     return stretches
 
 
-def _binned(s: Array, height: Array, bin_m: float) -> tuple[Array, Array]:
+def _binned(s: Array, height: Array) -> tuple[Array, Array]:
     """Means of known heights in bins along the line, (M,) and (M,) m; empty bins are left out."""
     known = np.isfinite(height)
     if not known.any():
         return np.empty(0), np.empty(0)
     x, z = s[known], height[known]
-    bins = ((x - x[0]) / bin_m).astype(int)
+    bins = ((x - x[0]) / _BIN_M).astype(int)
     count = np.bincount(bins)
     there = count > 0
     return np.bincount(bins, x)[there] / count[there], np.bincount(bins, z)[there] / count[there]
 
 
-def _line(x: Array, z: Array, p: BendParameters) -> tuple[float, float, float, float]:
+def _line(x: Array, z: Array) -> tuple[float, float, float, float]:
     """Middle, height there, slope, and its standard deviation."""
     middle, level = float(x.mean()), float(z.mean())
     off = x - middle
     spread = float(off @ off)
     slope = float(off @ (z - level)) / spread
-    return middle, level, slope, p.noise_m / math.sqrt(spread)
+    return middle, level, slope, _NOISE_M / math.sqrt(spread)
 
 
-def _cut(x: Array, z: Array, a: int, b: int, cuts: list[int], p: BendParameters) -> None:
+def _cut(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
     """Appends the bends between two bins, the best one, then those on both sides of it; too many of them at first."""
-    at = _best(x[a:b], z[a:b], p, any_bend=True)
+    at = _best(x[a:b], z[a:b])
     if at is not None:
         cuts.append(a + at)
-        _cut(x, z, a, a + at, cuts, p)
-        _cut(x, z, a + at, b, cuts, p)
+        _cut(x, z, a, a + at, cuts)
+        _cut(x, z, a + at, b, cuts)
 
 
-def _settled(x: Array, z: Array, bounds: list[int], p: BendParameters) -> list[int]:
+def _settled(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -> list[int]:
     """Bounds, where each bend is the best one between its neighbours; those that are none there are removed."""
-    for _ in range(p.passes):
+    for _ in range(_PASSES):
         kept = bounds[:1]
         for k in range(1, len(bounds) - 1):
-            at = _best(x[kept[-1] : bounds[k + 1]], z[kept[-1] : bounds[k + 1]], p)
+            at = _best(x[kept[-1] : bounds[k + 1]], z[kept[-1] : bounds[k + 1]], min_bend_rad)
             if at is not None:
                 kept.append(kept[-1] + at)
         kept.append(bounds[-1])
@@ -122,15 +134,15 @@ def _settled(x: Array, z: Array, bounds: list[int], p: BendParameters) -> list[i
     return bounds
 
 
-def _best(x: Array, z: Array, p: BendParameters, *, any_bend: bool = False) -> int | None:
+def _best(x: Array, z: Array, min_bend_rad: float | None = None) -> int | None:
     """The bin where the line bends most significantly, by least squares with a hinge; None where it is straight.
 
-    With `any_bend` a smaller bend counts, and so does one that leaves others: up and down again is a small bend.
+    Without a smallest bend, rad, any counts, and so does one that leaves others: up and down again is a small bend.
     """
     n = len(x)
-    if n < 2 * p.fewest_bins:
+    if n < 2 * _MIN_BINS:
         return None
-    ks = np.arange(p.fewest_bins, n - p.fewest_bins + 1)
+    ks = np.arange(_MIN_BINS, n - _MIN_BINS + 1)
     x, z = x - x.mean(), z - z.mean()
     line = (x @ z) / (x @ x)
     rest = z - line * x
@@ -142,9 +154,9 @@ def _best(x: Array, z: Array, p: BendParameters, *, any_bend: bool = False) -> i
     gain = along**2 / np.maximum(power, 1e-12)
     best = int(gain.argmax())
     bend = along[best] / max(float(power[best]), 1e-12)
-    left = max(float(rest @ rest - gain[best]) / n, p.noise_m**2)
-    if any_bend:
-        left, bend = p.noise_m**2, math.inf
-    if abs(bend) < math.tan(p.least_rad) or gain[best] < p.least_sd**2 * left:
+    left = max(float(rest @ rest - gain[best]) / n, _NOISE_M**2)
+    if min_bend_rad is None:
+        left, min_bend_rad = _NOISE_M**2, 0.0
+    if abs(bend) < math.tan(min_bend_rad) or gain[best] < _MIN_BEND_SD**2 * left:
         return None
     return int(ks[best])

@@ -18,6 +18,9 @@ from stridetwin.streams.samples import Array, Odometry
 
 _HERE = Path(__file__).parent
 
+_MIN_JUMP_M = 0.25
+"""A smaller change of pose is not a jump, however fast."""
+
 
 @cached(_HERE)
 def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) -> tuple[NDArray[np.float32], int]:
@@ -119,7 +122,7 @@ class DepthCamera:
             raise StrideTwinError(
                 f"{self.topic}: invalid image size {depth.shape}: expected {self.shape}, as in the rig"
             )
-        clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.range_min_m), np.float32(p.range_max_m))
+        clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.min_range_m), np.float32(p.max_range_m))
         if self._maps is None:
             return clean, count
         straight = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
@@ -199,7 +202,7 @@ class Poses:
         moved = math.dist(pose.p_frame_in_world.tolist(), self._last.p_frame_in_world.tolist())
         dt = (pose.t_ns - self._last.t_ns) * 1e-9
         self._last = pose
-        return dt > self._p.max_gap_s or (moved > self._p.jump_m and moved > self._p.max_speed_mps * dt)
+        return dt > self._p.max_gap_s or (moved > _MIN_JUMP_M and moved > self._p.max_speed_mps * dt)
 
     def at(self, t_ns: int) -> Array | None:
         """(4, 4) frame to world at a time: the last pose, propagated by its velocity; None if it is too old."""

@@ -18,7 +18,6 @@ from stridetwin.estimators.base import (
     Declaration,
     Options,
     Stream,
-    deprecated,
 )
 from stridetwin.estimators.terrain_map.depth_camera import (
     DepthCamera,
@@ -36,10 +35,12 @@ from stridetwin.estimators.terrain_map.profile import profile
 from stridetwin.estimators.terrain_map.terrains import Terrains
 from stridetwin.estimators.terrain_map.volume import Volume, VoxelVolume
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
 _NEVER_NS = -(10**18)
+_MIN_PIXELS = 500
+"""A depth image with fewer valid pixels is ignored."""
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
 
 
@@ -57,7 +58,6 @@ class TerrainMap:
         rig: Holds the camera.
         options: `poses_of`, the frame of the incoming poses; `backend`, one of `BACKENDS`: `numba`, the proposed
             volume, or `open3d`, the published one by Open3D.
-        mount: Deprecated; pose of the depth camera's optical frame in the frame of the poses (`T_body_sensor`).
         topic: Depth stream; None: the rig's first.
         parameters: One set serves every camera and terrain.
 
@@ -75,7 +75,6 @@ class TerrainMap:
         rig: Rig,
         *,
         options: Options | None = None,
-        mount: Mount | None = None,
         topic: str | None = None,
         parameters: TerrainMapParameters | None = None,
     ) -> None:
@@ -83,11 +82,7 @@ class TerrainMap:
         self.parameters = p = parameters or TerrainMapParameters()
         camera = depth_calibration(rig, topic)
         self._camera = DepthCamera(camera)
-        if mount is None:
-            self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
-        else:
-            deprecated("TerrainMap(mount=...)", "TerrainMap(rig, options=Options(poses_of=FRAME))")
-            self._T_frame_camera = np.asarray(mount.T_body_sensor, dtype=float)
+        self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         self._poses = Poses(p)
         self._R_world_grid = _rotation_z(p.grid_rotation_rad)
         self._volume = _volume(options.backend, self._camera, self._R_world_grid, p)
@@ -121,7 +116,7 @@ class TerrainMap:
             return None
         self._last_ns = sample.t_ns
         depth, count = self._camera.rectified(sample.depth, self.parameters)
-        if count < self.parameters.pixels_min:
+        if count < _MIN_PIXELS:
             return None
         T_world_camera = T_world_frame @ self._T_frame_camera
         T_grid_camera = T_world_camera.copy()

@@ -21,7 +21,7 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import column_points, large_planes, plane_sums
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
 from stridetwin.estimators.terrain_map.risers import Riser
-from stridetwin.estimators.terrain_map.volume import VIEW, view_corner
+from stridetwin.estimators.terrain_map.volume import HEADROOM_M, VIEW, min_noise_m, view_corner
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
 from stridetwin.streams.errors import needing
 from stridetwin.streams.samples import Array
@@ -78,13 +78,13 @@ class Open3dVolume:
         p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
         image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
         extrinsic = self._tensor(np.asarray(np.linalg.inv(T_grid_camera), float))
-        limits = 1.0, p.range_max_m, self._band
+        limits = 1.0, p.max_range_m, self._band
         with self._quiet():
             grid.hashmap().activate(grid.compute_unique_block_coordinates(image, self._K, extrinsic, *limits))
             rows, self._in_view = self._visible_blocks()
             grid.integrate(self._in_view, image, self._K, extrinsic, *limits)
         weight = grid.attribute("weight").numpy()  # a view
-        weight[rows] = np.minimum(weight[rows], p.weight_max)  # (22)
+        weight[rows] = np.minimum(weight[rows], p.max_weight)  # (22)
 
     def _visible_blocks(self) -> tuple[NDArray[np.int32], Any]:
         """Rows and keys of the blocks that may be in view; those beyond the window are freed."""
@@ -100,7 +100,7 @@ class Open3dVolume:
         x, y, z = (offset @ self._T_grid_camera[:3, :3]).T
         radius, (fu, fv, pu, pv), (height, width) = block_m, self._camera.intrinsics, self._camera.shape
         slope_u, slope_v = max(pu, width - pu) / fu, max(pv, height - pv) / fv
-        seen = (z > 0.0) & (z < p.range_max_m + radius)
+        seen = (z > 0.0) & (z < p.max_range_m + radius)
         seen &= (np.abs(x) < slope_u * z + 2.0 * radius) & (np.abs(y) < slope_v * z + 2.0 * radius)
         return rows[near & seen], self._o3d.core.Tensor(keys[near & seen])
 
@@ -120,7 +120,7 @@ class Open3dVolume:
         with self._quiet():
             cast = self._grid.ray_cast(
                 blocks, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],
-                ["depth"], 1.0, p.range_min_m, p.range_max_m, 1.0, self._band,
+                ["depth"], 1.0, p.min_range_m, p.max_range_m, 1.0, self._band,
             )  # fmt: skip
         return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
 
@@ -129,8 +129,8 @@ class Open3dVolume:
         p, T = self._p, self._T_grid_camera
         depth = self.smoothed()
         points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
-        points[(depth == 0.0) | (points[..., 2] > T[2, 3] + p.headroom_m)] = np.nan
-        noise = np.hypot(p.plane_noise_m / 3, p.depth_noise_per_m * depth**2).astype(np.float32)
+        points[(depth == 0.0) | (points[..., 2] > T[2, 3] + HEADROOM_M)] = np.nan
+        noise = np.hypot(min_noise_m(p), p.depth_noise_per_m * depth**2).astype(np.float32)
         labels, planes = large_planes(points, noise, p)
         return self._from_above(points, noise, labels, planes)
 

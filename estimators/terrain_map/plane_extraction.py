@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.terrain_map.parameters import ClusterParameters, TerrainMapParameters
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
 from stridetwin.streams.samples import Array
 
@@ -27,16 +27,34 @@ Labels = NDArray[np.int32]
 Points = NDArray[np.float32]
 CELL = 4
 """Points along the edge of a cell; from above 8 cm, a third of the shortest tread."""
+_VALID_SHARE = 0.7
+"""Smallest share of valid points in a cell, and of full cells in a large plane."""
+_CELL_ANGLE_RAD = math.radians(7.0)
+"""θ of docs/terrain_map.md (6): largest angle between two merged planes, beyond what their noise explains."""
+_TILT_GATE_SD = 2.0
+"""What noise explains in (6): standard deviations of the difference of two tilts."""
+_DISTANCE_GATE_SD = 3.0
+"""Largest distance of a column from its plane, or from its neighbour in a strip, in standard deviations."""
+_MIN_CELLS = 4
+"""Smallest number of cells of a large plane."""
+_STRIP_VARIANCE = 4.0
+"""Largest mean squared distance of a strip's columns from their plane, divided by their variance."""
+_MIN_AREA_M2 = 0.012
+"""Smallest area of a plane: a strip of a tread, seen past the edge of the tread above."""
+
+
+def min_columns(voxel_size_m: float) -> int:
+    """Number of columns, of `voxel_size_m`, that a plane has at least."""
+    return round(_MIN_AREA_M2 / voxel_size_m**2)
 
 
 @cached(_HERE, error_model="numpy")
-def cell_sums(points: Points, noise: Points, p: ClusterParameters) -> Array:
+def cell_sums(points: Points, noise: Points) -> Array:
     """Sums over the points of each node cell.
 
     Args:
         points: (n, m, 3) m, NaN = no point.
         noise: (n, m) m, standard deviation of a point.
-        p: Smallest share of valid points, and largest distance from the plane.
 
     Returns:
         (n // CELL, m // CELL, 11) sums; 0 where the cell is not a node.
@@ -50,12 +68,12 @@ def cell_sums(points: Points, noise: Points, p: ClusterParameters) -> Array:
                 for j in range(c * CELL, (c + 1) * CELL):
                     if not math.isnan(points[i, j, 2]):
                         add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
-            if sums[0] < p.valid_share * CELL * CELL:
+            if sums[0] < _VALID_SHARE * CELL * CELL:
                 sums[:] = 0.0
                 continue
             x, y, z, a, b, d, error = fit(sums)
             variance = sums[10] / sums[0]
-            fits, limit = error <= variance, p.distance_gate_sd * math.sqrt(variance)
+            fits, limit = error <= variance, _DISTANCE_GATE_SD * math.sqrt(variance)
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
                     off = a * (points[i, j, 0] - x) + b * (points[i, j, 1] - y) + d * (points[i, j, 2] - z)
@@ -78,15 +96,13 @@ def _tilt_variance(s: Array) -> float:
 
 
 @cached(_HERE, error_model="numpy")
-def cluster(found: Array, angle: float, tilt_gate_sd: float) -> NDArray[np.int32]:
+def cluster(found: Array) -> NDArray[np.int32]:
     """Merges cells into planes.
 
     See docs/terrain_map.md (6).
 
     Args:
         found: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
-        angle: Largest angle between two merged planes, rad, in addition to what their noise explains.
-        tilt_gate_sd: What it explains, in standard deviations of the tilts' difference.
 
     Returns:
         (R, C) root cell of each cell's plane, as index r * C + c; -1 = none.
@@ -123,7 +139,7 @@ def cluster(found: Array, angle: float, tilt_gate_sd: float) -> NDArray[np.int32
             if costs[e] < 0.0:
                 costs[e] = np.inf
                 dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
-                if 1.0 - dot * dot <= angle**2 + tilt_gate_sd**2 * (tilt_variance[a] + tilt_variance[b]):
+                if 1.0 - dot * dot <= _CELL_ANGLE_RAD**2 + _TILT_GATE_SD**2 * (tilt_variance[a] + tilt_variance[b]):
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
                     error = off_plane(common)
@@ -175,14 +191,14 @@ def large_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tupl
     Args:
         points: (n, m, 3) m, grid axes, NaN = no point; n and m are multiples of `CELL`.
         noise: (n, m) m, standard deviation of a point.
-        p: Limits of cells and slopes.
+        p: Largest slope.
 
     Returns:
         (n, m) number of each point's plane, -1 = none; and (P, 4) planes a x + b y + c z = d.
     """
-    found = cell_sums(points, noise, p.clusters)
-    roots = cluster(found, p.cell_angle_rad, p.clusters.tilt_gate_sd)
-    return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.ramp_rad), p.clusters)
+    found = cell_sums(points, noise)
+    roots = cluster(found)
+    return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.max_ramp_slope_rad))
 
 
 def patches(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
@@ -192,8 +208,8 @@ def patches(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Lab
         (n, m) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
     """
     labels, planes = large_planes(points, noise, p)
-    fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
-    count = _label_strips(points, noise, labels, planes, math.cos(p.ramp_rad), fewest, p.clusters)
+    fewest = min_columns(p.voxel_size_m)
+    count = _label_strips(points, noise, labels, planes, math.cos(p.max_ramp_slope_rad), fewest)
     return labels, plane_sums(points, noise, labels, count)
 
 
@@ -218,16 +234,14 @@ def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Arr
 
 
 @cached(_HERE)
-def _label(
-    points: Points, noise: Points, roots: Labels, found: Array, least_up: float, limits: ClusterParameters
-) -> tuple[Labels, Array]:
+def _label(points: Points, noise: Points, roots: Labels, found: Array, least_up: float) -> tuple[Labels, Array]:
     """Assigns each point to the nearest walkable plane of the cells around it."""
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
-        if found[n, 0] >= limits.valid_share * limits.cells_min * CELL * CELL:
+        if found[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:
             x, y, z, a, b, d, _ = fit(found[n])
             if d >= least_up:
                 number[n] = count
@@ -257,7 +271,7 @@ def _label(
                     x, y, z = points[i, j, 0], points[i, j, 1], points[i, j, 2]
                     if math.isnan(z):
                         continue
-                    nearest = limits.distance_gate_sd * noise[i, j]
+                    nearest = _DISTANCE_GATE_SD * noise[i, j]
                     for k in around[:there]:
                         off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
                         if off < nearest:
@@ -267,10 +281,7 @@ def _label(
 
 
 @cached(_HERE)
-def _label_strips(
-    points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int,
-    limits: ClusterParameters,
-) -> int:  # fmt: skip
+def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int) -> int:
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
     Returns:
@@ -297,7 +308,7 @@ def _label_strips(
                             beside = labels[p, q]
                         elif (
                             not visited[p, q]
-                            and abs(points[p, q, 2] - points[a, b, 2]) < limits.distance_gate_sd * noise[p, q]
+                            and abs(points[p, q, 2] - points[a, b, 2]) < _DISTANCE_GATE_SD * noise[p, q]
                         ):
                             visited[p, q] = True
                             stack[size, 0], stack[size, 1] = p, q
@@ -309,7 +320,7 @@ def _label_strips(
                 p, q = stack[s]
                 add_point(sums, points[p, q, 0], points[p, q, 1], points[p, q, 2], noise[p, q])
             plane = fit(sums)
-            limit = limits.strip_variance * sums[10] / size
+            limit = _STRIP_VARIANCE * sums[10] / size
             if 0 <= beside < long:
                 q = planes[beside]
                 off = 0.0

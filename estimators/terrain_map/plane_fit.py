@@ -16,6 +16,8 @@ _HERE = Path(__file__).parent
 SUMS = 11
 """n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
 _NEWTON, _EXACT = 40, 1e-9
+BORDER_M = 0.25
+"""Width of a plane's border, half of which is free space, where its height is not evaluated (`toward`)."""
 Plane = tuple[float, float, float, float, float, float, float]
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_extraction import min_columns
 from stridetwin.estimators.terrain_map.plane_fit import (
     SUMS,
     add_point,
@@ -213,6 +214,14 @@ def borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDAr
 
 
 SLOTS = 256
+_MAX_VOTES = 30.0
+"""Upper limit of a plane's votes."""
+_SAME_IOU, _INSIDE_SHARE = 0.3, 0.6
+"""Limits of docs/terrain_map.md (9): planes are the same if they share so much of their union, or of one of them."""
+_APART = 1.5
+"""Planes farther apart than this many `plane_noise_m` are distinct."""
+_SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD = 16.0, math.radians(6.0)
+"""Of (7): columns that share their error, a pixel's neighbourhood and one pose; prior of the ground's slope."""
 
 
 class PlaneSet:
@@ -230,7 +239,7 @@ class PlaneSet:
 
     def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
         self._p, self._keeps_unobserved = parameters, keeps_unobserved
-        self._fewest = round(parameters.strip_area_m2 / parameters.voxel_size_m**2)
+        self._min_columns = min_columns(parameters.voxel_size_m)
         self.surface = Surface.empty()
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
@@ -258,7 +267,7 @@ class PlaneSet:
     def refit(self) -> None:
         """Recomputes the sums over each plane's columns; removes planes with too few."""
         self._sums = sums_of(self.surface, SLOTS, self._p.voxel_size_m)
-        few = (self.ids >= 0) & (self._sums[:, 0] < self._fewest)
+        few = (self.ids >= 0) & (self._sums[:, 0] < self._min_columns)
         self._remove(np.flatnonzero(few))
 
     def planes(self, R_world_grid: Array) -> dict[int, Plane]:
@@ -283,9 +292,7 @@ class PlaneSet:
         """The planes of these slots by id."""
         sums = self._sums[slots]
         centres, slopes, covariances, spreads = rotated(
-            *height_planes(
-                sums, self._p.plane_sd_m, self._p.slope_sd_rad, self._p.shared_columns, self._p.slope_prior_sd_rad
-            ),
+            *height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),
             R_world_grid,
         )
         normals = np.column_stack([-slopes, np.ones(len(slots))])
@@ -306,9 +313,7 @@ class PlaneSet:
         new, old = np.nonzero(common)
         shared = common[new, old]
         union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
-        alike = np.flatnonzero(
-            (shared > self._p.same_iou * union) | (shared > self._p.inside_share * np.maximum(smaller, 1))
-        )
+        alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE_SHARE * np.maximum(smaller, 1)))
         parts: dict[int, Array] = {}
         for n in alike[np.argsort(-shared[alike], kind="stable")]:
             known, own = int(old[n]), sums[new[n]]
@@ -331,9 +336,9 @@ class PlaneSet:
         """Whether all of a new plane lies on the old one, from its sums."""
         p = self._p
         off = off_height_plane(
-            new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, p.shared_columns, p.slope_prior_sd_rad
+            new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
         )
-        return off < (p.apart * p.plane_noise_m) ** 2
+        return off < (_APART * p.plane_noise_m) ** 2
 
     def _flat(self, parts: Array) -> bool:
         """Whether new planes, from the sums of them all, fit one plane.
@@ -347,7 +352,7 @@ class PlaneSet:
         """A match is a vote for the plane; no match while in view is a vote against it."""
         paired = np.zeros(SLOTS, bool)
         paired[slots[slots >= 0]] = True
-        self.votes[paired] = np.minimum(self.votes[paired] + 1.0, self._p.votes_max)
+        self.votes[paired] = np.minimum(self.votes[paired] + 1.0, _MAX_VOTES)
         lost = (self.ids >= 0) & ~paired & (in_scope > 0.5 * self._sums[:, 0])
         self.votes[lost] -= 1.0
         self._remove(np.flatnonzero(lost & (self.votes <= 0)))

@@ -17,12 +17,33 @@ from stridetwin.estimators.terrain_map.bends import Stretch, straight_stretches
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import seen_height
+from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, seen_height
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
-from stridetwin.estimators.terrain_map.terrains import is_flat
+from stridetwin.estimators.terrain_map.terrains import KERB_M, is_flat
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
+
+_HALF_WIDTH_M = 0.24
+"""The line is as wide as a person walks, to either side."""
+_LANE_M = 0.04
+"""Distance between parallel lanes."""
+_MIN_LANES = 4
+"""Smallest number of lanes on a plane, or with a known height, of 13."""
+_MIN_SAMPLES = 3
+"""Smallest number of samples on a plane for it to count."""
+_BORDER_REACH_M = 0.15
+"""Largest distance of a slope break from the gap between two planes."""
+_MIN_BREAK_SD = 4.0
+"""Smallest slope break, in standard deviations of the difference of two slopes."""
+_MIN_COSINE = 0.3
+"""Smallest cosine between line and ascent at which the line crosses an edge."""
+_UNEVEN_M, _UNEVEN_RISER_M = 0.06, 0.03
+"""Largest distance of an edge, and of a riser, from the equal steps of its flight."""
+_EVEN_SD_M = 0.015
+"""Standard deviation of an edge inferred from the others of its flight."""
+_INFERRED_REACH_M = 0.05
+"""Largest distance of an inferred edge from the unobserved gap."""
 
 
 def profile(
@@ -35,21 +56,20 @@ def profile(
         estimate: Estimate of the ground.
         planes: Its columns.
         R_world_grid: (3, 3) grid to world axes.
-        p: Holds the size of a column.
+        p: Size of a column, standard deviations, and the smallest slope break.
         origin: (2,) m, world.
         heading: rad from x.
         length_m: m.
     """
-    limits = p.profile
-    s = np.arange(0.0, length_m, limits.step_m) + limits.step_m / 2
-    lanes = np.arange(-limits.half_width_m, limits.half_width_m + 0.01, limits.lane_m)
+    s = np.arange(0.0, length_m, p.voxel_size_m) + p.voxel_size_m / 2
+    lanes = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 0.01, _LANE_M)
     if estimate is None:
         nothing = np.full(len(s), np.nan)
         return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
     forward = np.array([math.cos(heading), math.sin(heading)])
     turn = R_world_grid[:2, :2]
     at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
-    slot, middle = _lanes(planes.surface, at, along, s, lanes, limits.lanes_min)
+    slot, middle = _lanes(planes.surface, at, along, s, lanes)
     plane = np.where(slot >= 0, planes.ids[slot], -1)
     runs = _straight_runs(s, middle, plane, estimate, origin, forward, p)
     slope, slope_sd = np.full(len(s), np.nan), np.full(len(s), np.nan)
@@ -76,9 +96,7 @@ def _there(plane: NDArray[np.int64]) -> list[int]:
 
 
 @cached(_HERE)
-def _lanes(
-    surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array, lanes_min: int
-) -> tuple[NDArray[np.int64], Array]:
+def _lanes(surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array) -> tuple[NDArray[np.int64], Array]:
     """The ground along a line, by majority over parallel lanes.
 
     Args:
@@ -87,7 +105,6 @@ def _lanes(
         forward: (2,) columns per metre along the line.
         s: (N,) m along it.
         lanes: (L,) m to its left.
-        lanes_min: Smallest number of lanes on a plane, or with a known height.
 
     Returns:
         (N,) slot of the majority plane, -1 where too few lanes have one; (N,) m, median of the lanes' heights, NaN
@@ -109,14 +126,14 @@ def _lanes(
             if not math.isnan(z):
                 heights[known] = z
                 known += 1
-        most = lanes_min - 1
+        most = _MIN_LANES - 1
         for lane in range(len(lanes)):
             count = 0
             for other in range(len(lanes)):
                 count += slots[other] == slots[lane]
             if slots[lane] >= 0 and count > most:
                 slot[n], most = slots[lane], count
-        if known >= lanes_min:
+        if known >= _MIN_LANES:
             sort(heights[:known])
             middle[n] = median(heights, known)
     return slot, middle
@@ -137,9 +154,9 @@ def _straight_runs(
 ) -> list[_Run]:  # fmt: skip
     """Runs on one plane, cut where its columns bend."""
     found = []
-    for first, last, id_ in _runs(plane, p.profile.samples_min):
+    for first, last, id_ in _runs(plane):
         own = estimate.planes[id_]
-        stretches = straight_stretches(s, np.where(plane == id_, height, np.nan), first, last, p.bends)
+        stretches = straight_stretches(s, np.where(plane == id_, height, np.nan), first, last, p.min_slope_break_rad)
         if len(stretches) < 2:
             found.append(_Run(first, last, own, None))
         else:
@@ -173,12 +190,12 @@ def _changes(
     return tuple(found)
 
 
-def _runs(plane: NDArray[np.int64], fewest: int) -> list[tuple[int, int, int]]:
+def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
     """First and last sample of each run on one plane, and the plane's id; a plane split by another has two runs."""
     known = np.flatnonzero(plane >= 0)
     runs: list[tuple[int, int, int]] = []
     for steps in np.split(known, np.flatnonzero(np.diff(plane[known])) + 1):
-        if len(steps) < fewest:
+        if len(steps) < _MIN_SAMPLES:
             continue
         id_ = int(plane[steps[0]])
         if runs and runs[-1][2] == id_:
@@ -198,15 +215,15 @@ def _edge_or_slope_break(
     slopes = [float(q.gradient @ forward) for q in (one, other)]
     bend = math.atan(slopes[1]) - math.atan(slopes[0])
     bends = abs(bend) > max(
-        p.slope_break_rad, p.slope_break_sd * math.hypot(*(_slope_sd(q, forward) for q in (one, other)))
+        p.min_slope_break_rad, _MIN_BREAK_SD * math.hypot(*(_slope_sd(q, forward) for q in (one, other)))
     )
     if not bends and is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
-        after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, p.edges.border_m) for q in (other, one))
+        after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, BORDER_M) for q in (other, one))
         drop = after - before
     bend_slope = slopes[1] - slopes[0]
-    reach = abs(start - end) / 2 + p.profile.slope_break_m
-    if bends and abs(drop) < max(abs(bend_slope) * reach, p.edge_m):
+    reach = abs(start - end) / 2 + _BORDER_REACH_M
+    if bends and abs(drop) < max(abs(bend_slope) * reach, KERB_M):
         # The planes meet where they are equally high, but no farther away than the map may have drawn their border.
         away = -drop / bend_slope
         s = middle + min(max(away, -reach), reach)
@@ -214,13 +231,13 @@ def _edge_or_slope_break(
         sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(bend_slope)
         sd = math.hypot(sd, max(abs(away) - reach, 0.0))
         return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
-    if abs(drop) < p.edge_m:
+    if abs(drop) < KERB_M:
         return None
     for flight in estimate.stairs:
-        known = _in_flight(flight, one.id, other.id, origin, forward, p)
+        known = _in_flight(flight, one.id, other.id, origin, forward, p.edge_sd_m)
         if known is None:
-            known = _next_to_flight(flight, one.id, other.id, drop, origin, forward, p)
-            if known is not None and not end - p.gap_m < known[0] < start + p.gap_m:
+            known = _next_to_flight(flight, one.id, other.id, drop, origin, forward)
+            if known is not None and not end - _INFERRED_REACH_M < known[0] < start + _INFERRED_REACH_M:
                 known = None
         if known is not None:
             return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
@@ -241,7 +258,7 @@ def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
 
 
 def _in_flight(
-    flight: Stairs, one: int, other: int, origin: Array, forward: Array, p: TerrainMapParameters
+    flight: Stairs, one: int, other: int, origin: Array, forward: Array, min_sd_m: float
 ) -> tuple[float, float] | None:
     """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation.
 
@@ -251,34 +268,32 @@ def _in_flight(
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
             even = flight.start + k * flight.tread
-            if flight.steps > 2 and abs(float(flight.edges[k]) - even) > p.uneven_m:
-                return _crossing(flight, even, p.even_sd_m, origin, forward, p.profile.cosine_min)
-            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), p.profile.edge_sd_min_m)
-            return _crossing(flight, float(flight.edges[k]), sd, origin, forward, p.profile.cosine_min)
+            if flight.steps > 2 and abs(float(flight.edges[k]) - even) > _UNEVEN_M:
+                return _crossing(flight, even, _EVEN_SD_M, origin, forward)
+            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), min_sd_m)
+            return _crossing(flight, float(flight.edges[k]), sd, origin, forward)
     return None
 
 
 def _next_to_flight(
-    flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array, p: TerrainMapParameters
+    flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array
 ) -> tuple[float, float] | None:
-    """The same for the edge one tread beyond either end of a flight: its riser was observed, but not its position."""
-    if flight.steps < 2 or abs(abs(drop) - flight.riser) > p.uneven_riser_m:
+    """Where a line crosses the edge one tread beyond either end of a flight, m along it, and its standard deviation.
+
+    The riser of such an edge, of height `drop`, was observed, but not its position. None if there is no such edge.
+    """
+    if flight.steps < 2 or abs(abs(drop) - flight.riser) > _UNEVEN_RISER_M:
         return None
     climbs = drop * float(flight.up @ forward) > 0.0
     upper, lower = (other, one) if drop > 0.0 else (one, other)
-    cosine_min = p.profile.cosine_min
     if climbs and lower == flight.planes[-1]:
-        return _crossing(
-            flight, flight.start + flight.steps * flight.tread, p.even_sd_m, origin, forward, p.profile.cosine_min
-        )
+        return _crossing(flight, flight.start + flight.steps * flight.tread, _EVEN_SD_M, origin, forward)
     if climbs and upper == flight.planes[0]:
-        return _crossing(flight, flight.start - flight.tread, p.even_sd_m, origin, forward, cosine_min)
+        return _crossing(flight, flight.start - flight.tread, _EVEN_SD_M, origin, forward)
     return None
 
 
-def _crossing(
-    flight: Stairs, edge: float, sd: float, origin: Array, forward: Array, cosine_min: float
-) -> tuple[float, float] | None:
+def _crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
     """Where a line crosses a flight's edge, and its standard deviation; None if the line is parallel to the edge."""
     along = float(flight.up @ forward)
-    return None if abs(along) < cosine_min else ((edge - float(flight.up @ origin)) / along, sd / abs(along))
+    return None if abs(along) < _MIN_COSINE else ((edge - float(flight.up @ origin)) / along, sd / abs(along))

@@ -10,18 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.terrain_map.parameters import RayParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, Blocks, slot_of
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
 _BESIDE = np.ones((5, 5), np.uint8)
+_MIN_WEIGHT = 0.1
+"""Smallest weight of an observed voxel, in images taken from 1 m."""
+_MAX_LAMBDA = 0.5
+"""Beyond this |λ| the distance is unknown: the surface between two such voxels is taken in the middle."""
+_NEIGHBOUR_SHARE = np.float32(0.5)
+"""Smallest weight of a column, as a share of its neighbours' weight: flying pixels have less."""
+_WEIGHT_FLOOR = np.float32(0.05)
+"""Lower limit of the weight in a column's standard deviation."""
 
 
 @cached(_HERE)
 def from_above(
-    blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float, p: RayParameters
+    blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Casts one ray straight down per column of voxels.
 
@@ -32,7 +39,6 @@ def from_above(
         size: Columns along one edge of the view; a multiple of 8.
         top_k: Rays start at this layer.
         voxel_m: Edge of a voxel.
-        p: Smallest weight.
 
     Returns:
         (size, size) height of the surface, m, NaN where unobserved, and the weight of the voxel above it.
@@ -44,7 +50,7 @@ def from_above(
     met = np.zeros(EDGE * EDGE, np.bool_)
     slots, origin = blocks.slots, blocks.origin
     start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)
-    nothing, least = np.float32(0.0), np.float32(p.weight_min)
+    nothing, least = np.float32(0.0), np.float32(_MIN_WEIGHT)
     for bi in range(size // EDGE):
         for bj in range(size // EDGE):
             known[:], met[:] = nothing, False
@@ -88,9 +94,7 @@ def from_above(
 
 
 @cached(_HERE, error_model="numpy")
-def solid_reach(
-    blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float, rays: RayParameters
-) -> Array:
+def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
     """How far solid ground extends along lines just under a surface.
 
     Args:
@@ -100,7 +104,6 @@ def solid_reach(
         slope: Slope of the surface along it.
         reach: Length of the search, voxels.
         gap: Longest unobserved stretch between the last solid and the first free position, voxels.
-        rays: Smallest weight, and largest known distance.
 
     Returns:
         (N,) voxels from each start to the first sign change of λ; NaN where unobserved.
@@ -125,14 +128,14 @@ def solid_reach(
                 p, q, r = i + di, j + dj, k + dk
                 row = slot_of(slots, origin, p >> 3, q >> 3, r >> 3)
                 here = ((p & 7) << 6) | ((q & 7) << 3) | (r & 7)
-                if row < 0 or weight[row, here] < rays.weight_min:
+                if row < 0 or weight[row, here] < _MIN_WEIGHT:
                     value = math.nan
                     break
                 value += share * distance[row, here]
             if not math.isnan(value):
                 if value < 0.0:
                     if last_at >= 0.0 and at - last_at <= gap:
-                        inside, outside = min(last, rays.lambda_max), max(value, -rays.lambda_max)
+                        inside, outside = min(last, _MAX_LAMBDA), max(value, -_MAX_LAMBDA)
                         found[n] = last_at + (at - last_at) * inside / (inside - outside)
                     break
                 last_at, last = at, value
@@ -142,7 +145,7 @@ def solid_reach(
 
 def column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
-    noise_per_m: float, p: RayParameters,
+    noise_per_m: float,
 ) -> NDArray[np.float32]:  # fmt: skip
     """Standard deviation of the columns' heights.
 
@@ -155,27 +158,26 @@ def column_noise(
         least_m: Lower limit of the standard deviation.
         most_m: Upper limit.
         noise_per_m: Standard deviation of the depth divided by its square, 1/m.
-        p: Limits of the weights.
 
     Returns:
         (n, n) m, standard deviation of the heights.
     """
     beside = np.asarray(cv2.dilate(weight, _BESIDE), np.float32)
-    return _column_noise(height, weight, beside, eye_z, least_m, most_m, noise_per_m, p)
+    return _column_noise(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
 
 
 @cached(_HERE, error_model="numpy")
 def _column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
-    most_m: float, noise_per_m: float, p: RayParameters,
+    most_m: float, noise_per_m: float,
 ) -> NDArray[np.float32]:  # fmt: skip
     noise = np.empty(height.shape, np.float32)
-    share, unseen, fewest = np.float32(p.neighbour_share), np.float32(math.nan), np.float32(p.weight_floor)
+    unseen = np.float32(math.nan)
     for i in range(height.shape[0]):
         for j in range(height.shape[1]):
             own = weight[i, j]
-            z = unseen if own < share * beside[i, j] else height[i, j]
+            z = unseen if own < _NEIGHBOUR_SHARE * beside[i, j] else height[i, j]
             off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)
-            sd = math.sqrt(least_m * least_m + off * off / (own if own > fewest else fewest))
+            sd = math.sqrt(least_m * least_m + off * off / (own if own > _WEIGHT_FLOOR else _WEIGHT_FLOOR))
             height[i, j], noise[i, j] = z, min(sd, most_m)
     return noise

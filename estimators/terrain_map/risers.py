@@ -14,13 +14,31 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.order_statistics import mean, median, percentile, sort
-from stridetwin.estimators.terrain_map.parameters import EdgeParameters, RayParameters, TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import seen_height
+from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, seen_height
 from stridetwin.estimators.terrain_map.ray_casting import solid_reach
 from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
+
+_LANES = 28
+"""Lines across an edge along which it is measured in the voxels."""
+_INSIDE_M, _BEYOND_M = 0.06, 0.14
+"""Their start on the upper plane, before its last column, and their end beyond it."""
+_GAP_M = 0.12
+"""Longest unobserved stretch between the last solid and the first free position."""
+_MIN_POINTS = 6
+"""Smallest number of points of an edge."""
+_OUTLIER_M = 0.02
+"""Largest distance of a lane's end from the median."""
+_LINE_M = 0.06
+"""Largest distance of a column from the edge's median line."""
+_OPEN_SIDE = 0.4
+"""Smallest mean of the unit vectors toward the lower plane: less where that plane surrounds the upper one."""
+_DIRECTION_RATIO = 0.5
+"""Smallest ratio, across to along, at which an edge is long enough to have a direction."""
+_TRIM_PCT = 3.0
+"""Share of an edge's points, at either end, outside which it is not measured in the voxels, %."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,27 +86,23 @@ def _extent(points: Array, down: Array) -> tuple[float, float, float]:
     return mean(points, 0, n, 0), mean(points, 0, n, 1), most - least
 
 
-def riser(
-    lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float, p: EdgeParameters
-) -> Riser | None:
+def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
     """The step between two planes, from their columns.
 
     Args:
         lower: Lower plane.
         upper: Upper plane.
-        columns: (N, 5) from `surface.borders`, the upper plane's last columns before the lower one.
+        columns: (N, 5) from `plane_set.borders`, the upper plane's last columns before the lower one.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
-        p: Limits of an edge.
 
     Returns:
         The riser; None if the columns form no edge.
     """
-    if len(columns) < p.points_min:
+    if len(columns) < _MIN_POINTS:
         return None
     down, points, height = _edge(
         columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread,
-        p,
     )  # fmt: skip
     if not len(points):
         return None
@@ -98,7 +112,7 @@ def riser(
 @cached(_HERE)
 def _edge(
     columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
-    centre: Array, gradient: Array, spread: Array, p: EdgeParameters,
+    centre: Array, gradient: Array, spread: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Edge between two planes from `riser`'s columns: (2,) down across it, its (N, 2) points, m, and its height, m."""
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
@@ -109,12 +123,12 @@ def _edge(
         for axis in range(2):
             ends[n, axis] = turn[axis, 0] * x + turn[axis, 1] * y
             toward[n, axis] = turn[axis, 0] * i + turn[axis, 1] * j
-    down, points = _line(ends, toward, p)
+    down, points = _line(ends, toward)
     if len(points) == 0:
         return down, points, 0.0
     x, y = mean(points, 0, len(points), 0), mean(points, 0, len(points), 1)
-    lower = seen_height(low_centre, low_gradient, low_spread, x, y, p.border_m)
-    return down, points, seen_height(centre, gradient, spread, x, y, p.border_m) - lower
+    lower = seen_height(low_centre, low_gradient, low_spread, x, y, BORDER_M)
+    return down, points, seen_height(centre, gradient, spread, x, y, BORDER_M) - lower
 
 
 @njit(**INSIDE)
@@ -150,21 +164,21 @@ def _kept(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
 
 
 @njit(**INSIDE)
-def _line(ends: Array, toward: Array, p: EdgeParameters) -> tuple[Array, Array]:
+def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
     """(2,) unit vector down across an edge, and its columns (see `_edge`) on the line; none if there is no edge."""
     count, down = ends.shape[0], np.empty(2)
     down[0] = mean(toward, 0, count, 0)
     down[1] = mean(toward, 0, count, 1)
     keep = np.zeros(count, np.bool_)
-    if math.hypot(down[0], down[1]) < p.open_side:  # the lower plane surrounds the upper one: no edge to step over
+    if math.hypot(down[0], down[1]) < _OPEN_SIDE:  # the lower plane surrounds the upper one: no edge to step over
         return down, _kept(ends, keep, 1)
-    down = across(ends, down, p.direction_ratio)
+    down = across(ends, down, _DIRECTION_RATIO)
     s = projected(ends, down[0], down[1])
     middle = _median(s)
     for n in range(count):
-        keep[n] = abs(s[n] - middle) < p.line_m
-    points = _kept(ends, keep, p.points_min)
-    return (across(points, down, p.direction_ratio) if len(points) else down), points
+        keep[n] = abs(s[n] - middle) < _LINE_M
+    points = _kept(ends, keep, _MIN_POINTS)
+    return (across(points, down, _DIRECTION_RATIO) if len(points) else down), points
 
 
 @njit(**INSIDE)
@@ -192,9 +206,7 @@ def across(points: Array, toward: Array, ratio_min: float) -> Array:
     return found
 
 
-def refined(
-    edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, p: TerrainMapParameters
-) -> Riser:
+def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
     """Refines a riser's edge in the voxels just under the upper plane.
 
     Args:
@@ -203,13 +215,13 @@ def refined(
         down: (2,) unit vector across all edges of the flight.
         blocks: The voxels.
         R_grid_world: (3, 3) world to grid axes.
-        p: Size of a voxel, and limits of an edge.
+        voxel_m: Edge of a voxel.
 
     Returns:
         The riser, unchanged if the voxels show no edge.
     """
     across_edge, points = _edge_in_voxels(
-        edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], p.voxel_size_m, p.edges, p.rays
+        edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], voxel_m
     )
     if not len(points):
         return edge
@@ -218,11 +230,10 @@ def refined(
 
 @cached(_HERE)
 def _edge_in_voxels(
-    points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float,
-    p: EdgeParameters, rays: RayParameters,
+    points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
 ) -> tuple[Array, Array]:  # fmt: skip
     """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
-    starts = _starts(points, down, p)
+    starts = _starts(points, down)
     at = np.empty((len(starts), 3))
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
@@ -233,28 +244,28 @@ def _edge_in_voxels(
     direction = np.empty(2)
     for axis in range(2):
         direction[axis] = turn[axis, 0] * down[0] + turn[axis, 1] * down[1]
-    length, gap = (p.inside_m + p.beyond_m) / voxel_m, p.gap_m / voxel_m
-    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap, rays), voxel_m, down, p)
-    return (across(found, down, p.direction_ratio) if len(found) else down), found
+    length, gap = (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m
+    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap), voxel_m, down)
+    return (across(found, down, _DIRECTION_RATIO) if len(found) else down), found
 
 
 @njit(**INSIDE)
-def _starts(points: Array, down: Array, p: EdgeParameters) -> Array:
+def _starts(points: Array, down: Array) -> Array:
     """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
     aside = projected(points, -down[1], down[0])
     sort(aside)
-    low, high = percentile(aside, p.trim_pct), percentile(aside, 100.0 - p.trim_pct)
-    first = _median(projected(points, down[0], down[1])) - p.inside_m
-    starts = np.empty((p.lanes, 2))
-    for n in range(p.lanes):
-        lane = low + (high - low) * n / (p.lanes - 1)
+    low, high = percentile(aside, _TRIM_PCT), percentile(aside, 100.0 - _TRIM_PCT)
+    first = _median(projected(points, down[0], down[1])) - _INSIDE_M
+    starts = np.empty((_LANES, 2))
+    for n in range(_LANES):
+        lane = low + (high - low) * n / (_LANES - 1)
         starts[n, 0] = first * down[0] - lane * down[1]
         starts[n, 1] = first * down[1] + lane * down[0]
     return starts
 
 
 @njit(**INSIDE)
-def _ends(starts: Array, reach: Array, voxel_m: float, down: Array, p: EdgeParameters) -> Array:
+def _ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
     """(N, 2) m, end points of the lanes without outliers, from their reach, voxels; none if too few remain."""
     points, keep, seen = np.empty(starts.shape), np.zeros(starts.shape[0], np.bool_), 0
     known = np.empty(starts.shape[0])
@@ -262,19 +273,19 @@ def _ends(starts: Array, reach: Array, voxel_m: float, down: Array, p: EdgeParam
         if math.isfinite(reach[n]):
             known[seen] = reach[n] * voxel_m
             seen += 1
-    if seen < p.points_min:
+    if seen < _MIN_POINTS:
         return _kept(points, keep, 1)
     middle = _median(known[:seen])
     for n in range(starts.shape[0]):
         along = reach[n] * voxel_m
-        keep[n] = abs(along - middle) < p.outlier_m
+        keep[n] = abs(along - middle) < _OUTLIER_M
         points[n, 0] = starts[n, 0] + along * down[0]
         points[n, 1] = starts[n, 1] + along * down[1]
-    return _kept(points, keep, p.points_min)
+    return _kept(points, keep, _MIN_POINTS)
 
 
 def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
-    """Rows of the result of `surface.borders`, by the ids of lower and upper plane."""
+    """Rows of the result of `plane_set.borders`, by the ids of lower and upper plane."""
     if not len(found):
         return {}
     key = found[:, 0].astype(np.int64) * len(ids) + found[:, 1]

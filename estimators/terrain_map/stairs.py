@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
 from stridetwin.estimators.terrain_map.order_statistics import mean, percentile, sort
-from stridetwin.estimators.terrain_map.parameters import EdgeParameters, TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import toward
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, toward
 from stridetwin.estimators.terrain_map.risers import Riser, projected
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 _UNKNOWN = math.inf
+_PARALLEL_RAD = math.radians(20.0)
+"""Largest difference in direction between edges of one flight."""
+_WINDING_RAD = math.radians(8.0)
+"""Mean difference from edge to edge above which a flight winds."""
+_EXTENT_PCT = 2.0
+"""Share of a flight's points, at either side, beyond its reported lateral extent, %."""
 _PLACES = (3, 1, 2)
 """Indices of start, tread and rotation in the covariance of `Stairs`."""
 
@@ -62,23 +68,23 @@ def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
         row = [r]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
-        rows += [[one] for one in row] if _winds(row, p) else [row]
+        rows += [[one] for one in row] if _winds(row) else [row]
     return rows
 
 
-def _winds(row: list[Riser], p: TerrainMapParameters) -> bool:
+def _winds(row: list[Riser]) -> bool:
     """Whether each edge of three or more is turned against the one before, all to one side."""
     if len(row) < 3:
         return False
     down = np.array([complex(*r.down) for r in row])
     turns = np.angle(down[1:] / down[:-1])
-    return bool(abs(turns.mean()) > p.winding_rad and (turns * turns.mean() > 0.0).all())
+    return bool(abs(turns.mean()) > _WINDING_RAD and (turns * turns.mean() > 0.0).all())
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
     (x, y), (to_x, to_y), (down_x, down_y) = one.middle, other.middle, one.down.tolist()
     tread = (x - to_x) * down_x + (y - to_y) * down_y
-    return angle_between(one.down, other.down) < p.parallel_rad and p.tread_min_m <= tread <= p.tread_max_m
+    return angle_between(one.down, other.down) < _PARALLEL_RAD and p.min_tread_m <= tread <= p.max_tread_m
 
 
 def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
@@ -91,7 +97,7 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
     values, covariance, edges, across = _flight(
         points, counts, sd, up, (0.25 * p.voxel_size_m) ** 2, np.array([q.centre for q in ground]),
         np.array([q.gradient for q in ground]), np.array([q.spread for q in ground]),
-        np.array([q.covariance for q in ground]), p.edges,
+        np.array([q.covariance for q in ground]),
     )  # fmt: skip
     riser, tread, heading, start, base = values
     return Stairs(
@@ -104,7 +110,7 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
 @cached(_HERE, error_model="numpy")
 def _flight(
     points: Array, counts: NDArray[np.int64], sd: Array, up: Array, least: float, centres: Array, gradients: Array,
-    spreads: Array, covariances: Array, p: EdgeParameters,
+    spreads: Array, covariances: Array,
 ) -> tuple[tuple[float, float, float, float, float], Array, Array, Array]:  # fmt: skip
     """Fits equal steps to the edges and planes of a row.
 
@@ -118,7 +124,6 @@ def _flight(
         gradients: (n + 1, 2).
         spreads: (n + 1, 2, 2).
         covariances: (n + 1, 3, 3).
-        p: Border of a plane, and trimmed ends.
 
     Returns:
         Riser, tread, heading, start and base; their (5, 5) covariance; edges and across, see `Stairs`.
@@ -134,7 +139,7 @@ def _flight(
     heights, height_sd, slopes = np.empty(n + 1), np.empty(n + 1), np.empty(3)
     for k in range(n + 1):  # each plane where it is well observed toward its edge
         edge = middles[max(k - 1, 0)]
-        x, y = toward(centres[k], spreads[k], edge[0], edge[1], p.border_m)
+        x, y = toward(centres[k], spreads[k], edge[0], edge[1], BORDER_M)
         slopes[0] = 1.0
         slopes[1] = x - centres[k, 0]
         slopes[2] = y - centres[k, 1]
@@ -162,8 +167,8 @@ def _flight(
     x, y = math.cos(heading), math.sin(heading)
     edges, aside, extent = projected(middles, x, y), projected(points, -y, x), np.empty(2)
     sort(aside)
-    extent[0] = percentile(aside, p.extent_pct)
-    extent[1] = percentile(aside, 100.0 - p.extent_pct)
+    extent[0] = percentile(aside, _EXTENT_PCT)
+    extent[1] = percentile(aside, 100.0 - _EXTENT_PCT)
     return (riser, values[1], math.atan2(y, x), start, base), full, edges, extent
 
 

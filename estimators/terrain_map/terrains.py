@@ -16,6 +16,17 @@ from stridetwin.estimators.terrain_map.stairs import flights, heading_of, stairs
 from stridetwin.estimators.terrain_map.volume import Volume
 from stridetwin.streams.samples import Array
 
+KERB_M = 0.04
+"""Height of a kerb: a plane with less rise from side to side is not a ramp, and a lower step is not an edge."""
+_BENT_RAD = math.radians(10.0)
+"""Largest apparent slope of a flat plane that pose errors have bent."""
+_SIGNIFICANT_SD = 2.0
+"""A slope within this many standard deviations of flat may be flat."""
+_HIDDEN_M = 0.30
+"""Length of ground that a riser may occlude: the longest shadow of a riser of 0.2 m."""
+_MIN_EDGE_M = 0.3
+"""Shortest edge of stairs."""
+
 
 class _Known(NamedTuple):
     lower: Plane
@@ -26,23 +37,23 @@ class _Known(NamedTuple):
 
 def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
     """Whether a plane may be a tread: flat within its uncertainty."""
-    return _less_than(p.flat_rad, plane, p)
+    return _less_than(p.max_tread_slope_rad, plane)
 
 
 def is_level(plane: Plane, p: TerrainMapParameters) -> bool:
     """Whether a plane is level within its uncertainty."""
-    return _less_than(p.level_rad, plane, p)
+    return _less_than(p.max_level_slope_rad, plane)
 
 
-def _less_than(slope_rad: float, plane: Plane, p: TerrainMapParameters) -> bool:
+def _less_than(slope_rad: float, plane: Plane) -> bool:
     """Whether a plane may slope by less.
 
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
     does not make it a ramp.
     """
-    if plane.slope < slope_rad + min(p.significant_sd * plane.slope_sd, p.bent_rad):
+    if plane.slope < slope_rad + min(_SIGNIFICANT_SD * plane.slope_sd, _BENT_RAD):
         return True
-    return plane.slope < p.bent_rad and plane.rise < p.kerb_m
+    return plane.slope < _BENT_RAD and plane.rise < KERB_M
 
 
 class Terrains:
@@ -81,7 +92,7 @@ class Terrains:
                 continue
             if is_level(plane, p):
                 found.append(Level(id=plane.id, plane=plane.id))
-            elif plane.slope <= p.ramp_rad and plane.area_m2 >= p.ramp_area_m2:
+            elif plane.slope <= p.max_ramp_slope_rad and plane.area_m2 >= p.min_ramp_area_m2:
                 heading = math.atan2(*plane.gradient[::-1])
                 ramp = Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading)
                 found.append(ramp)
@@ -95,7 +106,7 @@ class Terrains:
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
         """Steps between flat planes, from their columns."""
         p = self._p
-        found = borders(plane_set.surface, round(p.hidden_m / p.voxel_size_m), p.riser_min_m, p.riser_max_m)
+        found = borders(plane_set.surface, round(_HIDDEN_M / p.voxel_size_m), p.min_riser_m, p.max_riser_m)
         known: dict[tuple[int, int], _Known] = {}
         for pair, rows in pairs_of(found, plane_set.ids).items():
             lower, upper = planes[pair[0]], planes[pair[1]]
@@ -115,7 +126,7 @@ class Terrains:
     def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
         """The step given by columns of `borders`."""
         p = self._p
-        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m, p.edges)
-        if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:
+        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
+        if edge is not None and p.min_riser_m <= edge.height <= p.max_riser_m and edge.length >= _MIN_EDGE_M:
             return edge
         return None

@@ -11,7 +11,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.terrain_map.parameters import TsdfParameters
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
 from stridetwin.streams.samples import Array
 
@@ -24,12 +23,22 @@ _Corner = tuple[np.float32, np.float32, np.float32]
 _RADIUS = math.sqrt(3.0) / 2.0 * EDGE
 _SLAB = EDGE * EDGE
 """Voxels of a block that are skipped together if an image does not observe them."""
+_PIXEL_STRIDE = 8
+"""Every eighth pixel in both directions allocates blocks: at 4.5 m these are 6 cm apart, a block is 16 cm wide."""
+_MIN_DESCENT = _f32(0.3)
+"""κ of docs/terrain_map.md (2) is no smaller: height over depth of the shallowest line of sight."""
+_NEAR_M = _f32(0.05)
+"""Closer voxels are out of view."""
+_FREE_LAMBDA = _f32(-0.5)
+"""Space with a smaller λ is certainly free."""
+_NOISE_GATE_SD = 3.0
+"""Standard deviations of the depth by which a surface may be missed straight above a voxel."""
 
 
 @cached(_HERE)
 def allocate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
-    top_m: float, t_ns: int, p: TsdfParameters,
+    top_m: float, t_ns: int,
 ) -> None:  # fmt: skip
     """Allocates the blocks that contain surfaces of a depth image.
 
@@ -42,15 +51,13 @@ def allocate(
         band_m: Truncation, as a height.
         top_m: Upper limit of the mapped height, grid axes.
         t_ns: Time of the image.
-        p: Stride and shallowest line of sight.
     """
-    descent_min = float(_f32(p.descent_min))
     R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]
     per_block = 1.0 / (voxel_m * EDGE)
     ray = np.zeros(3)
     last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside the window
-    for v in range(p.pixel_stride // 2, depth.shape[0], p.pixel_stride):
-        for u in range(p.pixel_stride // 2, depth.shape[1], p.pixel_stride):
+    for v in range(_PIXEL_STRIDE // 2, depth.shape[0], _PIXEL_STRIDE):
+        for u in range(_PIXEL_STRIDE // 2, depth.shape[1], _PIXEL_STRIDE):
             d = depth[v, u]
             if d == 0.0:
                 continue
@@ -59,7 +66,7 @@ def allocate(
                 ray[a] = R[a, 0] * x + R[a, 1] * y + R[a, 2]
             if c[2] + ray[2] * d > top_m:
                 continue
-            band = band_m / max(abs(ray[2]), descent_min)
+            band = band_m / max(abs(ray[2]), float(_MIN_DESCENT))
             for step in range(-2, 3):
                 at = d + 0.5 * step * band
                 i = math.floor((c[0] + ray[0] * at) * per_block)
@@ -83,7 +90,7 @@ def allocate(
 @cached(_HERE, error_model="numpy", fastmath=True)
 def integrate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
-    weight_max: float, noise_per_m: float, p: TsdfParameters,
+    max_weight: float, noise_per_m: float,
 ) -> None:  # fmt: skip
     """Updates every voxel in view by eqs. (19)-(22).
 
@@ -100,9 +107,8 @@ def integrate(
         T_camera_grid: (4, 4) grid axes to optical frame, m.
         voxel_m: Edge of a voxel.
         band_m: Truncation, as a height.
-        weight_max: W_max.
+        max_weight: W_max.
         noise_per_m: Standard deviation of the depth divided by its square, 1/m.
-        p: Limits of view and free space.
     """
     height, width = depth.shape
     fu, fv, pu, pv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
@@ -112,8 +118,8 @@ def integrate(
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
     camera = _Pinhole(
         _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
-        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max),
-        _f32(p.noise_gate_sd * noise_per_m), _f32(p.descent_min), _f32(p.near_m), _f32(-p.free_lambda),
+        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(max_weight),
+        _f32(_NOISE_GATE_SD * noise_per_m),
     )  # fmt: skip
     lattice, projection = _lattice(R * voxel_m, voxel_m), _projection()
     image = depth.ravel()
@@ -156,11 +162,8 @@ class _Pinhole(NamedTuple):
     up_z: np.float32
     band: np.float32
     per_band: np.float32
-    weight_max: np.float32
+    max_weight: np.float32
     noise: np.float32
-    descent_min: np.float32
-    near: np.float32
-    free: np.float32
 
 
 class _Lattice(NamedTuple):
@@ -237,9 +240,9 @@ def _project(
         v = np.int32(camera.fv * (y0 + lattice.y[at]) * per_z + camera.pv)
         descent = (above - lattice.up[at]) * per_z
         steep = abs(descent)
-        inside = (z >= camera.near) & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
+        inside = (z >= _NEAR_M) & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
         projection.z[at], projection.descent[at] = z, descent
-        projection.scale[at] = (steep if steep > camera.descent_min else camera.descent_min) * camera.per_band
+        projection.scale[at] = (steep if steep > _MIN_DESCENT else _MIN_DESCENT) * camera.per_band
         projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
     for at in range(VOXELS):
         projection.sdf[at] = image[np.uint64(projection.pixel[at])]
@@ -285,7 +288,7 @@ def _check_above(
             projection.second[at] = image[np.uint64(projection.pixel[at])]
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
             d, z, sdf, zf = projection.second[at], projection.z[at], projection.sdf[at], projection.descent[at]
-            ends = (zf - d + camera.noise * z * z) * projection.scale[at] < camera.free
+            ends = (zf - d + camera.noise * z * z) * projection.scale[at] < _FREE_LAMBDA
             other = _NONE if d == _ZERO else zf - d if ends else sdf
             projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
 
@@ -308,4 +311,4 @@ def _average(
             total = old + new
             mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
             distance[at] = mixed if sdf < _NONE else distance[at]
-            weight[at] = total if total < camera.weight_max else camera.weight_max  # (22)
+            weight[at] = total if total < camera.max_weight else camera.max_weight  # (22)

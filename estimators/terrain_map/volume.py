@@ -21,6 +21,16 @@ from stridetwin.streams.samples import Array
 
 VIEW = 208
 """Columns along the edge of the top view."""
+HEADROOM_M = 0.1
+"""Nothing higher above the camera is mapped."""
+_DISCONTINUITY_SHARE, _DISCONTINUITY_PX = 0.04, 1.0
+"""Inverse depths that differ by this share, within so many pixels of a 640-pixel image, belong to two surfaces."""
+_BELOW_M = 1.5
+"""Distance of the window's middle below the camera: about a person's neck height."""
+_AHEAD_M = 1.6
+"""Distance ahead of the camera at which the top view is centred."""
+_STALE_S = 1.0
+"""Voxels not observed for longer are freed first."""
 
 
 class Volume(Protocol):
@@ -84,14 +94,14 @@ class VoxelVolume:
         """As `Volume`."""
         p, blocks, camera = self._p, self._blocks, self._camera
         self._T_grid_camera, eye = T_grid_camera, T_grid_camera[:3, 3]
-        below = eye - np.array([0.0, 0.0, p.below_m])
-        roll(blocks, below, EDGE * p.voxel_size_m, t_ns - round(p.stale_s * 1e9))
-        clean = without_discontinuities(depth, p.discontinuity_share, camera.pixels(p.discontinuity_px))
-        top_m = float(eye[2]) + p.headroom_m
-        allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns, p.tsdf)
+        below = eye - np.array([0.0, 0.0, _BELOW_M])
+        roll(blocks, below, EDGE * p.voxel_size_m, t_ns - round(_STALE_S * 1e9))
+        clean = without_discontinuities(depth, _DISCONTINUITY_SHARE, camera.pixels(_DISCONTINUITY_PX))
+        top_m = float(eye[2]) + HEADROOM_M
+        allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns)
         integrate(
             blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_size_m,
-            p.truncation_m, p.weight_max, p.depth_noise_per_m, p.tsdf,
+            p.truncation_m, p.max_weight, p.depth_noise_per_m,
         )  # fmt: skip
 
     def top_view(self) -> TopView:
@@ -100,22 +110,27 @@ class VoxelVolume:
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
         top = math.floor(eye_z / p.voxel_size_m)
-        height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m, p.rays)
-        noise = column_noise(height, weight, eye_z, p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m, p.rays)
+        height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m)
+        noise = column_noise(height, weight, eye_z, min_noise_m(p), p.plane_noise_m, p.depth_noise_per_m)
         labels, sums = patches(column_points(height, first, p.voxel_size_m), noise, p)
         return TopView(first, labels, sums, height, noise)
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
         """As `Volume`."""
-        return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p)
+        return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p.voxel_size_m)
 
     def mesh(self) -> None:
         """As `Volume`: none."""
+
+
+def min_noise_m(p: TerrainMapParameters) -> float:
+    """Standard deviation of the height of the nearest columns, m."""
+    return p.plane_noise_m / 3
 
 
 def view_corner(T_grid_camera: Array, p: TerrainMapParameters) -> NDArray[np.int64]:
     """(2,) first column of the top view, ahead of the camera along its axis and the image's up direction."""
     ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    middle = (T_grid_camera[:2, 3] + p.ahead_m * ahead) / p.voxel_size_m
+    middle = (T_grid_camera[:2, 3] + _AHEAD_M * ahead) / p.voxel_size_m
     return (np.floor(middle / EDGE).astype(np.int64) - VIEW // EDGE // 2) * EDGE

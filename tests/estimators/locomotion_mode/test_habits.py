@@ -8,16 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, foothold, habits
 from stridetwin.estimators.locomotion_mode.habits import HABITS, Habit, Habits
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, mixed, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import heights, surface_along
-from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from stridetwin.estimators.terrain_map import Profile
 from tests.estimators.locomotion_mode.test_next_steps import RATIOS, S, foot_at, ground
 from tests.estimators.locomotion_mode.walker import footprints, samples
 from tests.estimators.terrain_map.scenes import RIG
 
-P = LocomotionModeParameters()
+P = Settings()
 LG, SA, SD = (MODES.index(mode) for mode in ("LG", "SA", "SD"))
 TREAD_M = 0.30
 EDGES = [1.0 + TREAD_M * k for k in range(5)]
@@ -53,22 +54,22 @@ def test_a_change_of_kind_changes_neither_place_nor_crossing(values):
 def test_the_probability_of_joining_lies_between_those_of_the_habits(values):
     for _, habit in Habits(P).that_differ(joint_of(values), ground((1.0, 0.17))):
         for chance in habit.joins:
-            assert P.other_joins - 1e-12 <= chance <= P.joiner_joins + 1e-12
+            assert habits._OTHER_JOINS - 1e-12 <= chance <= habits._JOINER_JOINS + 1e-12
 
 
 @given(shares, st.floats(0.2, 0.7), st.sampled_from([0.17, -0.17]))
 def test_groups_of_habits_hold_all_walkers_but_the_improbable(values, tread, drop):
     joint = 0.9 * joint_of(values) + 0.1 * joint_of(np.ones(2 * HABITS))
     groups = Habits(P).that_differ(joint, ground(*((1.0 + tread * k, drop) for k in range(4))))
-    assert len(groups) <= 1 + (P.two_paces_m < tread <= P.one_pace_m) + (drop > 0.0)
-    assert sum(part.sum() for part, _ in groups) == pytest.approx(1.0, abs=2 * P.habit_min)
+    assert len(groups) <= 1 + (habits._TWO_PACES_M < tread <= habits._ONE_PACE_M) + (drop > 0.0)
+    assert sum(part.sum() for part, _ in groups) == pytest.approx(1.0, abs=2 * habits._MIN_SHARE)
 
 
 def test_a_habit_never_becomes_certain():
-    habits = Habits(P)
+    walkers = Habits(P)
     for habit in range(HABITS):
-        joint = joint_of(np.eye(2 * HABITS)[2 * habit + 1])
-        assert habits.changed(joint)[habit].sum() == pytest.approx(1.0 - P.habit_change * (1.0 - habits.prior[habit]))
+        changed = walkers.changed(joint_of(np.eye(2 * HABITS)[2 * habit + 1]))
+        assert changed[habit].sum() == pytest.approx(1.0 - habits._HABIT_CHANGE * (1.0 - walkers.prior[habit]))
 
 
 @settings(max_examples=20, deadline=None)
@@ -161,11 +162,11 @@ def test_the_body_shows_whether_the_foot_joined():
     """
     found = {}
     for place in (1.05, 1.35):
-        body = 1.05 + P.joined_ahead_m if place < 1.2 else 1.35 - P.edge_ahead_m
+        body = 1.05 + foothold._JOINED_AHEAD_M if place < 1.2 else 1.35 - foothold._EDGE_AHEAD_M
         likelihoods = Likelihoods(
             even=np.full(len(S), 1e-9),
-            over=normal(S - body - P.edge_ahead_m, P.edge_ahead_sd_m),
-            beside=normal(S - body + P.joined_ahead_m, P.joined_ahead_sd_m),
+            over=normal(S - body - foothold._EDGE_AHEAD_M, foothold._EDGE_AHEAD_SD_M),
+            beside=normal(S - body + foothold._JOINED_AHEAD_M, foothold._JOINED_AHEAD_SD_M),
         )
         predicted = flight(0.17, 1.05, crossed=True, joins=0.5, landing=likelihoods, steps=1)
         found[place] = predicted.joined[0], moments(predicted.last.sum(axis=0), S)[0]
@@ -189,7 +190,7 @@ def test_a_heel_that_overhangs_an_edge_is_as_high_as_its_sole():
 @pytest.fixture(scope="module")
 def stair_walk():
     """True steps and predictions of a scripted walker who puts both feet on each tread."""
-    mode = LocomotionMode(TerrainMap(RIG), RIG.cameras["/head/color"])
+    mode = LocomotionMode(RIG)
     return footprints(both=True), [e for e in map(mode.update, samples(both=True)) if e is not None]
 
 

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.body import Body
+from stridetwin.estimators.locomotion_mode.body import _VIEW_TIME_S, Body
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.published import mode_between
-from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Insole, Odometry
@@ -21,7 +21,7 @@ CAMERA = RIG.cameras["/head/color"]
 
 
 def predictor(method="proposed"):
-    return LocomotionMode(TerrainMap(RIG), CAMERA, method=method)
+    return LocomotionMode(RIG, options=Options(method=method))
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +87,7 @@ def test_a_pose_that_is_not_finite_leaves_the_body_where_it_was():
 
 
 def test_where_the_body_was_and_where_it_looks():
-    p = LocomotionModeParameters()
-    body = Body(np.zeros(3), np.eye(3)[:, [1, 2, 0]] * [-1.0, -1.0, 1.0], p)  # the optical axis along x
+    body = Body(np.zeros(3), np.eye(3)[:, [1, 2, 0]] * [-1.0, -1.0, 1.0], Settings())  # the optical axis along x
     turn, dt = Rotation.from_euler("z", 0.5), 0.1
     for k in range(40):
         R = Rotation.identity() if k < 20 else turn
@@ -97,7 +96,7 @@ def test_where_the_body_was_and_where_it_looks():
         np.testing.assert_allclose(body.before(back), [0.05 * (39 - back / dt), 0.0, 1.6], atol=1e-9)
     assert body.before(100.0)[0] == 0.0  # the oldest
     # the viewing direction follows with a time constant
-    settled = 0.5 * (1.0 - (1.0 - dt / p.view_time_s) ** 20)
+    settled = 0.5 * (1.0 - (1.0 - dt / _VIEW_TIME_S) ** 20)
     assert math.atan2(body._look[1], body._look[0]) == pytest.approx(settled, rel=0.1)
 
 
@@ -205,7 +204,7 @@ def test_published_predicts_the_mode_of_the_ground_under_the_print(walk):
 
     def predicted(here, there):
         forward = np.array([1.0 if there > here else -1.0, 0.0])
-        return mode_between(mode.ground, np.array([here, 0.0]), np.array([there, 0.0]), forward, mode.parameters)[0]
+        return mode_between(mode.ground, np.array([here, 0.0]), np.array([there, 0.0]), forward, Settings())[0]
 
     assert predicted(0.05, 0.20) == "SA"
     assert predicted(0.20, 0.05) == "SD"

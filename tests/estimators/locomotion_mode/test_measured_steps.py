@@ -10,7 +10,6 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import LocomotionMode
 from stridetwin.estimators.locomotion_mode.foothold import extrapolated, measured_step, step_likelihood
 from stridetwin.estimators.locomotion_mode.segments import Segment, mode_table
-from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.samples import Depth
 from tests.estimators.locomotion_mode import walker
 from tests.estimators.locomotion_mode.test_next_steps import P, S, foot_at, ground
@@ -55,10 +54,10 @@ def test_a_riser_under_the_feet_identifies_their_side_of_an_edge():
     assert made is not None
     stair = ground((2.0, 0.15))
     before, unsure = foot_at(1.62), np.exp(-0.5 * ((S - 2.0) / 0.05) ** 2)
-    after = unsure * step_likelihood(made, S, stair, before, P)
+    after = unsure * step_likelihood(made, S, stair, before)
     assert after[S > 2.0].sum() > 0.95 * after.sum()
     level = replace(made, elevation=0.0)
-    after = unsure * step_likelihood(level, S, stair, before, P)
+    after = unsure * step_likelihood(level, S, stair, before)
     assert after[S < 2.0].sum() > 0.95 * after.sum()
 
 
@@ -77,7 +76,7 @@ def test_unobserved_ground_continues_as_measured():
 
 def test_in_the_dark_stairs_continue():
     """Without any depth, the next steps are predicted to climb once two treads were measured, and not before."""
-    mode = LocomotionMode(TerrainMap(RIG), RIG.cameras["/head/color"])
+    mode = LocomotionMode(RIG)
     prints, predicted = walker.footprints(), {}
     high = np.cumsum([walker.RISER * (m == "SA") for _, _, _, m in prints])
     felt_ns = [round(t * 1e9) + 250_000_000 for t, *_ in prints]

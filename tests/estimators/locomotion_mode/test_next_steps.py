@@ -8,12 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.foothold import Foothold, Line, position
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode
+from stridetwin.estimators.locomotion_mode.foothold import GRID_M, Foothold, Line, position
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
 from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, Rhythm, StepFilter, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import _even_steps, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
+    BEHIND_M,
+    CLEARANCE_SD_M,
     Flight,
     Segment,
     foothold_weights,
@@ -22,11 +25,20 @@ from stridetwin.estimators.locomotion_mode.segments import (
     unseen,
     with_unseen,
 )
-from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp, TerrainEstimate
+from stridetwin.estimators.terrain_map import (
+    Change,
+    Plane,
+    Profile,
+    Ramp,
+    TerrainEstimate,
+    TerrainMap,
+    TerrainMapParameters,
+)
 from stridetwin.streams.samples import Insole
+from tests.estimators.terrain_map.scenes import RIG
 
-P = LocomotionModeParameters()
-S = P.grid_m * (np.arange(160) + 0.5)
+P = Settings()
+S = GRID_M * (np.arange(160) + 0.5)
 RATIOS = {"RA": (0.8, 0.1), "RD": (0.8, 0.1)}
 
 
@@ -68,7 +80,7 @@ def test_the_filter_finds_steady_steps_of_both_feet(mean, share, seed):
 
 
 def test_landings_are_counted_from_the_last_one():
-    rhythm = Rhythm(LocomotionModeParameters())
+    rhythm = Rhythm(P)
     for k, foot in enumerate("lrlrlr"):
         rhythm.land(foot, k * 600_000_000, True)
     last_ns = 5 * 600_000_000
@@ -80,7 +92,7 @@ def test_landings_are_counted_from_the_last_one():
 
 def test_even_steps_are_longer_by_their_shift():
     level = 0.02 * np.arange(80)
-    found = _even_steps(level, np.full(80, 0.05), 0.6, np.array([-0.1, 0.0, 0.1]), 60, 4.0)
+    found = _even_steps(level, np.full(80, 0.05), 0.6, np.array([-0.1, 0.0, 0.1]), 60)
     np.testing.assert_allclose([level[int(found[h, 0].argmax())] for h in range(3)], [0.5, 0.6, 0.7], atol=0.011)
 
 
@@ -116,8 +128,8 @@ def test_stairs_take_a_foot_a_tread_and_no_toe_is_in_a_riser():
     predicted = chain(ground(*((e, 0.15) for e in edges)), 0.72)
     for k, edge in enumerate(edges[:3]):
         s, sd = moments(predicted.density[k], S)
-        assert edge < s + 0.5 * (P.toe_m - P.heel_m) < edge + 0.3
-        assert s + P.toe_m < edge + 0.3 + 2 * P.clearance_sd_m
+        assert edge < s + 0.5 * (P.mode.toe_m - P.mode.heel_m) < edge + 0.3
+        assert s + P.mode.toe_m < edge + 0.3 + 2 * CLEARANCE_SD_M
         assert sd < 0.09
         assert predicted.modes[k][MODES.index("SA")] > 0.95
 
@@ -136,6 +148,13 @@ def test_a_ramp_counts_from_the_first_foot_on_it_and_ends_with_the_first_beyond(
 def test_a_kerb_is_level_and_a_low_stair_is_none():
     for drop, mode in ((0.04, "LG"), (-0.04, "LG"), (0.07, "SA"), (-0.07, "SD")):
         assert MODES[int(mode_table(ground((1.0, drop)), P)[0, 1].argmax())] == mode
+
+
+def test_the_lowest_riser_of_stairs_is_that_of_the_map():
+    terrain_map = TerrainMap(RIG, parameters=TerrainMapParameters(min_riser_m=0.12))
+    high_stairs = LocomotionMode(RIG, ground=terrain_map)._settings
+    for p, mode in ((P, "SA"), (high_stairs, "LG")):
+        assert MODES[int(mode_table(ground((1.0, 0.10)), p)[0, 1].argmax())] == mode
 
 
 def way(*edges, seen=lambda s: s == s):
@@ -203,7 +222,7 @@ def test_hidden_stairs_down_are_no_brink():
 
 
 def test_what_is_seen_afar_says_nothing_of_the_ground_under_the_feet():
-    here = P.behind_m
+    here = BEHIND_M
     assert len(segments_along(way(seen=lambda s: s > here + 0.3), None, np.array([1.0, 0.0]), P)) == 1
     feet, afar = segments_along(way(seen=lambda s: s > here + 0.8), None, np.array([1.0, 0.0]), P)
     assert feet.end == afar.start == pytest.approx(here + 0.8, abs=0.03)
@@ -251,14 +270,14 @@ def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
     foothold, east = Foothold(P), np.array([1.0, 0.0])
     for k in range(4):
         landing = Landing(feet=("lr"[k % 2],), measurable=True)
-        line = Line(np.array([0.6 * k - P.behind_m, 0.0]), east)
+        line = Line(np.array([0.6 * k - BEHIND_M, 0.0]), east)
         foothold.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
     ahead, _ = moments(position(foothold.standing(line)), foothold.s)
     foot = line.origin + ahead * east
-    body, turned = line.origin + P.behind_m * east, math.radians(degrees)
+    body, turned = line.origin + BEHIND_M * east, math.radians(degrees)
     to = np.array([math.cos(turned), math.sin(turned)])
-    s, sd = moments(position(foothold.standing(Line(body - P.behind_m * to, to))), foothold.s)
-    assert s - P.behind_m == pytest.approx((foot - body) @ to, abs=0.03)
+    s, sd = moments(position(foothold.standing(Line(body - BEHIND_M * to, to))), foothold.s)
+    assert s - BEHIND_M == pytest.approx((foot - body) @ to, abs=0.03)
     assert sd < 0.15
 
 
@@ -266,10 +285,10 @@ def test_ground_that_was_not_seen_may_be_any():
     profile = way(seen=lambda s: ((s > 1.0) & (s < 2.0)) | (s > 2.6))
     chance = unseen(profile, np.array([1.5, 2.3, 2.3, 4.0, 5.8]), 0.8, P)
     assert chance[0] < 1e-3
-    assert chance[1] == pytest.approx((1.0 - math.exp(-0.3 / P.change_m)) ** 2, rel=0.15)
-    assert chance[3] < 1e-3 < chance[4] == pytest.approx(1.0 - math.exp(-1.02 / P.change_m), rel=0.05)
+    assert chance[1] == pytest.approx((1.0 - math.exp(-0.3 / P.mode.change_m)) ** 2, rel=0.15)
+    assert chance[3] < 1e-3 < chance[4] == pytest.approx(1.0 - math.exp(-1.02 / P.mode.change_m), rel=0.05)
     blind = unseen(way(seen=lambda s: s < 0.0), np.array([1.2, 1.8, 2.4]), 1.2, P)
-    assert blind == pytest.approx([0.0, 1.0 - math.exp(-0.6 / P.change_m), 1.0 - math.exp(-1.2 / P.change_m)])
+    assert blind == pytest.approx([0.0, 1.0 - math.exp(-0.6 / P.mode.change_m), 1.0 - math.exp(-1.2 / P.mode.change_m)])
     predicted = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
     assert predicted.sum(axis=1) == pytest.approx(1.0)
     assert predicted[1, 0] < 0.85
@@ -277,7 +296,7 @@ def test_ground_that_was_not_seen_may_be_any():
 
 def test_soles_reach_over_free_edges_and_not_into_risers():
     up, down = foothold_weights(ground((1.0, 0.2)), S, P)[0], foothold_weights(ground((1.0, -0.2)), S, P)[0]
-    toes = S + P.toe_m
+    toes = S + P.mode.toe_m
     assert up[toes > 1.06].max() < 0.05
     assert down[(toes > 1.0) & (toes < 1.03)].min() > 0.8
     assert down[toes > 1.13].max() < 0.05
@@ -291,7 +310,7 @@ def test_equations_16_to_18():
     assert walking.next_size() == pytest.approx(2 * 0.6 - 0.5)
     place, forward = walking.footprint()
     assert forward == pytest.approx([1.0, 0.0])
-    assert place == pytest.approx([1.1 + 0.7 + 0.35, -P.width_m / 2])
+    assert place == pytest.approx([1.1 + 0.7 + 0.35, -P.mode.width_m / 2])
     assert walking.step_time() == pytest.approx(0.6)
 
 

@@ -6,15 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stridetwin.estimators.locomotion_mode import LocomotionModeParameters, changes, segments
+from stridetwin.estimators.locomotion_mode import changes, segments
 from stridetwin.estimators.locomotion_mode.foothold import Line
+from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between, published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, StepFilter
 from stridetwin.estimators.locomotion_mode.segments import Flight, Segment
 from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp
 from stridetwin.estimators.terrain_map.estimate import Level, Stairs, TerrainEstimate
 
-P = LocomotionModeParameters()
+P = Settings()
 
 
 def edge(s, drop, sd=0.01):
@@ -246,11 +247,11 @@ def test_the_last_flight_is_the_longest_that_is_well_known():
 
     def last(*flights):
         estimate = TerrainEstimate(t_ns=0, planes={}, terrains=flights, p_camera_in_world=np.zeros(3))
-        return segments.last_flight(estimate, Flight(riser=9.0, tread=9.0), P).riser
+        return segments.last_flight(estimate, Flight(riser=9.0, tread=9.0)).riser
 
     assert last(stairs(2), stairs(5), stairs(3)) == pytest.approx(0.15)
-    assert last(stairs(2), stairs(5, riser_sd=1.01 * P.known_riser_sd_m)) == pytest.approx(0.12)
-    assert last(stairs(2), stairs(5, tread_sd=1.01 * P.known_tread_sd_m)) == pytest.approx(0.12)
+    assert last(stairs(2), stairs(5, riser_sd=1.01 * segments._KNOWN_RISER_SD_M)) == pytest.approx(0.12)
+    assert last(stairs(2), stairs(5, tread_sd=1.01 * segments._KNOWN_TREAD_SD_M)) == pytest.approx(0.12)
     assert last(stairs(1)) == 9.0
 
 
@@ -272,20 +273,20 @@ def test_the_sizes_of_stairs_are_those_of_the_flight_with_an_edge_there():
         line = Line(origin=np.zeros(2), forward=np.array([1.0, 0.0]))
         return changes._sizes(mode, segment, estimate, np.array([1.0, 0.2]), line, P)
 
-    riser_sd, tread_sd = math.hypot(0.002, P.flight_riser_sd_m), P.tread_sd_share * 0.004
+    riser_sd, tread_sd = math.hypot(0.002, changes._FLIGHT_RISER_SD_M), changes._TREAD_SD_SHARE * 0.004
     known = {"riser": 0.16, "riser_sd": riser_sd, "tread": 0.3, "tread_sd": tread_sd}
     assert sizes("SA", stairs(2), stairs(3), stairs(5, up=-1.0)) == pytest.approx(known)
     assert sizes("SA", stairs(1)) == pytest.approx({"riser": 0.12, "riser_sd": riser_sd})
-    down = known | {"riser": -0.16, "tread_sd": P.tread_down_factor * tread_sd}
+    down = known | {"riser": -0.16, "tread_sd": changes._TREAD_DOWN_FACTOR * tread_sd}
     assert sizes("SD", stairs(3, up=-1.0), stairs(5)) == pytest.approx(down)
-    unknown = {"riser": -0.17, "riser_sd": math.hypot(P.riser_sd_m, 0.02)}
-    assert sizes("SD", stairs(1, up=-1.0, off=1.01 * P.flight_match_m)) == pytest.approx(unknown)
+    unknown = {"riser": -0.17, "riser_sd": math.hypot(P.mode.riser_sd_m, 0.02)}
+    assert sizes("SD", stairs(1, up=-1.0, off=1.01 * changes._FLIGHT_MATCH_M)) == pytest.approx(unknown)
     assert sizes("RD") == {"slope": 0.1, "slope_sd": 0.01}
     assert sizes("LG", stairs(3)) == {}
 
 
 def test_the_step_filter_is_a_kalman_filter_that_distrusts_outliers():
-    steps = StepFilter(0.6, 0.15, 0.1, 0.01, 0.02, outlier_sd=2.0)
+    steps = StepFilter(0.6, 0.15, 0.1, 0.01, 0.02)
     x, P_ = np.array([0.6, 0.0]), np.diag([0.15**2, 0.1**2])
     for kind, value, sd, sure in ((1, 0.7, 0.0, 1.0), (-1, 0.65, 0.03, 0.5), (1, 0.7, 0.0, 1.0), (-1, 2.0, 0.0, 1.0),
                                   (0, 0.1, 0.0, 1.0), (1, 5.0, 0.0, 0.0)):  # fmt: skip

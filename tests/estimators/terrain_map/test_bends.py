@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.terrain_map.bends import straight_stretches
-from stridetwin.estimators.terrain_map.parameters import BendParameters
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 
-P = BendParameters()
+MIN_BEND_RAD = TerrainMapParameters().min_slope_break_rad
 S = np.arange(0.01, 7.2, 0.02)
 
 
@@ -28,7 +28,7 @@ def ground(*slopes_deg: float, bends_m: tuple[float, ...] = (2.0, 5.0), noise_m:
 def test_a_gentle_ramp_between_level_pieces_is_found(ramp: float, down: bool, lean: float, begin: float) -> None:
     ramp = -ramp if down else ramp
     height = ground(lean, lean + ramp, lean, bends_m=(begin, begin + 3.0))
-    stretches = straight_stretches(S, height, 0, len(S) - 1, P)
+    stretches = straight_stretches(S, height, 0, len(S) - 1, MIN_BEND_RAD)
     assert [math.degrees(math.atan(k.slope)) for k in stretches] == pytest.approx([lean, lean + ramp, lean], abs=0.25)
     assert [k.break_s for k in stretches[1:]] == pytest.approx([begin, begin + 3.0], abs=0.1)
     assert stretches[0].first == 0
@@ -40,18 +40,18 @@ def test_a_gentle_ramp_between_level_pieces_is_found(ramp: float, down: bool, le
 @given(st.floats(-15.0, 15.0), st.integers(0, 50))
 def test_straight_ground_is_not_cut(slope: float, seed: int) -> None:
     rough = np.random.default_rng(seed).normal(0.0, 0.006, len(S))
-    assert len(straight_stretches(S, math.tan(math.radians(slope)) * S + rough, 0, len(S) - 1, P)) < 2
+    assert len(straight_stretches(S, math.tan(math.radians(slope)) * S + rough, 0, len(S) - 1, MIN_BEND_RAD)) < 2
 
 
 def test_missing_heights_and_short_runs_do_not_bend() -> None:
     height = ground(0.0, 4.0, 0.0)
     height[::3] = np.nan
-    assert len(straight_stretches(S, height, 0, len(S) - 1, P)) == 3
-    assert straight_stretches(S, np.full(len(S), np.nan), 0, len(S) - 1, P) == []
-    assert straight_stretches(S, height, 0, 10, P) == []
+    assert len(straight_stretches(S, height, 0, len(S) - 1, MIN_BEND_RAD)) == 3
+    assert straight_stretches(S, np.full(len(S), np.nan), 0, len(S) - 1, MIN_BEND_RAD) == []
+    assert straight_stretches(S, height, 0, 10, MIN_BEND_RAD) == []
 
 
 def test_a_jump_is_no_bend() -> None:
     """A kerb of 40 mm that the map holds as one plane with the ground around it: nothing slopes."""
     rough = np.random.default_rng(1).normal(0.0, 0.002, len(S))
-    assert len(straight_stretches(S, np.where(S > 3.3, -0.04, 0.01) + rough, 0, len(S) - 1, P)) < 2
+    assert len(straight_stretches(S, np.where(S > 3.3, -0.04, 0.01) + rough, 0, len(S) - 1, MIN_BEND_RAD)) < 2

@@ -8,7 +8,7 @@ import pytest
 
 from stridetwin.estimators.terrain_map import bends, stairs
 from stridetwin.estimators.terrain_map.estimate import Plane
-from stridetwin.estimators.terrain_map.parameters import BendParameters, TerrainMapParameters
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.risers import Riser
 from tests.estimators.from_python import from_python
 
@@ -145,16 +145,13 @@ def test_risers_a_tread_apart_are_one_flight():
     rows = stairs.flights([row[2], far, row[0], turned, row[1]], P)
     assert sorted(sorted(r.lower for r in each) for each in rows) == [[0, 1, 2], [3], [9]]
     assert next(each for each in rows if len(each) == 3) == row
-    for tread, joined in ((0.99 * P.tread_min_m, False), (1.01 * P.tread_min_m, True), (0.99 * P.tread_max_m, True),
-                          (1.01 * P.tread_max_m, False)):  # fmt: skip
+    for tread, joined in ((0.99 * P.min_tread_m, False), (1.01 * P.min_tread_m, True), (0.99 * P.max_tread_m, True),
+                          (1.01 * P.max_tread_m, False)):  # fmt: skip
         other = replace(row[0], lower=1, upper=2, points=row[0].points + tread * UP)
         assert (len(stairs.flights([row[0], other], P)) == 1) == joined
-    for angle, joined in ((0.98 * P.parallel_rad, True), (1.02 * P.parallel_rad, False)):
+    for angle, joined in ((0.98 * stairs._PARALLEL_RAD, True), (1.02 * stairs._PARALLEL_RAD, False)):
         other = replace(row[0], lower=1, upper=2, points=row[0].points + 0.3 * UP, down=-along(HEADING + angle))
         assert (len(stairs.flights([row[0], other], P)) == 1) == joined
-
-
-BENDS = BendParameters()
 
 
 def hinge_gain(x, z, k):
@@ -170,24 +167,24 @@ def hinge_gain(x, z, k):
 def test_the_best_bend_is_the_hinge_that_explains_most(seed):
     rng = np.random.default_rng(seed)
     n, at = 40, 15 + 3 * seed
-    x = np.sort(np.arange(n) * BENDS.bin_m + rng.uniform(0, 0.3, n) * BENDS.bin_m)
-    z = 0.02 * x + 0.08 * np.maximum(0.0, x - x[at]) + rng.normal(0, 0.3 * BENDS.noise_m, n)
-    ks = range(BENDS.fewest_bins, n - BENDS.fewest_bins + 1)
+    x = np.sort(np.arange(n) * bends._BIN_M + rng.uniform(0, 0.3, n) * bends._BIN_M)
+    z = 0.02 * x + 0.08 * np.maximum(0.0, x - x[at]) + rng.normal(0, 0.3 * bends._NOISE_M, n)
+    ks = range(bends._MIN_BINS, n - bends._MIN_BINS + 1)
     gains = {k: hinge_gain(x, z, k) for k in ks if k < n}
     best = max(gains, key=lambda k: gains[k][0])
-    found = bends._best(x, z, BENDS)
+    found = bends._best(x, z, P.min_slope_break_rad)
     gain, bend, rest = gains[best]
-    left = max((rest - gain) / n, BENDS.noise_m**2)
-    is_one = abs(bend) >= math.tan(BENDS.least_rad) and gain >= BENDS.least_sd**2 * left
+    left = max((rest - gain) / n, bends._NOISE_M**2)
+    is_one = abs(bend) >= math.tan(P.min_slope_break_rad) and gain >= bends._MIN_BEND_SD**2 * left
     assert found == (best if is_one else None)
-    assert bends._best(x, z, BENDS, any_bend=True) == (best if gain >= BENDS.least_sd**2 * BENDS.noise_m**2 else None)
+    assert bends._best(x, z) == (best if gain >= bends._MIN_BEND_SD**2 * bends._NOISE_M**2 else None)
     assert is_one
 
 
 def test_few_bins_have_no_bend_and_neither_has_a_line():
-    x = np.arange(30) * BENDS.bin_m
-    assert bends._best(x[: 2 * BENDS.fewest_bins - 1], x[: 2 * BENDS.fewest_bins - 1] ** 2, BENDS) is None
-    assert bends._best(x, 0.3 * x + 1.0, BENDS, any_bend=True) is None
+    x = np.arange(30) * bends._BIN_M
+    assert bends._best(x[: 2 * bends._MIN_BINS - 1], x[: 2 * bends._MIN_BINS - 1] ** 2) is None
+    assert bends._best(x, 0.3 * x + 1.0) is None
 
 
 def test_a_line_through_bins_is_numpys():
@@ -195,14 +192,14 @@ def test_a_line_through_bins_is_numpys():
     s = np.arange(0.5, 2.5, 0.019)
     height = 0.3 * s + rng.normal(0, 0.01, len(s))
     height[10:30] = np.nan
-    x, z = bends._binned(s, height, 0.1)
+    x, z = bends._binned(s, height)
     bins = np.floor((s - s[0]) / 0.1)
     known = np.isfinite(height)
     there = np.unique(bins[known])
     np.testing.assert_allclose(x, [s[known & (bins == b)].mean() for b in there], rtol=1e-12)
     np.testing.assert_allclose(z, [height[known & (bins == b)].mean() for b in there], rtol=1e-12)
-    middle, level, slope, sd = bends._line(x, z, BENDS)
+    middle, level, slope, sd = bends._line(x, z)
     (expected, _), covariance = np.polyfit(x, z, 1, cov="unscaled")
     assert (middle, level, slope) == pytest.approx((x.mean(), z.mean(), expected))
-    assert sd == pytest.approx(BENDS.noise_m * math.sqrt(covariance[0, 0]))
-    assert [len(a) for a in bends._binned(s, np.full(len(s), np.nan), 0.1)] == [0, 0]
+    assert sd == pytest.approx(bends._NOISE_M * math.sqrt(covariance[0, 0]))
+    assert [len(a) for a in bends._binned(s, np.full(len(s), np.nan))] == [0, 0]

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.terrain_map import order_statistics, plane_fit, ray_casting, risers
-from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point
 from tests.estimators.from_python import from_python
-
-PARAMETERS = TerrainMapParameters()
 
 
 def sums(points, noise=0.005):
@@ -113,7 +110,7 @@ def test_across_a_line_is_its_normal_on_the_side_asked_for(angle):
     _, vectors = np.linalg.eigh(np.cov(points.T))
     for side in (1.0, -1.0):
         toward = side * normal + 0.3 * along
-        found = from_python(risers.across)(points, toward, PARAMETERS.edges.direction_ratio)
+        found = from_python(risers.across)(points, toward, risers._DIRECTION_RATIO)
         expected = vectors[:, 0] * np.sign(vectors[:, 0] @ toward)
         np.testing.assert_allclose(found, expected, atol=1e-9)
     toward = 0.02 * normal + along  # the points do not lie across it
@@ -131,19 +128,18 @@ def test_projections_and_kept_points():
 
 def test_a_column_is_as_uncertain_as_its_distance_and_weight_say():
     """One seen far less than a neighbour is a flying pixel."""
-    p = PARAMETERS.rays
     height = np.array([[0.2, 0.2, 0.2], [0.2, np.nan, -0.4], [0.2, 0.2, 0.2]], np.float32)
     weight = np.array([[40, 40, 40], [40, 40, 40], [40, 40, 40]], np.float32)
     expected_height = height.copy()
-    sd = ray_casting.column_noise(height, weight, 1.6, 0.003, 0.02, 0.01, p)
+    sd = ray_casting.column_noise(height, weight, 1.6, 0.003, 0.02, 0.01)
     np.testing.assert_array_equal(height, expected_height)
-    own = max(40.0, p.weight_floor)
+    own = max(40.0, ray_casting._WEIGHT_FLOOR)
     off = 0.01 * np.where(np.isnan(height), 0.0, 1.6 - np.nan_to_num(height))
     np.testing.assert_allclose(sd, np.minimum(np.sqrt(0.003**2 + off**2 / own), 0.02), rtol=1e-5)
-    weight[0, 0] = 40 * p.neighbour_share * 0.99
-    ray_casting.column_noise(height, weight, 1.6, 0.003, 0.02, 0.01, p)
+    weight[0, 0] = 40 * ray_casting._NEIGHBOUR_SHARE * 0.99
+    ray_casting.column_noise(height, weight, 1.6, 0.003, 0.02, 0.01)
     assert np.isnan(height[0, 0])
     assert np.isnan(height).sum() == 2
     few = np.full((3, 3), 1e-3, np.float32)
-    sd = ray_casting.column_noise(np.zeros((3, 3), np.float32), few, 1.6, 0.003, 9.0, 0.01, p)
-    np.testing.assert_allclose(sd, np.sqrt(0.003**2 + (0.016) ** 2 / p.weight_floor), rtol=1e-5)
+    sd = ray_casting.column_noise(np.zeros((3, 3), np.float32), few, 1.6, 0.003, 9.0, 0.01)
+    np.testing.assert_allclose(sd, np.sqrt(0.003**2 + (0.016) ** 2 / ray_casting._WEIGHT_FLOOR), rtol=1e-5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from stridetwin.estimators.terrain_map.depth_camera import Poses
+from stridetwin.estimators.terrain_map.depth_camera import _MIN_JUMP_M, Poses
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.samples import Odometry
 
@@ -61,7 +61,7 @@ def test_a_repeated_or_late_or_infinite_pose_is_ignored():
 @pytest.mark.parametrize(
     ("seconds", "moved", "jumps"),
     [
-        (0.01, 0.99 * P.jump_m, False), (0.01, 1.01 * P.jump_m, True),
+        (0.01, 0.99 * _MIN_JUMP_M, False), (0.01, 1.01 * _MIN_JUMP_M, True),
         (0.99 * P.max_gap_s, 0.0, False), (1.01 * P.max_gap_s, 0.0, True),
         (0.9 * P.max_gap_s, 0.95 * P.max_speed_mps * 0.9 * P.max_gap_s, False),
     ],

@@ -18,6 +18,11 @@ from stridetwin.streams.samples import Imu
 
 STAIRS = flight(0.16, 0.30, 5)
 EYE = np.array([-1.2, 0.0, EYE_M])
+IMU = ImuCalibration(
+    topic="/head/imu", part="", rate_hz=200.0, mount=Mount(body="head"), gyroscope_noise_density=2e-4,
+    gyroscope_random_walk=1e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=1e-5,
+)  # fmt: skip
+WITH_IMU = replace(RIG, imus={"/head/imu": IMU})
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +63,8 @@ def test_an_estimated_pose_of_the_camera_replaces_its_mount(seen):
     """A nominal mount 5 degrees off makes the floor slope; the estimated one, the identity, mends it."""
     tilted = np.eye(4)
     tilted[:3, :3] = Rotation.from_rotvec([math.radians(5.0), 0.0, 0.0]).as_matrix()
-    imu = ImuCalibration(
-        topic="/head/imu", part="", rate_hz=200.0, mount=Mount(body="head"), gyroscope_noise_density=2e-4,
-        gyroscope_random_walk=1e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=1e-5,
-    )  # fmt: skip
-    right, camera = replace(RIG, imus={"/head/imu": imu}), RIG.cameras["/head/color"]
-    off = replace(right, cameras={"/head/color": replace(camera, mount=Mount(body="head", T_body_sensor=tilted))})
+    camera = RIG.cameras["/head/color"]
+    off = replace(WITH_IMU, cameras={"/head/color": replace(camera, mount=Mount(body="head", T_body_sensor=tilted))})
     mount = pose_sample(0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), CAMERA_POSES)
     corrupt = replace(mount, p_frame_in_world=np.full(3, np.nan))
 
@@ -73,7 +74,7 @@ def test_an_estimated_pose_of_the_camera_replaces_its_mount(seen):
             assert terrain_map.update(sample) is None
         return known(terrain_map, seen)
 
-    np.testing.assert_array_equal(everything(estimated(off, mount, corrupt)), everything(estimated(right)))
+    np.testing.assert_array_equal(everything(estimated(off, mount, corrupt)), everything(estimated(WITH_IMU)))
     floor = max(estimated(off).planes.values(), key=lambda p: p.area_m2)
     assert math.degrees(floor.slope) > 3.0
 
@@ -167,18 +168,20 @@ def test_a_rig_without_depth_is_refused():
         TerrainMap(RIG, topic="/x")
 
 
-@pytest.mark.parametrize(("field", "value"), [("voxel_size_m", 0.0), ("riser_min_m", 0.5), ("weight_max", math.nan)])
+@pytest.mark.parametrize(("field", "value"), [("voxel_size_m", 0.0), ("min_riser_m", 0.5), ("max_weight", math.nan)])
 def test_parameters_are_checked(field, value):
     with pytest.raises(ConfigError, match=field):
         TerrainMapParameters(**{field: value})
 
 
 def test_the_mount_gives_the_place_of_the_camera(seen):
-    """Poses of a body 10 cm behind the camera that looks another way."""
+    """Poses of an IMU 10 cm behind the camera, with other axes."""
     T = np.eye(4)
     T[:3, :3] = attitude(0.0).as_matrix()
     T[:3, 3] = [0.1, 0.0, 0.05]
-    terrain_map = TerrainMap(RIG, mount=Mount(body="head", T_body_sensor=T))
+    camera = replace(RIG.cameras["/head/color"], mount=Mount(body="head", T_body_sensor=T))
+    rig = replace(WITH_IMU, cameras={"/head/color": camera})
+    terrain_map = TerrainMap(rig, options=Options(poses_of="head/imu"))
     body = pose(0, EYE - T[:3, 3], attitude(0.0))
     terrain_map.update(replace(body, q_world_frame=np.array([1.0, 0.0, 0.0, 0.0])))
     ours = max(terrain_map.update(depth(0, seen)).stairs, key=lambda s: s.steps)
