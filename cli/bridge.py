@@ -18,7 +18,6 @@ import typer
 from stridetwin.cli.options import BackendOption, ImportableOptions, Options, Outcome, Progress, one_of, positive, share
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import current_name
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ class LiveOptions(Options):
     ] = None
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
     foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None
-    method: Annotated[str | None, typer.Option(parser=current_name, metavar="NAME", help="As in `estimate`.")] = None
+    method: Annotated[str | None, typer.Option(metavar="NAME", help="As in `estimate`.")] = None
     backend: BackendOption = None
     exoskeleton: Annotated[
         Path | None,

@@ -22,7 +22,7 @@ from stridetwin.cli.options import (
 )
 from stridetwin.cli.recording import imported, table_request
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import Declaration, Options, PathEstimate, current_name
+from stridetwin.estimators.base import Declaration, Options, PathEstimate
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:
@@ -57,9 +57,7 @@ class EstimateOptions(ImportableOptions):
     ] = None
     method: Annotated[
         str | None,
-        option(
-            "foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm (default proposed).", "NAME", current_name
-        ),
+        option("foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm (default proposed).", "NAME"),
     ] = None
     poses: Annotated[
         str | None,

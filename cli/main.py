@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import os
 import sys
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
 from importlib.metadata import version
 from inspect import Parameter, Signature, get_annotations
-from typing import Annotated, Any, TextIO, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -64,10 +62,7 @@ def parse(argv: Sequence[str] | None = None) -> Call:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code."""
-    call = parse(argv)
-    console = Console()
-    with _deprecations_shown():
-        return _run(call, console)
+    return _run(parse(argv), Console())
 
 
 def _run(call: Call, console: Console) -> int:
@@ -95,26 +90,6 @@ def _run(call: Call, console: Console) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise the interpreter's own flush fails
         return _PIPE_CLOSED
     return outcome.code
-
-
-@contextmanager
-def _deprecations_shown() -> Iterator[None]:
-    """Shows former names of ours in use, each once and in one line; Python hides them by default."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("once", category=DeprecationWarning, message=".*(former name|deprecated).*")
-        shown = warnings.showwarning
-
-        def show_in_a_line(
-            message: Warning | str, category: type[Warning], filename: str, lineno: int,
-            file: TextIO | None = None, line: str | None = None,
-        ) -> None:  # fmt: skip
-            if category is DeprecationWarning:
-                print(f"{_NAME}: warning: {message}", file=sys.stderr)
-            else:
-                shown(message, category, filename, lineno, file, line)
-
-        warnings.showwarning = show_in_a_line
-        yield
 
 
 def _app() -> typer.Typer:

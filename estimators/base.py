@@ -28,7 +28,6 @@ An estimator of paths may also have the class method `follow(recording, options,
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,8 +40,8 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
-PROPOSED, _FORMER = "proposed", "stridetwin"
-"""Method of an estimator that is not from a paper, and its name up to release 0.1."""
+PROPOSED = "proposed"
+"""Method of an estimator that is not from a paper."""
 PATH, STEPS, TERRAIN, MODES = ("path", "steps", "terrain", "modes")
 """Names of the kinds of output of our estimators."""
 BACKENDS = NUMBA, OPEN3D = ("numba", "open3d")
@@ -82,9 +81,6 @@ class Options:
     exoskeleton: Path | None = None
     metadata: Mapping[str, str] = field(default_factory=dict)
     source: str = "metadata"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "method", current_name(self.method))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,34 +201,3 @@ class PathEstimate:
 
 
 POSE_STREAM = Stream(role="poses", topic=POSES, kind=Odometry)
-
-
-def deprecated(old: str, new: str) -> None:
-    """Warns the caller's caller of a form that the next release no longer has."""
-    warnings.warn(f"{old} is deprecated and will go in the next release; use {new}", DeprecationWarning, stacklevel=3)
-
-
-def current_name(method: str) -> str:
-    """The name of a method today: `stridetwin`, its name up to release 0.1, is `proposed`.
-
-    Warns:
-        DeprecationWarning: The former name was given.
-    """
-    if method != _FORMER:
-        return method
-    warnings.warn(f"method {_FORMER!r} is now {PROPOSED!r}; the former name goes with the next release",
-                  DeprecationWarning, stacklevel=3)  # fmt: skip
-    return PROPOSED
-
-
-def with_current_names(row: Any, former: Mapping[str, str]) -> Any:
-    """A recorded row (JSON values), which may be of an earlier release, with the names of methods today.
-
-    Args:
-        row: The row.
-        former: Former names of other keys, each with the one of today.
-    """
-    if isinstance(row, dict):
-        names = {_FORMER: PROPOSED, **former}
-        return {names.get(key, key): with_current_names(value, former) for key, value in row.items()}
-    return [with_current_names(value, former) for value in row] if isinstance(row, list) else row
