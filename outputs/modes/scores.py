@@ -31,6 +31,14 @@ _GENTLE_RAD = math.radians(3.49)
 """Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
 _LOW_RISER_M = (0.065, 0.075)
 """A stair begins at 70 mm (Zhao et al. 2023); within 5 mm of that, either answer serves the walker."""
+_CHANGES = {
+    "LG": ("level", "level ground"),
+    "SA": ("stairs_up", "stairs up"),
+    "SD": ("stairs_down", "stairs down"),
+    "RA": ("ramp_up", "ramps up"),
+    "RD": ("ramp_down", "ramps down"),
+}
+"""Mode that a change leads to: its part of a score's name, and of the score's label."""
 
 SCORES = (
     Score(
@@ -54,6 +62,10 @@ SCORES = (
     ),
     Score(name="lead_p5_s", scale=LEAD, heading="lead 5 % s", label="the same, 5th percentile", unit="s"),
     Score(name="transition_lead_median_s", scale=LEAD),
+    *(
+        Score(name=f"lead_to_{name}_median_s", scale=LEAD, unit="s", label=f"Lead time of changes to {words}, median")
+        for name, words in _CHANGES.values()
+    ),
     Score(
         name="footprint_forward_rmse_m", label="Footprint one step ahead, forward, RMS error", unit="m", digits=3
     ),
@@ -457,7 +469,8 @@ def scores_of_walk(modes: ModeScores) -> Scores:
 
     Returns:
         `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`, `changes_found_pct`;
-        `lead_median_s`, `lead_p5_s`, `transition_lead_median_s`; `footprint_forward_rmse_m`,
+        `lead_median_s`, `lead_p5_s`, `transition_lead_median_s`, and the median lead time of the steps that change
+        the mode to each other one, `lead_to_{level,stairs_up,...}_median_s`; `footprint_forward_rmse_m`,
         `footprint_left_rmse_m`; `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`; `calibration_error`; `steps`,
         `transitions`.
     """
@@ -474,5 +487,11 @@ def scores_of_walk(modes: ModeScores) -> Scores:
         "transition_lead_median_s": figures["transition_lead_time_s"]["median"],
         "footprint_forward_rmse_m": figures["footprint_rmse_m"]["forward"],
         "footprint_left_rmse_m": figures["footprint_rmse_m"]["left"],
+        **{f"lead_to_{name}_median_s": _lead_to(mode, modes.steps) for mode, (name, _) in _CHANGES.items()},
     }  # fmt: skip
     return {name: float(value) for name, value in flat.items() if value is not None}
+
+
+def _lead_to(mode: str, steps: Sequence[ScoredMode]) -> float | None:
+    """Median lead time, s, of the steps that change the mode to this one; None without any."""
+    return _quantile([step.lead_s for step in steps if step.transition and step.mode == mode], 50)
