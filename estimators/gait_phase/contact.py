@@ -1,0 +1,106 @@
+"""Detects touch-downs of a foot from impacts, and its swings from the pitch rate."""
+
+from __future__ import annotations
+
+import math
+
+from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
+from stridetwin.estimators.gait_phase.stride import StrideFilter
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
+
+Vec3 = tuple[float, float, float]
+_SWING_RATE_RADPS = 1.0  # a foot that swings forward pitches up faster than this
+_MAX_STEP_S = 0.05  # changes over longer intervals are no jerks
+_PEAK_S = 0.04  # an impact's peak follows within this time
+_QUIET_S, _LANDING_S = 0.08, 0.06  # a foot at rest; from touch-down to rest
+_QUIET_FORCE_MPS2 = 2.0
+_FIRST_IMPACT_MPS3 = 6000.0
+_IMPACT_MEMORY = 0.3
+_TOE_OFF_SHARE = 0.68  # of the stride, where the pitch rate reverses
+
+
+class ContactDetector:
+    """Events of one foot, docs/gait_phase.md (1).
+
+    Args:
+        parameters: Thresholds.
+
+    Attributes:
+        is_swing: The pitch rate has reversed after push-off, and the foot has not touched down since.
+    """
+
+    def __init__(self, parameters: GaitPhaseParameters) -> None:
+        self._p = parameters
+        self.is_swing = False
+        self._force: Vec3 = (0.0, 0.0, 0.0)
+        self._jerk: Vec3 = (0.0, 0.0, 0.0)
+        self._consecutive = 0  # samples without a gap before
+        self._is_pushing = False
+        self._reversal_ns = self._touch_down_ns = self._moved_ns = -1
+        self._rate = 0.0
+        self._usual_impact = math.log(_FIRST_IMPACT_MPS3)
+        self._impact = 0.0  # largest since the touch-down; 0 once it is taken into account
+
+    def update(self, t_ns: int, interval_s: float, pitch_rate: float, force: Vec3, stride: StrideFilter) -> int | None:
+        """Takes one sample; returns the time of a touch-down, ns, or None."""
+        impact = self._jerk_change(interval_s, force)
+        if (
+            abs(pitch_rate) > self._p.push_off_radps
+            or abs(math.hypot(*force) - STANDARD_GRAVITY_MPS2) > _QUIET_FORCE_MPS2
+        ):
+            self._moved_ns = t_ns
+        self._learn_impact(t_ns, impact)
+        missed_ns = self._detect_reversal(t_ns, interval_s, pitch_rate, stride)
+        if missed_ns is not None:
+            return missed_ns
+        if not self.is_swing or (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
+            return None
+        threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._usual_impact))
+        is_due = not stride.is_walking or stride.phase >= self._p.landing_phase
+        if impact > threshold and is_due:
+            self._impact = impact
+            return self._land(t_ns - round(0.5e9 * interval_s))
+        if (t_ns - self._moved_ns) * 1e-9 > _QUIET_S:
+            return self._land(self._moved_ns - round(1e9 * _LANDING_S))
+        return None
+
+    def _land(self, t_ns: int) -> int:
+        self.is_swing = self._is_pushing = False
+        self._touch_down_ns = max(t_ns, self._reversal_ns)
+        return self._touch_down_ns
+
+    def _jerk_change(self, interval_s: float, force: Vec3) -> float:
+        """Change of the jerk between the last two intervals, m/s³; 0 after a gap."""
+        is_near = 0.0 < interval_s <= _MAX_STEP_S
+        jerk = tuple((a - b) / interval_s for a, b in zip(force, self._force)) if is_near else (0.0, 0.0, 0.0)
+        self._consecutive = self._consecutive + 1 if is_near else 0
+        change = math.dist(jerk, self._jerk) if self._consecutive > 1 else 0.0
+        self._force, self._jerk = force, (jerk[0], jerk[1], jerk[2])
+        return change
+
+    def _learn_impact(self, t_ns: int, impact: float) -> None:
+        """Averages the peaks of the person's impacts, in logarithms."""
+        if self._impact == 0.0:
+            return
+        self._impact = max(self._impact, impact)
+        if (t_ns - self._touch_down_ns) * 1e-9 > _PEAK_S:
+            self._usual_impact += _IMPACT_MEMORY * (math.log(self._impact) - self._usual_impact)
+            self._impact = 0.0
+
+    def _detect_reversal(self, t_ns: int, interval_s: float, pitch_rate: float, stride: StrideFilter) -> int | None:
+        """Follows the pitch rate through push-off and its reversal.
+
+        A second reversal without a touch-down between says that one was missed: returns its likely time.
+        """
+        last_ns = max(self._touch_down_ns, self._reversal_ns)
+        share = 0.5 if self.is_swing else 0.25
+        is_armed = last_ns < 0 or (t_ns - last_ns) * 1e-9 > share * stride.usual_s
+        if is_armed and pitch_rate > self._p.push_off_radps:
+            self._is_pushing = True
+        if pitch_rate > 0.0:
+            self._positive_ns = t_ns
+        if not self._is_pushing or pitch_rate > -_SWING_RATE_RADPS:
+            return None
+        missed = self.is_swing and stride.begin_ns >= 0
+        self.is_swing, self._is_pushing, self._reversal_ns = True, False, t_ns
+        return t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s) if missed else None
