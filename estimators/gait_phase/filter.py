@@ -47,10 +47,10 @@ class GaitPhase:
         options = options or Options()
         if options.foot not in FEET:
             raise ConfigError("GaitPhase", "foot", options.foot, ", ".join(FEET))
-        T_foot_imu = rig.imu(_topic(options)).mount.T_body_sensor
-        self._left = tuple(float(v) for v in T_foot_imu[1, :3])  # the foot's y axis in sensor axes
+        imu = rig.imu(_topic(options))
+        self._left = tuple(float(v) for v in imu.mount.T_body_sensor[1, :3])  # the foot's y axis in sensor axes
         self._parameters = parameters or GaitPhaseParameters()
-        self._contact = ContactDetector(self._parameters)
+        self._contact = ContactDetector(self._parameters, imu.accelerometer_range)
         self._stride = StrideFilter(self._parameters)
         self._t_ns = -1
 

@@ -19,7 +19,7 @@ SHORTEST_S, LONGEST_S = 0.5, 2.8
 LOG_STRIDE = np.linspace(math.log(SHORTEST_S), math.log(LONGEST_S), CELLS)
 STRIDE_S = np.exp(LOG_STRIDE)
 _FREEDOM = 4.0  # of Student's t: single deviations from the template are no outliers to be rejected, but weak evidence
-_IMPOSSIBLE = -1e4
+IMPOSSIBLE = -1e4
 
 _entry = cached(Path(__file__).parent, llvm_level=1)
 
@@ -124,12 +124,12 @@ def weigh(belief: Belief, template: Template, sample: RateSample) -> tuple[float
         Mean and variance of the phase, mean phase rate (1/s), all given that the person walks; and the probability that
         they stand.
     """
-    largest = _IMPOSSIBLE
+    largest = IMPOSSIBLE
     for c in range(LANDINGS):
         for j in range(CELLS):
             phase = sample.since_s / STRIDE_S[j]
             if phase >= 1.0:
-                belief.walk[c, j] = _IMPOSSIBLE
+                belief.walk[c, j] = IMPOSSIBLE
                 continue
             place = max(phase * BINS - 0.5, 0.0)
             i = min(int(place), BINS - 2)
@@ -144,14 +144,14 @@ def weigh(belief: Belief, template: Template, sample: RateSample) -> tuple[float
     total, phase_sum, square_sum, rate_sum = 1e-300, 0.0, 0.0, 0.0
     for c in range(LANDINGS):
         for j in range(CELLS):
-            if belief.walk[c, j] > _IMPOSSIBLE:
-                belief.walk[c, j] = max(belief.walk[c, j] - largest, 0.5 * _IMPOSSIBLE)
+            if belief.walk[c, j] > IMPOSSIBLE:
+                belief.walk[c, j] = max(belief.walk[c, j] - largest, 0.5 * IMPOSSIBLE)
                 weight, phase = math.exp(belief.walk[c, j]), sample.since_s / STRIDE_S[j]
                 total += weight
                 phase_sum += weight * phase
                 square_sum += weight * phase * phase
                 rate_sum += weight / STRIDE_S[j]
-    belief.stand[0] = max(belief.stand[0] - largest, 0.5 * _IMPOSSIBLE)
+    belief.stand[0] = max(belief.stand[0] - largest, 0.5 * IMPOSSIBLE)
     stand = math.exp(belief.stand[0])
     mean_phase = phase_sum / total
     return mean_phase, max(square_sum / total - mean_phase**2, 0.0), rate_sum / total, stand / (stand + total)

@@ -49,7 +49,7 @@ class GaitPhaseParameters:
     impact_share: float = 0.2
     """The same as a share of the person's usual one, for fast feet, which brake in the air. [tuned]"""
     push_off_radps: float = 1.5
-    """Pitch rate that a push-off exceeds, rad/s, and the largest one of a foot that rests; shuffling feet reach 2."""
+    """Pitch rate that a push-off exceeds, rad/s; shuffling feet reach 2. Doubled: short steps are missed."""
     min_swing_s: float = 0.12
     """Least time from the reversal of the pitch rate after push-off to the touch-down, s: the toe's scuff comes before,
     the fastest walkers land after 0.2 s."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from stridetwin.estimators.gait_phase.kernel import (
     CELLS,
+    IMPOSSIBLE,
     LONGEST_S,
     SHORTEST_S,
     STRIDE_S,
@@ -103,6 +104,7 @@ class StrideFilter:
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]
         landing = np.exp(column - column.max())
+        landing *= self._landing @ self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         landing /= landing.sum()
         joint = self._landing[:, None] * self._transition * landing
         innovation = math.log(stride_s) - float((joint * LOG_RATIO).sum() / joint.sum()) - self._log_stride
