@@ -17,6 +17,8 @@ _REST_S, _LANDING_S = 0.15, 0.06  # of a foot that rests for certain; from a sof
 _REST_RATE_RADPS, _REST_FORCE_MPS2 = 0.5, 1.5
 _FIRST_IMPACT_MPS3 = 6000.0
 _IMPACT_MEMORY = 0.3
+_SWING_RAD = 0.25  # least upward rotation of a foot that swings; a foot that is put aside rotates less
+_SWING_SHARE = 0.5  # of the swing's fastest rotation, beyond which the foot still swings and an impact is a knock
 _TOE_OFF_SHARE = 0.68  # of the stride, where the pitch rate reverses
 
 
@@ -40,6 +42,7 @@ class ContactDetector:
         self._consecutive = 0  # samples without a gap before
         self._is_pushing = False
         self._reversal_ns = self._touch_down_ns = self._moved_ns = -1
+        self._swing_rate = self._swing_rad = 0.0  # fastest and total upward rotation since the reversal
         self._usual_impact = math.log(_FIRST_IMPACT_MPS3)
         self._impact = 0.0  # largest since the touch-down; 0 once it is taken into account
 
@@ -53,10 +56,15 @@ class ContactDetector:
         missed_ns = self._detect_reversal(t_ns, pitch_rate, stride)
         if missed_ns is not None:
             return missed_ns
-        if not self.is_swing or (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
+        if not self.is_swing:
+            return None
+        self._swing_rad += max(-pitch_rate, 0.0) * interval_s
+        self._swing_rate = max(self._swing_rate, -pitch_rate)
+        if (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
             return None
         threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._usual_impact))
         is_due = not stride.is_walking or stride.phase >= self._p.landing_phase
+        is_due &= self._swing_rad > _SWING_RAD and pitch_rate > -_SWING_SHARE * self._swing_rate
         if impact > threshold and is_due:
             self._impact = impact
             return self._land(t_ns - round(0.5e9 * interval_s))
@@ -105,8 +113,11 @@ class ContactDetector:
         is_armed = last_ns < 0 or (t_ns - last_ns) * 1e-9 > share * stride.usual_s
         if is_armed and pitch_rate > self._p.push_off_radps:
             self._is_pushing = True
-        if not self._is_pushing or pitch_rate > -_SWING_RATE_RADPS:
+        # a foot that pivots in a turn may swing without pushing off
+        is_pivot = is_armed and not self.is_swing and pitch_rate < -self._p.push_off_radps
+        if not is_pivot and (not self._is_pushing or pitch_rate > -_SWING_RATE_RADPS):
             return None
+        self._swing_rate, self._swing_rad = -pitch_rate, 0.0
         missed = self.is_swing and stride.begin_ns >= 0
         self.is_swing, self._is_pushing, self._reversal_ns = True, False, t_ns
         return t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s) if missed else None

@@ -19,26 +19,26 @@ class GaitPhaseParameters:
     stride_noise: float = 0.025
     """Standard deviation of a stride time's logarithm about the person's current mean. [tuned] Doubled: the phase relies
     more on the pitch rate and less on earlier strides."""
-    stride_drift: float = 0.02
+    stride_drift: float = 0.03
     """Change of that mean from stride to stride, in logarithms. [tuned] Doubled: the mean follows a change of pace
     sooner and is noisier."""
-    irregular_share: float = 0.1
+    irregular_share: float = 0.15
     """Probability of a stride of quite another length, such as the first and the last. [tuned] Doubled: such strides are
     recognised earlier, regular ones are less certain."""
     irregular_sd: float = 0.15
     """Standard deviation of such a stride time's logarithm. [tuned]"""
-    stairs_share: float = 0.03
+    stairs_share: float = 0.04
     """Probability that a stride on the level leads onto a stair up; the same down. [tuned] Doubled: first stair strides
     are recognised earlier, level ones are less certain."""
     stairs_end_share: float = 0.4
     """Probability that a stride on stairs leads off them. [tuned] Doubled: long flights are less certain."""
     stand_share: float = 0.01
     """Probability that a touch-down is the last one before the person stands. Doubled: a stop is recognised earlier."""
-    rate_correlation_s: float = 0.2
+    rate_correlation_s: float = 0.15
     """Correlation time of the pitch rate's deviation from the template, s. [tuned] Doubled: the pitch rate counts half."""
     rate_noise_rad: float = 0.4
     """Deviation from the template beyond its learned one, rad per cycle. [tuned] Doubled: stance tells less."""
-    template_strides: float = 6.0
+    template_strides: float = 3.0
     """Number of the person's own strides that the template of all people is worth. [tuned] Doubled: a person's manner is
     learned more slowly."""
     template_memory: float = 20.0
