@@ -1,0 +1,123 @@
+"""Detects touch-downs of a foot from impacts, and its swings from the pitch rate."""
+
+from __future__ import annotations
+
+import math
+
+from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
+from stridetwin.estimators.gait_phase.stride import StrideFilter
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
+
+Vec3 = tuple[float, float, float]
+_SWING_RATE_RADPS = 1.0  # a foot that swings forward pitches up faster than this
+_MAX_STEP_S = 0.05  # changes over longer intervals are no jerks
+_PEAK_S = 0.12  # an impact's peak follows within this time
+_CLIPPED_SHARE = 0.97  # of the range, from which on an axis counts as clipped
+_REST_S, _LANDING_S = 0.15, 0.06  # of a foot that rests for certain; from a soft touch-down to rest
+_REST_RATE_RADPS, _REST_FORCE_MPS2 = 0.5, 1.5
+_FIRST_IMPACT_MPS3 = 6000.0
+_IMPACT_MEMORY = 0.3
+_SWING_RAD = 0.25  # least upward rotation of a foot that swings; a foot that is put aside rotates less
+_SWING_SHARE = 0.5  # of the swing's fastest rotation, beyond which the foot still swings and an impact is a knock
+_TOE_OFF_SHARE = 0.68  # of the stride, where the pitch rate reverses
+
+
+class ContactDetector:
+    """Events of one foot, docs/gait_phase.md (1).
+
+    Args:
+        parameters: Thresholds.
+        force_range_mps2: Largest measurable specific force, m/s²; 0 if unknown.
+
+    Attributes:
+        is_swing: The pitch rate has reversed after push-off, and the foot has not touched down since.
+    """
+
+    def __init__(self, parameters: GaitPhaseParameters, force_range_mps2: float = 0.0) -> None:
+        self._p = parameters
+        self._limit = _CLIPPED_SHARE * force_range_mps2 if force_range_mps2 > 0.0 else math.inf
+        self.is_swing = False
+        self._force: Vec3 = (0.0, 0.0, 0.0)
+        self._jerk = [math.nan] * 3  # of the last interval by axis; NaN next to a gap or a limit
+        self._consecutive = 0  # samples without a gap before
+        self._is_pushing = False
+        self._reversal_ns = self._touch_down_ns = self._moved_ns = -1
+        self._swing_rate = self._swing_rad = 0.0  # fastest and total upward rotation since the reversal
+        self._usual_impact = math.log(_FIRST_IMPACT_MPS3)
+        self._impact = 0.0  # largest since the touch-down; 0 once it is taken into account
+
+    def update(self, t_ns: int, interval_s: float, pitch_rate: float, force: Vec3, stride: StrideFilter) -> int | None:
+        """Takes one sample; returns the time of a touch-down, ns, or None."""
+        impact = self._jerk_change(interval_s, force)
+        excess = abs(math.hypot(*force) - STANDARD_GRAVITY_MPS2)
+        if abs(pitch_rate) > _REST_RATE_RADPS or excess > _REST_FORCE_MPS2:
+            self._moved_ns = t_ns
+        self._learn_impact(t_ns, impact)
+        missed_ns = self._detect_reversal(t_ns, pitch_rate, stride)
+        if missed_ns is not None:
+            return missed_ns
+        if not self.is_swing:
+            return None
+        self._swing_rad += max(-pitch_rate, 0.0) * interval_s
+        self._swing_rate = max(self._swing_rate, -pitch_rate)
+        if (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
+            return None
+        threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._usual_impact))
+        is_due = not stride.is_walking or stride.phase >= self._p.landing_phase
+        is_due &= self._swing_rad > _SWING_RAD and pitch_rate > -_SWING_SHARE * self._swing_rate
+        if impact > threshold and is_due:
+            self._impact = impact
+            return self._land(t_ns - round(0.5e9 * interval_s))
+        if (t_ns - self._moved_ns) * 1e-9 > _REST_S:
+            return self._land(self._moved_ns - round(1e9 * _LANDING_S))
+        return None
+
+    def _land(self, t_ns: int) -> int:
+        self.is_swing = self._is_pushing = False
+        self._touch_down_ns = max(t_ns, self._reversal_ns)
+        return self._touch_down_ns
+
+    def _jerk_change(self, interval_s: float, force: Vec3) -> float:
+        """Change of the jerk between the last two intervals, m/s³; 0 after a gap."""
+        is_near = 0.0 < interval_s <= _MAX_STEP_S
+        self._consecutive = self._consecutive + 1 if is_near else 0
+        square = 0.0
+        for axis in range(3):
+            now, before = force[axis], self._force[axis]
+            is_clipped = max(abs(now), abs(before)) >= self._limit
+            # where an axis enters or leaves its limit, its jerk changes without any impact
+            jerk = (now - before) / interval_s if is_near and not is_clipped else math.nan
+            change = jerk - self._jerk[axis]
+            self._jerk[axis] = jerk
+            if self._consecutive > 1 and not math.isnan(change):
+                square += change * change
+        self._force = force
+        return math.sqrt(square)
+
+    def _learn_impact(self, t_ns: int, impact: float) -> None:
+        """Averages the peaks of the person's impacts, in logarithms."""
+        if self._impact == 0.0:
+            return
+        self._impact = max(self._impact, impact)
+        if (t_ns - self._touch_down_ns) * 1e-9 > _PEAK_S:
+            self._usual_impact += _IMPACT_MEMORY * (math.log(self._impact) - self._usual_impact)
+            self._impact = 0.0
+
+    def _detect_reversal(self, t_ns: int, pitch_rate: float, stride: StrideFilter) -> int | None:
+        """Follows the pitch rate through push-off and its reversal.
+
+        A second reversal without a touch-down between says that one was missed: returns its likely time.
+        """
+        last_ns = max(self._touch_down_ns, self._reversal_ns)
+        share = 0.5 if self.is_swing else 0.25
+        is_armed = last_ns < 0 or (t_ns - last_ns) * 1e-9 > share * stride.usual_s
+        if is_armed and pitch_rate > self._p.push_off_radps:
+            self._is_pushing = True
+        # a foot that pivots in a turn may swing without pushing off
+        is_pivot = is_armed and not self.is_swing and pitch_rate < -self._p.push_off_radps
+        if not is_pivot and (not self._is_pushing or pitch_rate > -_SWING_RATE_RADPS):
+            return None
+        self._swing_rate, self._swing_rad = -pitch_rate, 0.0
+        missed = self.is_swing and stride.begin_ns >= 0
+        self.is_swing, self._is_pushing, self._reversal_ns = True, False, t_ns
+        return t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s) if missed else None

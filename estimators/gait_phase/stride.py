@@ -1,0 +1,129 @@
+"""Filters the stride time of one leg: its belief about the running stride, and what it has learned of the person."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stridetwin.estimators.gait_phase.kernel import (
+    CELLS,
+    IMPOSSIBLE,
+    LONGEST_S,
+    SHORTEST_S,
+    STRIDE_S,
+    Belief,
+    PriorSettings,
+    RateSample,
+    Template,
+    set_prior,
+    weigh,
+)
+from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
+from stridetwin.estimators.gait_phase.template import BINS, LANDINGS, LEVEL, LOG_RATIO, PITCH_RATE, PITCH_RATE_SD
+
+_SAMPLE_S = 0.008  # least interval of the stored pitch rates of a stride
+_SAMPLES = int(LONGEST_S / _SAMPLE_S) + 2
+_MEASUREMENT_SD = 0.03  # of a stride's logarithm about the person's mean, beyond the drift
+_OUTLIER = 9.0  # squared normalised innovation, beyond which a stride counts this much less
+_CERTAIN = 0.8  # probability of a landing whose template is learned
+_BIN_CENTERS = (np.arange(BINS) + 0.5) / BINS
+
+
+class StrideFilter:
+    """Phase within the running stride, docs/gait_phase.md (2)-(7).
+
+    Attributes:
+        begin_ns: Touch-down that began the running stride, ns; -1 before the first.
+        is_regular: Whether the running stride may be learned from: no gap, no stop.
+        is_walking: Whether a stride is running.
+        phase: Its expected phase, 0 to 1.
+        phase_sd: Standard deviation of the phase.
+        rate: Expected phase rate, 1/s.
+    """
+
+    def __init__(self, parameters: GaitPhaseParameters) -> None:
+        self._p = p = parameters
+        self.begin_ns, self.is_regular, self.is_walking = -1, False, False
+        self.phase = self.phase_sd = self.rate = 0.0
+        self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
+        self._belief = Belief(walk=np.zeros((LANDINGS, CELLS)), stand=np.zeros(1))
+        self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
+        self._strides = np.full(LANDINGS, p.template_strides)  # that each template is worth
+        off, level = p.stairs_end_share, 1.0 - 2.0 * p.stairs_share
+        self._transition = np.array(
+            [[level, p.stairs_share, p.stairs_share], [off, 1.0 - off, 0.0], [off, 0.0, 1.0 - off]]
+        )
+        self._landing = np.eye(LANDINGS)[LEVEL]  # probability of each kind of the last touch-down
+        self._times, self._rates = np.empty(_SAMPLES), np.empty(_SAMPLES)
+        self._stored = 0
+
+    @property
+    def usual_s(self) -> float:
+        """Stride time expected on level ground, s."""
+        return math.exp(self._log_stride)
+
+    def begin(self, t_ns: int) -> None:
+        """Ends the running stride with a touch-down, learns from it, and begins the next one."""
+        if self.begin_ns >= 0:
+            stride_s = (t_ns - self.begin_ns) * 1e-9
+            if self.is_regular and self.is_walking and SHORTEST_S <= stride_s < LONGEST_S:
+                self._learn(stride_s)
+            else:
+                self._landing = np.eye(LANDINGS)[LEVEL]
+                self._variance = max(self._variance, (0.5 * self._p.stride_sd) ** 2)
+        p = self._p
+        self.begin_ns, self.is_regular, self.is_walking, self._stored = t_ns, True, True, 0
+        settings = PriorSettings(
+            log_stride=self._log_stride, variance=self._variance + p.stride_noise**2,
+            irregular_share=p.irregular_share, irregular_variance=p.irregular_sd**2, stand_share=p.stand_share,
+        )  # fmt: skip
+        set_prior(self._belief, settings, self._landing[:, None] * self._transition, LOG_RATIO)
+
+    def weigh(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
+        """Updates phase and belief with a pitch rate, rad/s, of the running stride."""
+        if not self.is_walking:
+            return
+        p, since_s = self._p, (t_ns - self.begin_ns) * 1e-9
+        if since_s >= LONGEST_S:
+            self.is_walking = False
+            return
+        if self._stored < _SAMPLES and (self._stored == 0 or since_s - self._times[self._stored - 1] > _SAMPLE_S):
+            self._times[self._stored], self._rates[self._stored] = since_s, pitch_rate
+            self._stored += 1
+        weight = min(interval_s, p.max_gap_s) / p.rate_correlation_s
+        sample = RateSample(since_s=since_s, weight=weight, rate=pitch_rate, noise=p.rate_noise_rad**2)
+        self.phase, variance, self.rate, stand = weigh(self._belief, self._template, sample)
+        self.phase_sd = math.sqrt(variance)
+        if stand > 0.5:
+            self.is_walking = False
+
+    def _learn(self, stride_s: float) -> None:
+        """Learns stride time (6) and template (7) from a stride that has ended."""
+        p = self._p
+        cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
+        column = self._belief.walk[:, cell]
+        landing = np.exp(column - column.max())
+        landing *= self._landing @ self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
+        landing /= landing.sum()
+        joint = self._landing[:, None] * self._transition * landing
+        innovation = math.log(stride_s) - float((joint * LOG_RATIO).sum() / joint.sum()) - self._log_stride
+        noise = _MEASUREMENT_SD**2
+        if innovation**2 > _OUTLIER * (self._variance + noise):
+            noise *= _OUTLIER
+        gain = self._variance / (self._variance + noise)
+        self._log_stride += gain * innovation
+        self._variance = (1.0 - gain) * self._variance + p.stride_drift**2
+        self._landing = landing
+        kind = int(landing.argmax())
+        if landing[kind] >= _CERTAIN and self._stored > 1:
+            self._learn_template(kind, stride_s)
+
+    def _learn_template(self, kind: int, stride_s: float) -> None:
+        self._strides[kind] = min(self._strides[kind] + 1.0, self._p.template_memory)
+        gain = 1.0 / self._strides[kind]
+        stored = slice(self._stored)
+        error = np.interp(_BIN_CENTERS * stride_s, self._times[stored], self._rates[stored]) * stride_s
+        error -= self._template.mean[kind]
+        self._template.mean[kind] += gain * error
+        self._template.variance[kind] += gain * ((1.0 - gain) * np.square(error) - self._template.variance[kind])

@@ -1,0 +1,1 @@
+"""Gait phase of each leg: run, files, scores, figures."""

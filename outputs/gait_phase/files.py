@@ -1,0 +1,63 @@
+"""Gait phases as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from stridetwin.estimators.base import Estimator
+from stridetwin.estimators.gait_phase import PhaseEstimate
+from stridetwin.outputs.base import LiveOutput
+from stridetwin.outputs.csv_tables import csv_row, write_table
+from stridetwin.outputs.gait_phase.scores import PhaseSeries
+
+COLUMNS = ("t_s", "phase", "phase_sd", "rate_hz", "walking", "swing")
+"""Time, phase of the cycle (0-1) and its standard deviation, cycles per second, and 0 or 1 for the two states."""
+
+
+def write_phases(series: PhaseSeries, file: Path) -> int:
+    """Writes a table of `COLUMNS`, one row per sample; returns the number of rows."""
+    write_table(COLUMNS, _rows(series), file)
+    return len(series.t_ns)
+
+
+def _rows(series: PhaseSeries) -> Iterator[list[str]]:
+    columns = (series.t_ns, series.phase, series.phase_sd, series.rate, series.walking, series.swing)
+    for values in zip(*(column.tolist() for column in columns)):
+        yield _cells(*values)
+
+
+def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool, swing: bool) -> list[str]:
+    return [
+        f"{t_ns * 1e-9:.4f}", f"{phase:.4f}", f"{phase_sd:.4f}", f"{rate:.4f}", str(int(walking)), str(int(swing))
+    ]  # fmt: skip
+
+
+class LivePhases(LiveOutput):
+    """One row per sample in `live`, and the same rows as a table.
+
+    Args:
+        file: File to write; None only gives rows.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self._file = file
+        self._rows: list[list[str]] = []
+
+    def add(self, estimate: Any) -> str | None:
+        """The row of an estimate."""
+        if not isinstance(estimate, PhaseEstimate):
+            return None
+        e = estimate
+        row = _cells(e.t_ns, e.phase, e.phase_sd, e.rate, e.walking, e.swing)
+        if self._file is not None:
+            self._rows.append(row)
+        return csv_row(row)
+
+    def finish(self, estimator: Estimator) -> dict[Path, int]:
+        """Writes the table."""
+        if self._file is None:
+            return {}
+        write_table(COLUMNS, self._rows, self._file)
+        return {self._file: len(self._rows)}

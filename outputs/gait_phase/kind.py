@@ -1,0 +1,104 @@
+"""The kind of output `gait_phase`: where in its cycle each leg is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.outputs.aligned_walk import AlignedWalk
+from stridetwin.outputs.base import (
+    Collector,
+    FileOptions,
+    LiveOutput,
+    Output,
+    OutputKind,
+    ReportParts,
+    Score,
+    Scores,
+    Written,
+)
+from stridetwin.outputs.feeding import Instance
+from stridetwin.outputs.gait_phase.files import LivePhases, write_phases
+from stridetwin.outputs.gait_phase.run import PhaseCollector
+from stridetwin.outputs.gait_phase.scores import SCORES, PhaseSeries, Stride, phase_scores, true_strides
+from stridetwin.outputs.rerun_curves import log_curves
+from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
+from stridetwin.streams.recording.reader import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedPhases:
+    """Phases of one leg beside its true strides.
+
+    Attributes:
+        name: Name of the output, such as `gait_phase_l`.
+        series: The estimated phases.
+        strides: The true strides of the foot.
+        scores: `SCORES`.
+    """
+
+    name: str
+    series: PhaseSeries
+    strides: list[Stride]
+    scores: Scores
+
+
+class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
+    """Gait phases of the legs, one table per leg."""
+
+    title: ClassVar[str] = "gait phase of each leg"
+    order: ClassVar[int] = 50
+    scores: ClassVar[tuple[Score, ...]] = SCORES
+
+    def collector(
+        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+    ) -> Collector[PhaseSeries]:
+        """Keeps every phase."""
+        return PhaseCollector(instance.declaration.name, instance.options.foot)
+
+    def has_truth(self, recording: Recording) -> bool:
+        """Whether there are true footprints."""
+        return FOOTPRINTS in recording.topics
+
+    def evaluate(
+        self, outputs: Sequence[Output[PhaseSeries]], recording: Recording, alignment: str = "start"
+    ) -> list[EvaluatedPhases]:
+        """The phases beside the true touch-downs; a leg without a counted stride has no scores."""
+        footprints, evaluations = true_footprints(recording), []
+        for output in outputs:
+            strides = true_strides(footprints, output.estimates.foot)
+            scores = phase_scores(output.estimates, strides)
+            if scores:
+                evaluations.append(
+                    EvaluatedPhases(name=output.name, series=output.estimates, strides=strides, scores=scores)
+                )
+        return evaluations
+
+    def write(self, output: Output[PhaseSeries], file: Path, options: FileOptions) -> Written:
+        """Writes a table, one row per sample."""
+        rows = write_phases(output.estimates, file)
+        return Written(files=[file], rows=rows, lines=[f"{file}: {rows} phases"])
+
+    def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
+        """One row per sample."""
+        return LivePhases(file)
+
+    def report(self, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> ReportParts:
+        """Phase over time, error over the cycle, and scores of every leg."""
+        from stridetwin.outputs.gait_phase.figures import phase_section
+
+        legs = [(e.name, e.series, e.strides, e.scores) for e in evaluations]
+        return ReportParts(figures=phase_section(legs, SCORES))
+
+    def rerun_views(self, evaluations: Sequence[EvaluatedPhases]) -> dict[str, tuple[str, str]]:
+        """The phases over time."""
+        return {"gait_phase": ("series", "gait phase")}
+
+    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> None:
+        """The phase of each leg over time, `gait_phase/NAME`."""
+        for evaluation in evaluations:
+            series = evaluation.series
+            log_curves(rerun, stream, f"gait_phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))

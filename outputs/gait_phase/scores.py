@@ -1,0 +1,217 @@
+"""Scores of estimated gait phases against the true touch-downs: circular errors, events, consistency.
+
+The true phase of a leg grows linearly in time from 0 at a touch-down of its foot to 1 at the next one. The initial
+footprint of a standing foot is no touch-down. Samples before the first touch-down, after the last one and within a
+pause (`Stride.is_pause`) are not counted; all others are, those of the first and last strides and of strides between
+level ground, stairs and ramps included.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score
+from stridetwin.streams.samples import Array, Footprint
+
+TERRAINS = LEVEL, STAIRS, RAMP = ("level", "stairs", "ramp")
+LONGEST_STRIDE_S = 2.5
+"""In a longer stride the person stands still or stops."""
+LONGEST_STRIDE_SHARE = 1.6
+"""So they do in one that is longer than this share of the median stride of the foot."""
+STEADY_CHANGE = 0.1
+"""A level stride is steady if its time differs from the previous one by less than this share, and it is neither one of
+the foot's first two nor its last."""
+_TERRAIN_OF_MODE = {"LG": LEVEL, "SA": STAIRS, "SD": STAIRS, "RA": RAMP, "RD": RAMP}
+_INTERVAL_95 = 1.96
+
+SCORES = (
+    Score(name="rmse_pct", heading="phase %", label="Phase, RMS error", unit="% of the cycle"),
+    Score(name="rmse_steady_pct", heading="steady %", label="the same in steady walking on the level", unit="%"),
+    Score(name="rmse_level_pct", heading="level %", label="the same on the level", unit="%"),
+    Score(name="rmse_stairs_pct", heading="stairs %", label="the same onto, on and off stairs", unit="%"),
+    Score(name="rmse_ramp_pct", heading="ramps %", label="the same onto, on and off ramps", unit="%"),
+    Score(name="p95_pct", label="Phase, 95th percentile of the error", unit="%"),
+    Score(name="bias_pct", signed=True, label="Phase, mean error", unit="%"),
+    Score(
+        name="within_95_pct", scale=SHARE, heading="in 95 %", label="Time within its own 95 % bound", unit="%", digits=1
+    ),
+    Score(name="not_walking_pct", scale=BAD_SHARE, label="Time without a phase", unit="%", digits=1),
+    Score(name="touch_down_error_ms", heading="touch-down ms", label="Touch-downs, mean error", unit="ms", digits=1),
+    Score(name="touch_down_bias_ms", signed=True, label="Touch-downs, mean delay", unit="ms", digits=1),
+    Score(name="missed", label="Touch-downs that were not detected", digits=0),
+    Score(name="extra", label="Detected touch-downs that are none", digits=0),
+    Score(name="strides", scale=DESCRIPTIVE, label="Strides", digits=0),
+)
+"""The scores of one leg's phase; see `phase_scores`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stride:
+    """One true stride of a foot.
+
+    Attributes:
+        begin_ns: Touch-down that begins it, ns.
+        end_ns: Touch-down that ends it, ns.
+        terrain: One of `TERRAINS`: stairs if it begins or ends on a stair, else ramp if it does on a ramp, else level.
+        is_pause: The person stands still in it, so that it has no phase.
+        is_steady: A level stride of a steady walk, see `STEADY_CHANGE`.
+    """
+
+    begin_ns: int
+    end_ns: int
+    terrain: str
+    is_pause: bool = False
+    is_steady: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhaseSeries:
+    """Estimates of one leg as columns.
+
+    Attributes:
+        foot: `l` or `r`.
+        t_ns: (N,) times, ns, increasing.
+        phase: (N,) in [0, 1).
+        phase_sd: (N,) standard deviations, shares of the cycle.
+        rate: (N,) expected cycles per second.
+        walking: (N,) whether the estimator claims a phase.
+        swing: (N,) whether the foot is in the air.
+        touch_down_ns: (N,) time of the last detected touch-down, ns; -1 before the first.
+    """
+
+    foot: str
+    t_ns: NDArray[np.int64]
+    phase: Array
+    phase_sd: Array
+    rate: Array
+    walking: NDArray[np.bool_]
+    swing: NDArray[np.bool_]
+    touch_down_ns: NDArray[np.int64]
+
+
+def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:
+    """The strides of one foot, `l` or `r`, in order; its first footprint is where it stood at the beginning."""
+    prints = [p for p in footprints if p.foot == foot][1:]
+    times_ns = [p.t_ns for p in prints]
+    durations = np.diff(times_ns)
+    if not len(durations):
+        return []
+    longest_ns = min(1e9 * LONGEST_STRIDE_S, LONGEST_STRIDE_SHARE * float(np.median(durations)))
+    strides = []
+    for i, (before, after) in enumerate(pairwise(prints)):
+        terrains = {_TERRAIN_OF_MODE[before.mode], _TERRAIN_OF_MODE[after.mode]}
+        terrain = next(name for name in (STAIRS, RAMP, LEVEL) if name in terrains)
+        is_even = 1 < i < len(durations) - 1 and abs(durations[i] / durations[i - 1] - 1.0) < STEADY_CHANGE
+        strides.append(
+            Stride(
+                begin_ns=before.t_ns,
+                end_ns=after.t_ns,
+                terrain=terrain,
+                is_pause=bool(durations[i] > longest_ns),
+                is_steady=bool(terrain == LEVEL and is_even),
+            )
+        )
+    return strides
+
+
+def true_phase(t_ns: ArrayLike, stride: Stride) -> Array:
+    """(N,) phase at times (N,) ns within a stride, 0 to 1."""
+    return (np.asarray(t_ns, dtype=np.int64) - stride.begin_ns) / (stride.end_ns - stride.begin_ns)
+
+
+def circular_difference(phase: ArrayLike, reference: ArrayLike) -> Array:
+    """(N,) phase minus reference as shares of the cycle, in [-0.5, 0.5): 0.99 against 0.01 is -0.02."""
+    return (np.subtract(phase, reference) + 0.5) % 1.0 - 0.5
+
+
+def detected_touch_downs(series: PhaseSeries) -> NDArray[np.int64]:
+    """(M,) times of the touch-downs that an estimator detected, ns, in order and without repetition."""
+    return np.unique(series.touch_down_ns[series.touch_down_ns >= 0])
+
+
+def match_touch_downs(detected_ns: ArrayLike, true_ns: ArrayLike, tolerance_s: float = 0.25) -> list[tuple[int, int]]:
+    """Pairs of indices of detected and true touch-downs, nearest pairs first, each used once, within the tolerance."""
+    detected, true = np.asarray(detected_ns, dtype=float), np.asarray(true_ns, dtype=float)
+    distance = np.abs(detected[:, None] - true[None, :])
+    nearest = np.argsort(distance, axis=None, kind="stable")
+    used_detected, used_true, pairs = set[int](), set[int](), []
+    for i, j in zip(*(k.tolist() for k in np.unravel_index(nearest, distance.shape))):
+        if distance[i, j] > tolerance_s * 1e9:
+            break
+        if i not in used_detected and j not in used_true:
+            used_detected.add(i)
+            used_true.add(j)
+            pairs.append((i, j))
+    return sorted(pairs)
+
+
+def phase_errors(series: PhaseSeries, stride: Stride) -> tuple[Array, Array]:
+    """Circular errors of a stride's samples, shares of the cycle, and their standard deviations.
+
+    A sample without a claimed phase counts as estimated at 0, with the deviation that it reports.
+    """
+    begin, end = np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))
+    errors = circular_difference(series.phase[begin:end], true_phase(series.t_ns[begin:end], stride))
+    return errors, series.phase_sd[begin:end]
+
+
+def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, float]:
+    """Every score of one leg in one walk.
+
+    Returns:
+        `rmse_pct`, circular RMS error over all counted samples, % of the cycle; by the terrain of the stride
+        `rmse_level_pct`, `rmse_stairs_pct`, `rmse_ramp_pct`, and `rmse_steady_pct` of steady level strides, each where
+        there is one; `p95_pct` of the errors' sizes; `bias_pct`; `within_95_pct`, share of errors inside the reported
+        95 % interval; `not_walking_pct`, share of counted samples without a claimed phase; `touch_down_error_ms`, mean
+        size of the time error of matched touch-downs, and `touch_down_bias_ms`, positive if late; `missed` true
+        touch-downs without a detected one within 0.25 s, and `extra` detected ones beyond the true ones between the
+        first and the last; `strides` counted. Empty without a counted stride.
+    """
+    counted = [s for s in strides if not s.is_pause]
+    rows = [(stride, *phase_errors(series, stride)) for stride in counted]
+    rows = [row for row in rows if len(row[1])]
+    if not rows:
+        return {}
+    errors, sds = (np.concatenate([row[k] for row in rows]) for k in (1, 2))
+    inside = [slice(*np.searchsorted(series.t_ns, (s.begin_ns, s.end_ns))) for s, *_ in rows]
+    walking = np.concatenate([series.walking[i] for i in inside])
+    groups: Mapping[str, list[Array]] = {
+        **{terrain: [e for s, e, _ in rows if s.terrain == terrain] for terrain in TERRAINS},
+        "steady": [e for s, e, _ in rows if s.is_steady],
+    }
+    return {
+        "rmse_pct": _rms_pct(errors),
+        **{f"rmse_{name}_pct": _rms_pct(np.concatenate(group)) for name, group in groups.items() if group},
+        "p95_pct": 100.0 * float(np.percentile(np.abs(errors), 95)),
+        "bias_pct": 100.0 * float(errors.mean()),
+        "within_95_pct": 100.0 * float((np.abs(errors) <= _INTERVAL_95 * sds).mean()),
+        "not_walking_pct": 100.0 * float((~walking).mean()),
+        **_touch_down_scores(detected_touch_downs(series), strides),
+        "strides": float(len(rows)),
+    }
+
+
+def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]) -> dict[str, float]:
+    true_ns = np.array([strides[0].begin_ns, *(s.end_ns for s in strides)])
+    pairs = match_touch_downs(detected_ns, true_ns)
+    errors_ms = np.array([(detected_ns[i] - true_ns[j]) * 1e-6 for i, j in pairs])
+    margin_ns = 250_000_000
+    between = (detected_ns > true_ns[0] - margin_ns) & (detected_ns < true_ns[-1] + margin_ns)
+    scores = {"missed": float(len(true_ns) - len(pairs)), "extra": float(between.sum() - len(pairs))}
+    if not pairs:
+        return scores
+    return {
+        "touch_down_error_ms": float(np.abs(errors_ms).mean()),
+        "touch_down_bias_ms": float(errors_ms.mean()),
+        **scores,
+    }
+
+
+def _rms_pct(errors: Array) -> float:
+    return 100.0 * math.sqrt(float(np.mean(np.square(errors))))
