@@ -28,7 +28,7 @@ class DvioMethod:
     """Whether docs/dvio.md (8) is marginalised into the prior; Zhao et al. 2023 drop it."""
     first_estimates: bool = True
     """Whether Jacobians of frames in the prior are kept at the first linearisation point (Huang et al. 2010)."""
-    calibration: str = "all"
+    calibration: str = ALL
     """What is refined: `nominal` (nothing), `mount_and_clock`, or `all`: also the depth scale and the focal lengths,
     and the mount with the heavy-tailed prior of docs/dvio.md (13)."""
     zero_velocity_updates: bool = True
