@@ -12,21 +12,11 @@ from unittest import SkipTest
 from stridetwin.estimators.base import Options
 from stridetwin.streams.errors import ConfigError
 from stridetwin.testing.checks.faulty_samples import check_fault
-from stridetwin.testing.checks.interface import (
-    check_declaration,
-    check_estimates,
-    check_missing_sensors,
-    check_stamps,
-)
+from stridetwin.testing.checks.interface import check_declaration, check_estimates, check_missing_sensors, check_stamps
 from stridetwin.testing.checks.memory import check_bounded_memory, check_keeps_no_reference, check_leaves_sample
 from stridetwin.testing.checks.numbers import check_covariance, check_finite
 from stridetwin.testing.checks.plausible import check_plausible
-from stridetwin.testing.checks.repeatability import (
-    check_causal,
-    check_deterministic,
-    check_follow,
-    check_independent,
-)
+from stridetwin.testing.checks.repeatability import check_causal, check_deterministic, check_follow, check_independent
 from stridetwin.testing.faults import FAULT_CASES
 from stridetwin.testing.subject import ConformanceError, Subject, skip
 
@@ -171,8 +161,12 @@ def conformance_cases(
 
 
 def check_conformance(
-    estimator_class: type, *, options: Options | None = None, recording: Path | None = None,
-    only: Iterable[str] = (), progress: Callable[[str, float], None] = lambda stage, share: None,
+    estimator_class: type,
+    *,
+    options: Options | None = None,
+    recording: Path | None = None,
+    only: Iterable[str] = (),
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> list[Verdict]:
     """Runs the checks of an estimator, all of them unless `only` names some.
 

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from stridetwin.sim.faults.faults import Arrival, Event, Fault
-from stridetwin.sim.faults.sample_faults import (
-    ClockJump,
-    Dropout,
-    Freeze,
-    Late,
-    Nan,
-    OutOfOrder,
-    Repeat,
-    Saturation,
-)
+from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Late, OutOfOrder, Repeat, Saturation
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.live.messages import rank_of
 from stridetwin.streams.rig import Rig
@@ -25,36 +16,30 @@ from stridetwin.streams.samples import Depth, Image, Odometry, Sample
 
 Window = tuple[float, float]
 """Begin and end of a fault, as shares of the walk's duration."""
-_ALL, _EACH, _LONG = (0.30, 0.34), (0.36, 0.56), (0.30, 0.56)
+_ALL, _EACH, _LAST, _LONG = (0.30, 0.34), (0.36, 0.54), (0.54, 0.56), (0.30, 0.56)
 _GAP = (0.30, 0.72)
-_FOR_GOOD = (0.60, 2.0)
+_FROM_THERE, _FOR_GOOD = (0.30, 2.0), (0.60, 2.0)
 _LATE_S, _JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 100.0
 _SHARE_OF_RANGE = 0.02
 _IMAGES = (Image, Depth)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Infinite(Fault):
-    """Infinite values, of either sign in turn."""
+class Constant(Fault):
+    """One number in place of every value.
 
-    kind = "inf"
+    Attributes:
+        value: The number; the type of each array stays.
+    """
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """The sample with infinity for every value."""
-        value = np.inf if arrival.taken_ns // 10**6 % 2 else -np.inf
-        return (_with_values(arrival, value),)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Blank(Fault):
-    """Images of zeros."""
-
-    kind = "blank"
-    fits = _IMAGES
+    kind = "constant"
+    value: float
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """The image with zeros for every pixel."""
-        return (_with_values(arrival, 0),)
+        """The sample with the number for every value."""
+        names = (f.name for f in fields(arrival.item) if f.name not in ("topic", "t_ns"))
+        values = {name: getattr(arrival.item, name) for name in names}
+        return (arrival.but(**{name: np.full_like(old, self.value)[()] for name, old in values.items()}),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +87,7 @@ class FaultySamples:
     over_at: int
 
 
-_NUMBERS: tuple[type[Sample], ...] = tuple(kind for kind in Sample.__subclasses__() if kind not in _IMAGES)
+_FLOATS: tuple[type[Sample], ...] = tuple(kind for kind in Sample.__subclasses__() if kind is not Image)
 
 FAULT_CASES = (
     FaultCase(
@@ -127,17 +112,21 @@ FAULT_CASES = (
     ),
     FaultCase(
         name="fault_nan", summary="values are NaN",
-        injections=(Injection(create=lambda topic: Nan(topic=topic), kinds=_NUMBERS),),
+        injections=(Injection(create=lambda topic: Constant(topic=topic, value=np.nan), kinds=_FLOATS),),
     ),
     FaultCase(
         name="fault_inf", summary="values are infinite",
-        injections=(Injection(create=lambda topic: Infinite(topic=topic), kinds=(*_NUMBERS, Depth)),),
+        injections=(
+            Injection(create=lambda topic: Constant(topic=topic, value=np.inf), kinds=_FLOATS),
+            Injection(create=lambda topic: Constant(topic=topic, value=-np.inf), windows=(_LAST,), each=None,
+                      kinds=_FLOATS),
+        ),
     ),
     FaultCase(
         name="fault_saturation", summary="values clip far below the range of the part",
         injections=(
-            Injection(create=lambda topic: Saturation(topic=topic, fraction=_SHARE_OF_RANGE), windows=(_LONG,), each=None,
-                      kinds=Saturation.fits),
+            Injection(create=lambda topic: Saturation(topic=topic, fraction=_SHARE_OF_RANGE), windows=(_LONG,),
+                      each=None, kinds=Saturation.fits),
         ),
     ),
     FaultCase(
@@ -145,19 +134,22 @@ FAULT_CASES = (
         injections=(Injection(create=lambda topic: Freeze(topic=topic)),),
     ),
     FaultCase(
-        name="fault_clock_forward", summary="stamps jump forward, for a moment and then for good",
+        name="fault_clock_forward", summary="stamps jump forward for good",
         injections=(
-            Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_JUMP_S)),
+            Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_JUMP_S), windows=(_FROM_THERE,), each=None),
             Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_FAR_JUMP_S), windows=(_FOR_GOOD,), each=None),
         ),
     ),
     FaultCase(
-        name="fault_clock_back", summary="stamps jump back for a moment",
-        injections=(Injection(create=lambda topic: ClockJump(topic=topic, jump_s=-_JUMP_S)),),
+        name="fault_clock_back", summary="stamps jump back for a moment, or forward and back",
+        injections=(
+            Injection(create=lambda topic: ClockJump(topic=topic, jump_s=-_JUMP_S)),
+            Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_JUMP_S), windows=(_LAST,), each=None),
+        ),
     ),
     FaultCase(
         name="fault_blank_images", summary="images are all zeros",
-        injections=(Injection(create=lambda topic: Blank(topic=topic), kinds=_IMAGES),),
+        injections=(Injection(create=lambda topic: Constant(topic=topic, value=0), kinds=_IMAGES),),
     ),
 )  # fmt: skip
 
@@ -227,10 +219,3 @@ def _part(rig: Rig, topic: str) -> str:
 def _order(arrival: Arrival) -> tuple[int, int]:
     kind = type(arrival.item)
     return arrival.log_ns, -1 if kind is Odometry else rank_of(kind)  # type: ignore[arg-type]
-
-
-def _with_values(arrival: Arrival, value: float) -> Arrival:
-    """The arrival of a sample with the same number in place of every other."""
-    names: Iterator[str] = (f.name for f in fields(arrival.item) if f.name not in ("topic", "t_ns"))
-    numbers = {name: getattr(arrival.item, name) for name in names}
-    return arrival.but(**{name: np.full_like(old, value)[()] for name, old in numbers.items()})

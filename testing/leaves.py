@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -62,13 +63,16 @@ class Leaf:
     @property
     def is_finite(self) -> bool:
         """Whether all numbers are finite; a standard deviation may also be +inf, and unknown fields are left out."""
-        if self.value is None or isinstance(self.value, str) or self.may_be_unknown:
+        if self.value is None or isinstance(self.value, str):
             return True
-        numbers = np.asarray(self.value)
-        if numbers.dtype.kind not in "fc":
+        if isinstance(self.value, float):
+            if math.isfinite(self.value):
+                return True
+        elif self.value.dtype.kind not in "fc" or np.isfinite(self.value).all():
             return True
-        valid = np.isfinite(numbers)
-        return bool(np.all(valid | (numbers == np.inf) if self.is_standard_deviation else valid))
+        if self.is_standard_deviation:
+            return self.may_be_unknown or bool(np.all(np.isfinite(self.value) | (np.asarray(self.value) == np.inf)))
+        return self.may_be_unknown
 
     def equals(self, other: Leaf) -> bool:
         """Whether path and value are the same, bit by bit."""
@@ -85,6 +89,11 @@ class Leaf:
 def flatten(estimate: object) -> list[Leaf]:
     """All values of an estimate: of dataclasses, mappings, sequences, and public attributes of other objects."""
     return list(_leaves(estimate, "", "", type(estimate), 0))
+
+
+def field_of(leaf: Leaf) -> str:
+    """The leaf's path without indices and keys."""
+    return re.sub(r"\[[^\]]*\]", "", leaf.path)
 
 
 def difference(leaves: Sequence[Leaf], expected: Sequence[Leaf]) -> str:

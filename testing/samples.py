@@ -4,21 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, replace
-from typing import TypeVar
 
 import numpy as np
 
-from stridetwin.streams.samples import Array, Odometry, Sample
+from stridetwin.streams.samples import Array, Odometry, Sample, copy_sample
 
-S = TypeVar("S", bound=Sample)
 _OVERWRITTEN = 77
 """Value that a reused buffer holds: finite, so that an estimator that reads it is wrong rather than stopped."""
-
-
-def copy_sample(sample: S) -> S:
-    """A sample with arrays of its own."""
-    arrays = {name: value.copy() for name, value in _arrays(sample)}
-    return replace(sample, **arrays) if arrays else sample
 
 
 def copy_samples(samples: Iterable[Sample]) -> Iterator[Sample]:

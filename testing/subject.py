@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 from unittest import SkipTest
 
-import numpy as np
-
-from stridetwin.estimators.base import PATH, POSES, Declaration, Estimator, Options, Stream
+from stridetwin.estimators.base import PATH, Declaration, Estimator, Options, Stream
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Depth, Image, Sample
+from stridetwin.streams.samples import Depth, Image, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose
-from stridetwin.testing.leaves import Leaf, difference, flatten
-from stridetwin.testing.samples import changed_field, copy_sample, copy_samples, overwrite
+from stridetwin.testing.leaves import Leaf, difference, field_of, flatten
+from stridetwin.testing.samples import changed_field, copy_samples, overwrite
 from stridetwin.testing.walk import Walk, find_walk
 
 _HOME = Path(__file__).resolve().parents[1]
@@ -108,6 +106,12 @@ class Subject:
             ConformanceError: `update` raised an exception.
         """
         return feed(self.create(), self.walk.samples)
+
+    @cached_property
+    def fields_not_finite(self) -> frozenset[str]:
+        """Fields that are not finite on the walk without faults, which another check reports."""
+        leaves = (leaf for returned in self.reference for leaf in returned.leaves)
+        return frozenset(field_of(leaf) for leaf in leaves if not leaf.is_finite)
 
     @cached_property
     def buffer_run(self) -> BufferRun:

@@ -25,13 +25,13 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Footprint, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
-_SEED = 1
+_NAME, _SEED = "conformance", 1
 _LENGTH_M, _STAND_S = 3.0, 1.0
 _SMALL_SENSORS = (
     "foot_imu", "sonar", "insole", "ahrs", "exo_imu", "encoder", "interaction", "actuator", "head_imu",
 )  # fmt: skip
 _CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera"))
-"""Cameras of the walk; the first set that suffices is rendered, because images take most of the time."""
+"""Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
 _CAMERA_RATE_HZ = 10.0
 _SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100
 
@@ -99,19 +99,24 @@ def find_walk(estimator_class: type[Estimator], options: Options | None, recordi
         return _select_streams(estimator_class, options, Recording(recording))
     if find_spec("mujoco") is None:
         return _synthetic_walk(estimator_class, options)
-    problem: StrideTwinError | None = None
+    problem: Exception | None = None
     mount = options.mount or (estimator_class.declaration.mounts or ("head",))[0]
+    counts: list[int] = []
     for cameras in _CAMERAS:
-        config = _config(cameras, mount)
-        rig, metadata = _nominal_rig(config)
+        rig, metadata = _nominal_rig(cameras, mount)
         try:
-            streams = estimator_class.streams(rig, replace(options, metadata=metadata, source=config.name))
+            streams = estimator_class.streams(rig, replace(options, metadata=metadata, source=_NAME))
             _require(streams, _topics_of(rig))
-        except StrideTwinError as error:
+            counts.append(len(_topics_of(rig).intersection(stream.topic for stream in streams if stream.live)))
+        except (
+            Exception
+        ) as error:  # an estimator may raise anything for a rig without its sensors, which a check reports
             problem = error
-            continue
-        return replace(_select_streams(estimator_class, options, Recording(_record_twin(config))), is_twin=True)
-    raise StrideTwinError(f"the walk lacks what the estimator needs: {problem}") from problem
+            counts.append(0)
+    if max(counts):
+        path = _record_twin(_CAMERAS[counts.index(max(counts))], mount)
+        return replace(_select_streams(estimator_class, options, Recording(path)), is_twin=True)
+    raise StrideTwinError(f"the walk lacks what the estimator needs: {_describe(problem)}") from problem
 
 
 def missing_roles(streams: Iterable[Stream], topics: Iterable[str]) -> list[str]:
@@ -155,6 +160,10 @@ def _require(streams: Sequence[Stream], topics: Iterable[str]) -> None:
         raise StrideTwinError(f"no topic {', '.join(lacking)}")
 
 
+def _describe(problem: Exception | None) -> str:
+    return str(problem) if isinstance(problem, StrideTwinError) else repr(problem)
+
+
 def _find_poses(recording: Recording, streams: Sequence[Stream]) -> tuple[str, str]:
     """Topic of true poses of the depth camera or another sensor on its body, and the frame that they are of."""
     topics = {stream.topic for stream in streams}
@@ -195,16 +204,18 @@ def _session_folder() -> Path:
 def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
     slower = {camera: SensorConfig(rate_hz=_CAMERA_RATE_HZ) for camera in cameras}
     return TwinConfig(
-        name="conformance", route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
+        name=_NAME, route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
         sensors=(*_SMALL_SENSORS, *cameras), fittings=slower, rig_mount=mount,
     )  # fmt: skip
 
 
-def _nominal_rig(config: TwinConfig) -> tuple[Rig, Mapping[str, str]]:
+@lru_cache(maxsize=8)
+def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str, str]]:
     """Calibration and metadata of the twin's walk, without planning or recording it."""
     twin_class()  # says how to install the simulator
     from stridetwin.sim.wearer.body import wearer
 
+    config = _config(cameras, mount)
     rig = sensor_rig(config).nominal(_SEED)
     return rig, exo_geometry.metadata(wearer(config.person), rig, _SEED)
 
@@ -214,12 +225,11 @@ def _topics_of(rig: Rig) -> set[str]:
     return {*rig.imus, *rig.cameras, *rig.others} | depth
 
 
-def _record_twin(config: TwinConfig) -> Path:
+def _record_twin(cameras: tuple[str, ...], mount: str) -> Path:
     """File of the twin's walk; recorded once per process."""
-    cameras = [group for group in config.sensors if group.endswith("_camera")]
-    path = _session_folder() / f"{'_'.join([config.rig_mount, *cameras])}.mcap"
+    path = _session_folder() / f"{'_'.join([mount, *cameras])}.mcap"
     if not path.exists():
-        record(twin_class()(config, _SEED), path)
+        record(twin_class()(_config(cameras, mount), _SEED), path)
     return path
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 from stridetwin.testing.faults import FaultCase, inject
-from stridetwin.testing.leaves import Leaf
+from stridetwin.testing.leaves import field_of
 from stridetwin.testing.subject import ConformanceError, Subject, feed, skip
 
 
@@ -24,21 +22,15 @@ def check_fault(subject: Subject, case: FaultCase) -> None:
         returned = feed(subject.create(), faulty.samples)
     except ConformanceError as error:
         raise ConformanceError(f"where {case.summary}, {error}: return None for samples that you cannot use") from error
-    usual = {_field(leaf) for one in subject.reference for leaf in one.leaves if not leaf.is_finite}
     for one in returned:
         for leaf in one.leaves:
-            if not leaf.is_finite and _field(leaf) not in usual:
+            if not leaf.is_finite and field_of(leaf) not in subject.fields_not_finite:
                 raise ConformanceError(
-                    f"where {case.summary}, {leaf.path or 'the estimate'} at {one.t_ns * 1e-9:.3f} s is not finite: leave "
-                    "out such samples before they reach the state"
+                    f"where {case.summary}, {leaf.path or 'the estimate'} at {one.t_ns * 1e-9:.3f} s is not finite: "
+                    "leave out such samples before they reach the state"
                 )
     if not any(one.index >= faulty.over_at for one in returned):
         raise ConformanceError(
-            f"where {case.summary}, update returns nothing more when it is over: leave the bad samples out and go on, or "
-            "start anew"
+            f"where {case.summary}, update returns nothing more when it is over: leave the bad samples out and go on, "
+            "or start anew"
         )
-
-
-def _field(leaf: Leaf) -> str:
-    """The leaf's path without indices and keys."""
-    return re.sub(r"\[[^\]]*\]", "", leaf.path)

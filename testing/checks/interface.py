@@ -85,7 +85,9 @@ def check_estimates(subject: Subject) -> None:
     if kind == MAP:
         lacking = [name for name in _MAP_METHODS if not callable(getattr(subject.estimator_class, name, None))]
         if lacking:
-            raise ConformanceError(f"no method {', '.join(lacking)}: an estimator of kind {kind!r} has those of TerrainMap")
+            raise ConformanceError(
+                f"no method {', '.join(lacking)}: an estimator of kind {kind!r} has those of TerrainMap"
+            )
 
 
 def check_stamps(subject: Subject) -> None:
@@ -101,8 +103,8 @@ def check_stamps(subject: Subject) -> None:
             t_ns = getattr(source, "t_ns", None)
             if t_ns is not None and t_ns not in stamps:
                 raise ConformanceError(
-                    f"an estimate after the sample at {returned.t_ns} ns has t_ns = {t_ns!r}: set it to the stamp of the "
-                    "newest sample that the estimate contains, in integer nanoseconds"
+                    f"an estimate after the sample at {returned.t_ns} ns has t_ns = {t_ns!r}: set it to the stamp of "
+                    "the newest sample that the estimate contains, in integer nanoseconds"
                 )
         if pose is not None:
             if pose.t_ns <= newest.get(pose.frame, -1):
@@ -144,13 +146,22 @@ def _check_streams(subject: Subject) -> None:
 def _refusal(subject: Subject, rig: Rig, options: Options) -> str | None:
     """Message of the StrideTwinError for a rig; None if the constructor accepts it."""
     try:
-        subject.estimator_class(rig, options=replace(options))
+        subject.estimator_class.streams(rig, options)
+    except StrideTwinError:
+        pass
+    except Exception as error:
+        raise ConformanceError(
+            f"for a rig without its sensors streams raised {describe(error)}: raise a StrideTwinError that names the "
+            "missing sensor"
+        ) from error
+    try:
+        subject.estimator_class(rig, options=options)
     except StrideTwinError as error:
         return str(error)
     except Exception as error:
         raise ConformanceError(
-            f"for a rig without its sensors the constructor raised {describe(error)}: raise a StrideTwinError that names "
-            "the missing sensor"
+            f"for a rig without its sensors the constructor raised {describe(error)}: raise a StrideTwinError that "
+            "names the missing sensor"
         ) from error
     return None
 
@@ -169,5 +180,3 @@ def _without(rig: Rig, topics: set[str]) -> Rig:
         cameras={t: c for t, c in rig.cameras.items() if t not in topics and c.depth_topic not in topics},
         others={t: sensor for t, sensor in rig.others.items() if t not in topics},
     )
-
-

@@ -5,13 +5,13 @@ from __future__ import annotations
 import gc
 import os
 import tracemalloc
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.samples import Array, Odometry, Sample
-from stridetwin.testing.samples import copy_sample, shift_sample
+from stridetwin.estimators.base import Estimator
+from stridetwin.streams.samples import Array, Odometry, Sample, copy_sample
+from stridetwin.testing.samples import shift_sample
 from stridetwin.testing.subject import ConformanceError, Subject, call_update, require_equal
 
 _MOST_PASSES = 15
@@ -37,19 +37,19 @@ def check_keeps_no_reference(subject: Subject) -> None:
 
 def check_bounded_memory(subject: Subject) -> None:
     """Memory does not grow from pass to pass while the walk is fed again and again, time and way going on."""
-    samples = _whole_seconds(subject.walk.samples)
+    samples, duration_ns = _whole_seconds(subject.walk.samples)
     estimator = subject.create()
-    _feed_pass(estimator, samples, 0)
+    _feed_pass(estimator, samples, duration_ns, 0)
     was_tracing = tracemalloc.is_tracing()
     if not was_tracing:
         tracemalloc.start()
     try:
-        _feed_pass(estimator, samples, 1)
+        _feed_pass(estimator, samples, duration_ns, 1)
         traced, resident = _traced_bytes(), _resident_bytes()
         growth: list[int] = []
         python_grows, process_grows = True, bool(resident)
         for number in range(2, _MOST_PASSES):
-            _feed_pass(estimator, samples, number)
+            _feed_pass(estimator, samples, duration_ns, number)
             traced_before, resident_before = traced, resident
             traced, resident = _traced_bytes(), _resident_bytes()
             growth.append(max(traced - traced_before, 0))
@@ -67,22 +67,22 @@ def check_bounded_memory(subject: Subject) -> None:
     )
 
 
-def _whole_seconds(samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
-    """The samples up to the last full second, so that rates stay the same where one pass follows another."""
-    end_ns = samples[-1].t_ns // 10**9 * 10**9
-    return tuple(sample for sample in samples if sample.t_ns <= end_ns) if end_ns > 0 else samples
+def _whole_seconds(samples: tuple[Sample, ...]) -> tuple[tuple[Sample, ...], int]:
+    """Samples of as many full seconds as there are, so that rates stay the same where one pass follows another.
+
+    Returns:
+        The samples, and their duration, ns.
+    """
+    first_ns = samples[0].t_ns
+    duration_ns = max((samples[-1].t_ns - first_ns) // 10**9, 1) * 10**9
+    return tuple(sample for sample in samples if sample.t_ns < first_ns + duration_ns), duration_ns
 
 
-def _feed_pass(estimator: object, samples: tuple[Sample, ...], number: int) -> None:
-    for sample in _shifted(samples, number):
-        call_update(estimator, sample)  # type: ignore[arg-type]
-
-
-def _shifted(samples: tuple[Sample, ...], number: int) -> Iterator[Sample]:
-    """Copies of the samples in the given pass: later, and farther along the way."""
-    by_ns, way = number * samples[-1].t_ns, number * _way(samples)
+def _feed_pass(estimator: Estimator, samples: tuple[Sample, ...], duration_ns: int, number: int) -> None:
+    """Feeds the samples of one pass: each `duration_ns` later than those of the one before, and farther on the way."""
+    way = number * _way(samples)
     for sample in samples:
-        yield copy_sample(shift_sample(sample, by_ns, way))
+        call_update(estimator, copy_sample(shift_sample(sample, number * duration_ns, way)))
 
 
 def _way(samples: tuple[Sample, ...]) -> Array:

@@ -63,5 +63,7 @@ def _covariance_problem(matrix: Array) -> str:
     units = np.where(deviations > 0.0, deviations, 1.0)  # metres beside radians: the correlation has no units
     least = np.linalg.eigvalsh(0.5 * (matrix + matrix.T) / np.outer(units, units)).min(initial=0.0)
     if (np.diag(matrix) < 0.0).any() or least < -_EIGENVALUE * len(matrix):
-        return f"has a negative eigenvalue (of the correlation: {least:.3g}): use the Joseph form, or bound it from below"
+        return (
+            f"has a negative eigenvalue (of the correlation: {least:.3g}): use the Joseph form, or bound it from below"
+        )
     return ""

@@ -158,7 +158,9 @@ def _check_modes(estimate: ModeEstimate) -> None:
             raise ConformanceError(f"{at}: invalid mode {step.mode!r} or foot {step.foot!r}: expected such as LG, l")
         seconds = (step.t_ns - estimate.t_ns) * 1e-9
         if not -_LATEST_STEP_S < seconds < _LATEST_STEP_S:
-            raise ConformanceError(f"{at}: a step is predicted in {seconds:.3g} s: t_ns is in ns, of the samples' clock")
+            raise ConformanceError(
+                f"{at}: a step is predicted in {seconds:.3g} s: t_ns is in ns, of the samples' clock"
+            )
         away_m = float(np.linalg.norm(step.p_foot_in_world[:2] - np.asarray(estimate.p_body_in_world)[:2]))
         if not away_m < _FARTHEST_STEP_M:
             raise ConformanceError(f"{at}: a step is predicted {away_m:.3g} m from the body: positions are in metres")

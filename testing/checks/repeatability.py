@@ -7,9 +7,10 @@ from itertools import chain
 import numpy as np
 
 from stridetwin.estimators.base import PathEstimate
+from stridetwin.streams.samples import copy_sample
 from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 from stridetwin.testing.leaves import difference, flatten
-from stridetwin.testing.samples import copy_sample, shift_sample
+from stridetwin.testing.samples import shift_sample
 from stridetwin.testing.subject import (
     ConformanceError,
     Returned,
