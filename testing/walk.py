@@ -1,14 +1,17 @@
-"""The walk that the checks run on: six seconds of the twin on level ground, or synthetic samples without MuJoCo."""
+"""The walk that the checks run on: five seconds of the twin on level ground, or synthetic samples without MuJoCo."""
 
 from __future__ import annotations
 
 import atexit
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +22,20 @@ from stridetwin.scenarios.record import record, twin_class
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import sensor_rig
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Footprint, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 _NAME, _SEED = "conformance", 1
-_LENGTH_M, _STAND_S = 3.0, 1.0
+_LENGTH_M, _STAND_S = 2.0, 1.0
 _SMALL_SENSORS = (
     "foot_imu", "sonar", "insole", "ahrs", "exo_imu", "encoder", "interaction", "actuator", "head_imu",
 )  # fmt: skip
 _CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera"))
 """Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
-_CAMERA_RATE_HZ = 10.0
+_CAMERA_RATES_HZ = {"head_camera": 10.0, "foot_camera": 5.0}
 _SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100
 
 
@@ -202,7 +205,7 @@ def _session_folder() -> Path:
 
 
 def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
-    slower = {camera: SensorConfig(rate_hz=_CAMERA_RATE_HZ) for camera in cameras}
+    slower = {camera: SensorConfig(rate_hz=_CAMERA_RATES_HZ[camera]) for camera in cameras}
     return TwinConfig(
         name=_NAME, route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
         sensors=(*_SMALL_SENSORS, *cameras), fittings=slower, rig_mount=mount,
@@ -234,29 +237,46 @@ def _record_twin(cameras: tuple[str, ...], mount: str) -> Path:
 
 
 def _synthetic_walk(estimator_class: type[Estimator], options: Options) -> Walk:
-    """Six seconds of a person who stands, for a computer without MuJoCo."""
-    from stridetwin.pipeline.warm_up import synthetic_rig
+    """Six seconds of a person who stands, for a computer without MuJoCo.
+
+    Raises:
+        StrideTwinError: The synthetic samples lack a sensor that the estimator requires.
+    """
+    from stridetwin.pipeline.warm_up import synthetic_rig, synthetic_samples
 
     rig = synthetic_rig()
-    streams = estimator_class.streams(rig, options)
-    takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}
+    with _needing_twin():
+        streams = estimator_class.streams(rig, options)
+    samples = list(synthetic_samples({s.topic: s.kind for s in streams if s.topic != POSES and s.live}))
     path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
-    try:
-        _record_synthetic(path, rig, takes)
-    except KeyError as error:  # a topic that is not in the rig
-        raise ConfigError("synthetic samples", "topic", error.args[0], "stridetwin[twin] for its walk") from None
-    return _select_streams(estimator_class, options, Recording(path))
-
-
-def _record_synthetic(path: Path, rig: Rig, takes: Mapping[str, type[Sample]]) -> None:
-    from stridetwin.pipeline.warm_up import synthetic_samples
-
-    with RecordingWriter(path, rig) as writer:
-        for sample in synthetic_samples(takes):
+    with RecordingWriter(path, _with_image_rates(rig, samples)) as writer:
+        poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
+        for sample in chain(samples, poses):
             writer.write(sample)
-        for topic in rig.imus:
-            for sample in _poses_at_rest(_truth_topic(topic.removeprefix("/"))):
-                writer.write(sample)
+    with _needing_twin():
+        return _select_streams(estimator_class, options, Recording(path))
+
+
+@contextmanager
+def _needing_twin() -> Iterator[None]:
+    """Adds to an error that the simulator, which is not installed, would have more sensors."""
+    try:
+        yield
+    except StrideTwinError as error:
+        raise StrideTwinError(
+            f"{error}; without MuJoCo there are few sensors: pip install 'stridetwin[twin]'"
+        ) from error
+
+
+def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
+    """The rig with the rates at which the synthetic images come, because a recording is checked against its rig."""
+    seconds = samples[-1].t_ns * 1e-9
+    counts = Counter(sample.topic for sample in samples)
+    cameras = {
+        topic: replace(camera, rate_hz=max(counts[topic], counts[camera.depth_topic], 1) / seconds)
+        for topic, camera in rig.cameras.items()
+    }
+    return replace(rig, cameras=cameras)
 
 
 def _poses_at_rest(topic: str) -> Iterator[Sample]:

@@ -15,7 +15,7 @@ from stridetwin.testing.samples import shift_sample
 from stridetwin.testing.subject import ConformanceError, Subject, call_update, require_equal
 
 _MOST_PASSES = 15
-_LEAST_TRACED = 4_000
+_LEAST_TRACED = 8_000
 _LEAST_RESIDENT = 2_000_000
 """Growth per pass that counts, bytes: of Python's and NumPy's memory, and of the process, whose pages are larger."""
 _STATM = Path("/proc/self/statm")
