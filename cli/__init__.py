@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stridetwin.cli.bridge import LiveOptions, SendOptions, live_command, send_command
+from stridetwin.cli.conform import ConformOptions, conform_command
 from stridetwin.cli.estimate import EstimateOptions, estimate_command
 from stridetwin.cli.listing import ListOptions, list_command
 from stridetwin.cli.options import Options, Outcome
@@ -46,6 +47,7 @@ COMMANDS = {
     "live": Command(LiveOptions, live_command),
     "send": Command(SendOptions, send_command),
     "score": Command(ScoreOptions, score_command),
+    "conform": Command(ConformOptions, conform_command),
     "history": Command(HistoryOptions, history_command),
     "experiment": Command(ExperimentOptions, experiment_command),
     "place": Command(PlaceOptions, place_command),

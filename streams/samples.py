@@ -10,7 +10,7 @@ it yields the samples.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -239,6 +239,12 @@ class Footprint(Sample):
 
 
 S = TypeVar("S", bound=Sample)
+
+
+def copy_sample(sample: S) -> S:
+    """A sample with arrays of its own, for an estimator that keeps it: a caller may reuse the arrays after `update`."""
+    values = ((f.name, getattr(sample, f.name)) for f in fields(sample))
+    return replace(sample, **{name: value.copy() for name, value in values if isinstance(value, np.ndarray)})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

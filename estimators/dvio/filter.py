@@ -20,7 +20,7 @@ from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, 
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
+from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
 IMU_ONLY, LOST = "imu_only", "lost"
@@ -229,7 +229,7 @@ class Dvio:
             )
         if fine and sample.t_ns > self._last_ns.get(sample.topic, -(2**62)):
             self._last_ns[sample.topic] = sample.t_ns
-            queue.append(sample)  # type: ignore[arg-type]
+            queue.append(copy_sample(sample))  # type: ignore[arg-type]
         return None
 
     @property

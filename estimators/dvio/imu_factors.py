@@ -158,6 +158,8 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
     i = _first_after(t_ns, start_ns)
     while at < end_ns and i < t_ns.shape[0]:
         until = min(t_ns[i], end_ns)
+        if at == start_ns and until == end_ns:
+            until = start_ns + (end_ns - start_ns) // 2  # the covariance of a single step is singular
         dt = (until - at) * 1e-9
         sample, share = imu.values[i], 0.0
         for k in range(3):
@@ -169,7 +171,7 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
             force_density += noise.invalid_force * math.sqrt(dt)
         advance(z, sample, dt, rate_density, force_density)
         at = until
-        i += 1
+        i += at == t_ns[i]
 
 
 @njit(error_model="numpy", **INSIDE)

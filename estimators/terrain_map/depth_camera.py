@@ -14,7 +14,7 @@ from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
-from stridetwin.streams.samples import Array, Odometry
+from stridetwin.streams.samples import Array, Odometry, copy_sample
 
 _HERE = Path(__file__).parent
 
@@ -194,6 +194,7 @@ class Poses:
         """
         if not is_pose(pose):
             return False
+        pose = copy_sample(pose)
         if self._last is None:
             self._last = pose
             return False

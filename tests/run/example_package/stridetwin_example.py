@@ -31,14 +31,18 @@ class GravityFoot:
         self._imu = rig.imu(_topic(options or Options()))
         self._smoothing = SMOOTHING if parameters is None else float(parameters)
         self._up: np.ndarray | None = None
+        self._last_ns = -1
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
         """The IMU of the foot."""
         return (Stream(role="imu", topic=_topic(options), kind=Imu),)
 
-    def update(self, sample: Imu) -> Pose:
-        """The pose after one sample."""
+    def update(self, sample: Imu) -> Pose | None:
+        """The pose after one sample; None for a sample that is not finite, or not later than the last one."""
+        if sample.t_ns <= self._last_ns or not np.isfinite(sample.specific_force).all():
+            return None
+        self._last_ns = sample.t_ns
         up = sample.specific_force if self._up is None else self._up
         self._up = up = up + self._smoothing * (sample.specific_force - up)
         x = np.cross([0.0, 1.0, 0.0], up)

@@ -10,6 +10,7 @@ from stridetwin.estimators.base import MODES, POSE_STREAM, TERRAIN, Declaration,
 from stridetwin.estimators.locomotion_mode import MODES as WORDS
 from stridetwin.estimators.locomotion_mode import ModeEstimate, StepPrediction
 from stridetwin.estimators.terrain_map import Level, Plane, Profile, TerrainEstimate, TerrainMapParameters
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Insole, Odometry
 
@@ -19,8 +20,16 @@ STEP_M, STEP_S, LOADED_N = 0.6, 0.55, 50.0
 
 def depth_stream(rig: Rig) -> Stream:
     """The first camera with depth."""
-    camera = next(c for c in rig.cameras.values() if c.depth_topic)
-    return Stream(role="depth", topic=camera.depth_topic, kind=Depth)
+    topics = [c.depth_topic for c in rig.cameras.values() if c.depth_topic]
+    if not topics:
+        raise StrideTwinError("the rig has no depth camera")
+    return Stream(role="depth", topic=topics[0], kind=Depth)
+
+
+def finite_position(sample: Odometry) -> np.ndarray | None:
+    """(3,) m, the pose's position; None if it is not finite."""
+    p = sample.p_frame_in_world
+    return p.copy() if np.isfinite(p).all() else None
 
 
 class FlatGround:
@@ -31,6 +40,7 @@ class FlatGround:
     )
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+        depth_stream(rig)
         self.parameters = parameters or TerrainMapParameters()
         self.estimate: TerrainEstimate | None = None
         self._p: np.ndarray | None = None
@@ -42,8 +52,8 @@ class FlatGround:
 
     def update(self, sample: Any) -> TerrainEstimate | None:
         """The ground after a depth image."""
-        if isinstance(sample, Odometry):
-            self._p = sample.p_frame_in_world
+        if isinstance(sample, Odometry) and (p := finite_position(sample)) is not None:
+            self._p = p
         if not isinstance(sample, Depth) or self._p is None:
             return None
         plane = Plane(
@@ -85,6 +95,7 @@ class SteadySteps:
     )
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+        depth_stream(rig)
         self._p: np.ndarray | None = None
         self._heading, self._step, self._foot = 0.0, 0, ""
         self._loaded: dict[str, bool] = {}
@@ -97,9 +108,9 @@ class SteadySteps:
 
     def update(self, sample: Any) -> ModeEstimate | None:
         """The next step, with each depth image."""
-        if isinstance(sample, Odometry):
-            moved = np.zeros(3) if self._p is None else sample.p_frame_in_world - self._p
-            self._p = sample.p_frame_in_world
+        if isinstance(sample, Odometry) and (p := finite_position(sample)) is not None:
+            moved = np.zeros(3) if self._p is None else p - self._p
+            self._p = p
             self._heading = float(np.arctan2(moved[1], moved[0])) if np.linalg.norm(moved[:2]) > 1e-3 else self._heading
         if isinstance(sample, Insole):
             loaded = bool(sample.force.sum() > LOADED_N)

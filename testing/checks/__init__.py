@@ -1,0 +1,1 @@
+"""The checks: each takes a `Subject` and raises `ConformanceError` if the estimator fails it."""

@@ -1,0 +1,69 @@
+"""Numbers of the estimates: finite, and covariances, standard deviations and probabilities that can be such."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.streams.samples import Array
+from stridetwin.testing.leaves import Leaf
+from stridetwin.testing.subject import ConformanceError, Subject
+
+_SYMMETRY, _EIGENVALUE, _SUM = 1e-6, 1e-9, 1e-6
+"""Tolerances: of symmetry and of the least eigenvalue relative to the largest entry, and of a sum of probabilities."""
+
+
+def check_finite(subject: Subject) -> None:
+    """No estimate on the walk has a NaN or an infinite number."""
+    for returned in subject.reference:
+        for leaf in returned.leaves:
+            if not _describes_uncertainty(leaf) and not leaf.is_finite:
+                raise ConformanceError(
+                    f"{leaf.path or 'the estimate'} at {returned.t_ns * 1e-9:.3f} s is not finite: return None until "
+                    "the value is known"
+                )
+
+
+def check_covariance(subject: Subject) -> None:
+    """Covariances are positive semidefinite, standard deviations positive; probabilities sum to 1."""
+    for returned in subject.reference:
+        for leaf in returned.leaves:
+            if _describes_uncertainty(leaf) and (problem := _problem(leaf)):
+                raise ConformanceError(f"{leaf.path} at {returned.t_ns * 1e-9:.3f} s {problem}")
+
+
+def _describes_uncertainty(leaf: Leaf) -> bool:
+    return leaf.is_covariance or leaf.is_standard_deviation or leaf.name in ("probability", "probabilities")
+
+
+def _problem(leaf: Leaf) -> str:
+    """What is wrong with a covariance, standard deviation or probability; "" if nothing is."""
+    if leaf.value is None or isinstance(leaf.value, str):
+        return ""
+    value = np.asarray(leaf.value, float)
+    if leaf.may_be_unknown and not np.isfinite(value).all():
+        return ""
+    if not leaf.is_finite:
+        return "is not finite: return None for what is unknown, or inf for a standard deviation"
+    if leaf.is_covariance:
+        return _covariance_problem(value)
+    if leaf.is_standard_deviation:
+        return "" if (value > 0.0).all() else f"is {value.min():.3g}: a standard deviation is positive"
+    if value.size and (value.min() < 0.0 or value.max() > 1.0 + _SUM):
+        return f"is outside 0 to 1: {value.min():.6g} to {value.max():.6g}"
+    if leaf.name == "probabilities" and value.ndim == 1 and value.size and abs(value.sum() - 1.0) > _SUM:
+        return f"sums to {value.sum():.6g}: probabilities sum to 1"
+    return ""
+
+
+def _covariance_problem(matrix: Array) -> str:
+    scale = np.abs(matrix).max(initial=0.0)
+    if np.abs(matrix - matrix.T).max(initial=0.0) > _SYMMETRY * scale:
+        return "is not symmetric: average it with its transpose after each update"
+    deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    units = np.where(deviations > 0.0, deviations, 1.0)  # metres beside radians: the correlation has no units
+    least = np.linalg.eigvalsh(0.5 * (matrix + matrix.T) / np.outer(units, units)).min(initial=0.0)
+    if (np.diag(matrix) < 0.0).any() or least < -_EIGENVALUE * len(matrix):
+        return (
+            f"has a negative eigenvalue (of the correlation: {least:.3g}): use the Joseph form, or bound it from below"
+        )
+    return ""

@@ -1,0 +1,166 @@
+"""Gross errors of units and frames: metres and radians, z up, quaternions of unit norm, on a short quiet walk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import MODES as STEP_MODES
+from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
+from stridetwin.estimators.locomotion_mode import ModeEstimate
+from stridetwin.estimators.terrain_map import TerrainEstimate
+from stridetwin.streams.samples import Array, Imu
+from stridetwin.streams.trajectory import Pose, Trajectory
+from stridetwin.testing.subject import ConformanceError, Subject, pose_of
+
+_FACTOR = 3.0
+"""Ratio of an estimated to a true length, or count, that no unit or frame explains."""
+_SLACK_M = 0.5
+_UNIT = 1e-3
+_UPRIGHT = 0.8
+"""Least cosine of the angle between the estimated and the true vertical."""
+_STEEPEST_RAD, _HIGHEST_M = 0.35, 0.3
+"""On level ground, in slope and in height from step to step."""
+_CAMERA_HEIGHT_M = (0.5, 3.0)
+_FARTHEST_STEP_M, _LATEST_STEP_S = 8.0, 10.0
+
+
+def check_plausible(subject: Subject) -> None:
+    """Units and frames are those of the project."""
+    estimates = [returned.estimate for returned in subject.reference]
+    paths: dict[str, list[Pose]] = {}
+    for estimate in estimates:
+        if (pose := pose_of(estimate)) is not None:
+            paths.setdefault(pose.frame, []).append(pose)
+    for frame, poses in paths.items():
+        _check_path(subject, frame, poses)
+    _check_steps(subject, [e for e in estimates if isinstance(e, StepEstimate)])
+    for estimate in estimates:
+        if isinstance(estimate, TerrainEstimate):
+            _check_terrain(estimate)
+        elif isinstance(estimate, ModeEstimate):
+            _check_modes(estimate)
+
+
+def _check_path(subject: Subject, frame: str, poses: list[Pose]) -> None:
+    for pose in poses:
+        _check_rotation(np.asarray(pose.rotation, float), pose.t_ns)
+    imu_topics = [stream.topic for stream in subject.walk.streams if stream.kind is Imu]
+    frame = frame or (imu_topics[0].removeprefix("/") if len(imu_topics) == 1 else "")
+    valid = [pose for pose in poses if pose.valid]
+    if not valid:
+        return
+    truth = subject.walk.truth_of(frame)
+    if truth is not None:
+        _check_length(valid, truth)
+    if f"/{frame}" in imu_topics:
+        _check_vertical(subject, f"/{frame}", valid)
+
+
+def _check_rotation(rotation: Array, t_ns: int) -> None:
+    at = f"the rotation at {t_ns * 1e-9:.3f} s"
+    if rotation.shape == (4,):
+        if abs(np.linalg.norm(rotation) - 1.0) > _UNIT:
+            raise ConformanceError(f"{at} is a quaternion of norm {np.linalg.norm(rotation):.4g}: normalise it")
+    elif rotation.shape != (3, 3):
+        raise ConformanceError(f"{at} has the shape {rotation.shape}: expected a quaternion (4,) or a matrix (3, 3)")
+    elif np.abs(rotation @ rotation.T - np.eye(3)).max() > _UNIT or np.linalg.det(rotation) < 0.0:
+        raise ConformanceError(f"{at} is no rotation matrix: orthonormalise it")
+
+
+def _check_length(poses: Sequence[Pose], truth: Trajectory) -> None:
+    """Compares the largest distance from the start; an estimator of the attitude alone stays at its start."""
+    positions = np.array([pose.p_frame_in_world for pose in poses], float)
+    estimated_m = float(np.linalg.norm(positions - positions[0], axis=1).max())
+    during = (truth.t_ns >= poses[0].t_ns) & (truth.t_ns <= poses[-1].t_ns)
+    if not during.any():
+        return
+    way = truth.p_frame_in_world[during]
+    true_m = float(np.linalg.norm(way - way[0], axis=1).max())
+    too_short = 0.0 < estimated_m < true_m / _FACTOR - _SLACK_M
+    if estimated_m > _FACTOR * true_m + _SLACK_M or too_short:
+        raise ConformanceError(
+            f"the path leads {estimated_m:.3g} m from its start, the true one {true_m:.3g} m: positions are in metres"
+        )
+
+
+def _check_vertical(subject: Subject, topic: str, poses: Sequence[Pose]) -> None:
+    """From rest to rest, the mean specific force in the world is that of gravity, upwards."""
+    forces = {s.t_ns: s.specific_force for s in subject.walk.samples if isinstance(s, Imu) and s.topic == topic}
+    rotated = [pose.T_world_frame[:3, :3] @ forces[pose.t_ns] for pose in poses if pose.t_ns in forces]
+    if not rotated:
+        return
+    mean = np.mean(rotated, axis=0)
+    if mean[2] < _UPRIGHT * np.linalg.norm(mean):
+        direction = ", ".join(f"{v:.2f}" for v in mean / np.linalg.norm(mean))
+        raise ConformanceError(
+            f"the mean specific force, rotated into the world, points along ({direction}) instead of (0, 0, 1): "
+            "rotation is from the frame to the world, scalar first, and the world's z axis is up"
+        )
+
+
+def _check_steps(subject: Subject, estimates: list[StepEstimate]) -> None:
+    if not estimates:
+        return
+    for estimate in estimates:
+        at = f"the step at {estimate.t_ns * 1e-9:.3f} s"
+        if estimate.foot not in ("l", "r"):
+            raise ConformanceError(f"{at}: foot: invalid {estimate.foot!r}: expected l or r")
+        if estimate.mode not in (*STEP_MODES, UNKNOWN):
+            valid = ", ".join((*STEP_MODES, UNKNOWN))
+            raise ConformanceError(f"{at}: mode: invalid {estimate.mode!r}: expected one of {valid}")
+        _check_normal(estimate.normal, at)
+        if subject.walk.is_twin and abs(estimate.slope) > _STEEPEST_RAD:
+            raise ConformanceError(f"{at}: slope is {estimate.slope:.3g} rad on level ground: slopes are in radians")
+        if subject.walk.is_twin and abs(estimate.elevation) > _HIGHEST_M:
+            raise ConformanceError(f"{at}: elevation is {estimate.elevation:.3g} m on level ground: it is in metres")
+    steps, footprints = len({e.step for e in estimates if e.step > 0}), subject.walk.footprints
+    if footprints and not footprints / _FACTOR <= steps <= footprints * _FACTOR:
+        raise ConformanceError(f"{steps} steps where the walk has {footprints}: each step has a number of its own")
+
+
+def _check_normal(normal: Array, at: str) -> None:
+    if abs(np.linalg.norm(normal) - 1.0) > _UNIT:
+        raise ConformanceError(f"{at}: normal has the length {np.linalg.norm(normal):.4g}: normalise it")
+    if normal[2] <= 0.0:
+        raise ConformanceError(f"{at}: normal points down: the world's z axis is up")
+
+
+def _check_terrain(estimate: TerrainEstimate) -> None:
+    at = f"the map at {estimate.t_ns * 1e-9:.3f} s"
+    for plane in estimate.planes.values():
+        _check_normal(plane.normal, at)
+        if not plane.area_m2 > 0.0:
+            raise ConformanceError(f"{at}: plane {plane.id} has an area of {plane.area_m2:.3g} m²: it is positive")
+    if estimate.planes:
+        largest = max(estimate.planes.values(), key=lambda plane: plane.area_m2)
+        camera = np.asarray(estimate.p_camera_in_world, float)
+        height_m = float(camera[2] - largest.height(camera[:2]))
+        if not _CAMERA_HEIGHT_M[0] < height_m < _CAMERA_HEIGHT_M[1]:
+            raise ConformanceError(
+                f"{at}: the largest plane is {height_m:.3g} m below the camera: heights are in metres, in the world of "
+                "the poses, z up"
+            )
+
+
+def _check_modes(estimate: ModeEstimate) -> None:
+    at = f"the prediction at {estimate.t_ns * 1e-9:.3f} s"
+    if not 0.05 < estimate.step_length < 2.5 or not 0.1 < estimate.step_time < 5.0:
+        raise ConformanceError(
+            f"{at}: a step of {estimate.step_length:.3g} m in {estimate.step_time:.3g} s: expected metres and seconds"
+        )
+    if abs(estimate.heading) > 2.0 * math.pi:
+        raise ConformanceError(f"{at}: heading is {estimate.heading:.3g}: it is in radians")
+    for step in estimate.steps:
+        if step.mode not in STEP_MODES or step.foot not in ("l", "r", ""):
+            raise ConformanceError(f"{at}: invalid mode {step.mode!r} or foot {step.foot!r}: expected such as LG, l")
+        seconds = (step.t_ns - estimate.t_ns) * 1e-9
+        if not -_LATEST_STEP_S < seconds < _LATEST_STEP_S:
+            raise ConformanceError(
+                f"{at}: a step is predicted in {seconds:.3g} s: t_ns is in ns, of the samples' clock"
+            )
+        away_m = float(np.linalg.norm(step.p_foot_in_world[:2] - np.asarray(estimate.p_body_in_world)[:2]))
+        if not away_m < _FARTHEST_STEP_M:
+            raise ConformanceError(f"{at}: a step is predicted {away_m:.3g} m from the body: positions are in metres")

@@ -1,0 +1,104 @@
+"""Equal samples give equal estimates: again, beside another instance, whatever follows, and in `follow`."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+import numpy as np
+
+from stridetwin.estimators.base import PathEstimate
+from stridetwin.streams.samples import copy_sample
+from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
+from stridetwin.testing.leaves import difference, flatten
+from stridetwin.testing.samples import shift_sample
+from stridetwin.testing.subject import (
+    ConformanceError,
+    Returned,
+    Subject,
+    call_update,
+    describe,
+    feed,
+    pose_of,
+    require_equal,
+    skip,
+)
+
+
+def check_deterministic(subject: Subject) -> None:
+    """A second instance returns the same estimates, bit by bit."""
+    require_equal(
+        feed(subject.create(), subject.walk.samples), subject.reference,
+        "a second instance returned other estimates for the same samples; use no clock, no random number without a "
+        "fixed seed, and no state of the class or module",
+    )  # fmt: skip
+
+
+def check_independent(subject: Subject) -> None:
+    """Two instances that take samples in turn, one a third of the walk behind, return the same as each alone."""
+    samples = subject.walk.samples
+    lag = len(samples) // 3
+    instances = subject.create(), subject.create()
+    returned: tuple[list[Returned], list[Returned]] = [], []
+    for turn in range(len(samples) + lag):
+        for instance, estimates, i in zip(instances, returned, (turn, turn - lag)):
+            if 0 <= i < len(samples):
+                sample = copy_sample(samples[i])
+                if (estimate := call_update(instance, sample)) is not None:
+                    estimates.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
+    for estimates in returned:
+        require_equal(
+            estimates, subject.reference,
+            "two instances that take samples in turn influence each other; keep all state in the instance",
+        )  # fmt: skip
+
+
+def check_causal(subject: Subject) -> None:
+    """An estimate depends on the samples so far alone, and does not change after it was returned."""
+    samples = subject.walk.samples
+    cut = len(samples) // 2
+    by_ns = samples[cut].t_ns - samples[0].t_ns
+    other_future = (shift_sample(sample, by_ns, np.zeros(3)) for sample in samples[: cut // 2])
+    returned = feed(subject.create(), chain(samples[:cut], other_future))
+    past = [one for one in returned if one.index < cut]
+    expected = [one for one in subject.reference if one.index < cut]
+    require_equal(past, expected, "with another future, estimates before it differ; use the samples so far alone")
+    for one in past:
+        if text := difference(flatten(one.estimate), one.leaves):
+            raise ConformanceError(
+                f"the estimate at {one.t_ns * 1e-9:.3f} s changed after it was returned ({text}): return copies of the "
+                "state's arrays"
+            )
+
+
+def check_follow(subject: Subject) -> None:
+    """`follow` on the whole recording gives the poses of `update` sample by sample."""
+    follow = getattr(subject.estimator_class, "follow", None)
+    if follow is None:
+        raise skip("the estimator has no follow")
+    walk = subject.walk
+    try:
+        paths: list[PathEstimate] = follow(walk.recording, walk.options, None)
+    except Exception as error:
+        raise ConformanceError(f"follow raised {describe(error)}") from error
+    poses: dict[str, list[Pose]] = {}
+    for returned in subject.reference:
+        if (pose := pose_of(returned.estimate)) is not None:
+            poses.setdefault(pose.frame, []).append(pose)
+    for path in paths:
+        if path.frame not in poses:
+            frames = ", ".join(poses)
+            raise ConformanceError(f"follow gives a path of {path.frame!r}; the poses of update are of {frames!r}")
+        _require_same_path(path.path, trajectory_of(poses[path.frame]), path.frame)
+
+
+def _require_same_path(path: Trajectory, expected: Trajectory, frame: str) -> None:
+    advice = "let follow call update, or both the same function"
+    if not np.array_equal(path.t_ns, expected.t_ns):
+        raise ConformanceError(
+            f"follow gives {len(path)} poses of {frame}, update {len(expected)}, or at other stamps: {advice}"
+        )
+    for name in ("p_frame_in_world", "q_world_frame"):
+        values, others = getattr(path, name), getattr(expected, name)
+        if values.tobytes() != others.tobytes():
+            largest = np.abs(values - others).max()
+            raise ConformanceError(f"{name} of {frame} differs between follow and update by {largest:.3g}: {advice}")

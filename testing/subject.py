@@ -1,0 +1,237 @@
+"""The estimator under test: its class, its walk, and what it returns there."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+from unittest import SkipTest
+
+from stridetwin.estimators.base import PATH, Declaration, Estimator, Options, Stream
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Image, Sample, copy_sample
+from stridetwin.streams.trajectory import Pose
+from stridetwin.testing.leaves import Leaf, difference, field_of, flatten
+from stridetwin.testing.samples import changed_field, copy_samples, overwrite
+from stridetwin.testing.walk import Walk, find_walk
+
+_HOME = Path(__file__).resolve().parents[1]
+
+
+class ConformanceError(AssertionError):
+    """A check failed; the message says what happened and what to change in the estimator."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Returned:
+    """An estimate that `update` returned.
+
+    Attributes:
+        index: Number of the sample that it followed, from 0.
+        t_ns: Stamp of that sample.
+        estimate: The object.
+        leaves: Its values at that moment.
+    """
+
+    index: int
+    t_ns: int
+    estimate: Any
+    leaves: list[Leaf]
+
+
+@dataclass(frozen=True, eq=False)
+class BufferRun:
+    """What an estimator returned while the arrays of each sample were overwritten after `update`.
+
+    Attributes:
+        returned: Its estimates; their values were read after the sample was overwritten.
+        changed: Topic and field of the first sample that `update` itself changed; "" if it changed none.
+    """
+
+    returned: list[Returned]
+    changed: str
+
+
+class Subject:
+    """One estimator under test.
+
+    Args:
+        estimator_class: An `Estimator`; or a class with `update` alone, as `score --estimator` takes.
+        options: Its options; None for the defaults.
+        recording: Recording to use in place of the twin's walk.
+    """
+
+    def __init__(self, estimator_class: type, options: Options | None = None, recording: Path | None = None) -> None:
+        self.estimator_class: type[Estimator] = _with_interface(estimator_class)
+        self._options, self._recording = options, recording
+
+    @property
+    def name(self) -> str:
+        """Name of the class."""
+        return self.estimator_class.__name__
+
+    @cached_property
+    def walk(self) -> Walk:
+        """The walk of all checks.
+
+        Raises:
+            StrideTwinError: No walk has the streams that the estimator requires.
+        """
+        return find_walk(self.estimator_class, self._options, self._recording)
+
+    @property
+    def takes_images(self) -> bool:
+        """Whether some of its samples are images."""
+        return any(stream.kind in (Image, Depth) for stream in self.walk.streams)
+
+    def create(self) -> Estimator:
+        """A new instance for the walk.
+
+        Raises:
+            ConformanceError: The constructor raised an exception.
+        """
+        try:
+            return self.estimator_class(self.walk.rig, options=self.walk.options)
+        except Exception as error:
+            raise ConformanceError(f"the constructor raised {describe(error)}") from error
+
+    @cached_property
+    def reference(self) -> list[Returned]:
+        """What one instance returns on the walk.
+
+        Raises:
+            ConformanceError: `update` raised an exception.
+        """
+        return feed(self.create(), self.walk.samples)
+
+    @cached_property
+    def fields_not_finite(self) -> frozenset[str]:
+        """Fields that are not finite on the walk without faults, which another check reports."""
+        leaves = (leaf for returned in self.reference for leaf in returned.leaves)
+        return frozenset(field_of(leaf) for leaf in leaves if not leaf.is_finite)
+
+    @cached_property
+    def buffer_run(self) -> BufferRun:
+        """What one instance returns while the caller reuses the buffers of the samples."""
+        estimator, returned, changed = self.create(), list[Returned](), ""
+        for i, original in enumerate(self.walk.samples):
+            sample = copy_sample(original)
+            estimate = call_update(estimator, sample)
+            if not changed and (field := changed_field(sample, original)):
+                changed = f"{field} of the sample of {sample.topic} at {sample.t_ns * 1e-9:.3f} s"
+            overwrite(sample)
+            if estimate is not None:
+                returned.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
+        return BufferRun(returned, changed)
+
+
+def feed(estimator: Estimator, samples: Iterable[Sample]) -> list[Returned]:
+    """All estimates for copies of some samples.
+
+    Raises:
+        ConformanceError: `update` raised an exception.
+    """
+    returned = list[Returned]()
+    for i, sample in enumerate(copy_samples(samples)):
+        if (estimate := call_update(estimator, sample)) is not None:
+            returned.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
+    return returned
+
+
+def call_update(estimator: Estimator, sample: Sample) -> Any:
+    """What `update` returns for a sample.
+
+    Raises:
+        ConformanceError: It raised an exception.
+    """
+    try:
+        return estimator.update(sample)
+    except Exception as error:
+        at = f"the sample of {sample.topic} stamped {sample.t_ns * 1e-9:.3f} s"
+        raise ConformanceError(f"update raised {describe(error)}, on {at}") from error
+
+
+def describe(error: BaseException) -> str:
+    """An exception in one line: type, message, and where in the author's code it arose."""
+    frames = traceback.extract_tb(error.__traceback__)
+    outside = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME / "testing")]
+    place = f" ({Path(outside[-1].filename).name}:{outside[-1].lineno}, in {outside[-1].name})" if outside else ""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
+
+
+def require_equal(returned: list[Returned], expected: list[Returned], cause: str) -> None:
+    """Compares estimates bit by bit.
+
+    Args:
+        returned: The estimates.
+        expected: Those of the reference.
+        cause: What to say before the first difference.
+
+    Raises:
+        ConformanceError: They differ.
+    """
+    for one, other in zip(returned, expected):
+        at = f"the estimate at {other.t_ns * 1e-9:.3f} s"
+        if one.index != other.index:
+            raise ConformanceError(f"{cause}: {at} follows sample {one.index} instead of {other.index}")
+        if text := difference(one.leaves, other.leaves):
+            raise ConformanceError(f"{cause}: of {at}, {text}")
+    if len(returned) != len(expected):
+        raise ConformanceError(f"{cause}: {len(returned)} estimates instead of {len(expected)}")
+
+
+def pose_of(estimate: Any) -> Pose | None:
+    """The pose that an estimate is or has; None for estimates of another kind."""
+    pose = estimate if isinstance(estimate, Pose) else getattr(estimate, "pose", None)
+    return pose if isinstance(pose, Pose) else None
+
+
+def skip(reason: str) -> SkipTest:
+    """The exception of a check that does not apply; pytest reports it as a skipped test."""
+    return SkipTest(reason)
+
+
+def _with_interface(estimator_class: type) -> type[Estimator]:
+    """The class; one with `update` alone gets a declaration of kind path and the streams that it names in `topics`."""
+    if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):
+        return estimator_class
+    inner_class: Any = estimator_class
+
+    class PathFromUpdate:
+        declaration: ClassVar[Declaration] = Declaration(name=inner_class.__name__, kind=PATH)
+
+        def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+            self._inner = inner_class(rig)
+
+        @classmethod
+        def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+            """The topics that the class names, else all of the rig."""
+            kinds = stream_kinds(rig)
+            topics = getattr(inner_class, "topics", None) or list(kinds)
+            return tuple(Stream(role=topic, topic=topic, kind=kinds.get(topic, Sample)) for topic in topics)
+
+        def update(self, sample: Sample) -> Any:
+            """The pose, with the frame that the class names."""
+            estimate, frame = self._inner.update(sample), getattr(inner_class, "frame", "")
+            named = isinstance(estimate, Pose) and not estimate.frame and bool(frame)
+            return replace(estimate, frame=frame) if named else estimate
+
+    PathFromUpdate.__name__ = inner_class.__name__
+    return PathFromUpdate
+
+
+def stream_kinds(rig: Rig) -> dict[str, type[Sample]]:
+    """Type of the samples of each topic of a rig."""
+    from stridetwin.streams.samples import Actuator, Ahrs, Encoder, Imu, Insole, Interaction, Range
+
+    others: dict[str, type[Sample]] = {
+        "range": Range, "insole": Insole, "ahrs": Ahrs, "encoder": Encoder, "interaction": Interaction,
+        "actuator": Actuator,
+    }  # fmt: skip
+    kinds: dict[str, type[Sample]] = {topic: Imu for topic in rig.imus}
+    kinds |= {topic: Image for topic in rig.cameras}
+    kinds |= {camera.depth_topic: Depth for camera in rig.cameras.values() if camera.depth_topic}
+    return kinds | {topic: others[sensor.kind] for topic, sensor in rig.others.items() if sensor.kind in others}

@@ -1,0 +1,287 @@
+"""The walk that the checks run on: five seconds of the twin on level ground, or synthetic samples without MuJoCo."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from stridetwin.estimators.base import POSES, Estimator, Options, Stream
+from stridetwin.scenarios import exo_geometry
+from stridetwin.scenarios.record import record, twin_class
+from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.sensors.standard_rig import sensor_rig
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
+from stridetwin.streams.samples import Footprint, Odometry, Sample
+from stridetwin.streams.trajectory import Trajectory
+
+_NAME, _SEED = "conformance", 1
+_LENGTH_M, _STAND_S = 2.0, 1.0
+_SMALL_SENSORS = (
+    "foot_imu", "sonar", "insole", "ahrs", "exo_imu", "encoder", "interaction", "actuator", "head_imu",
+)  # fmt: skip
+_CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera"))
+"""Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
+_CAMERA_RATES_HZ = {"head_camera": 10.0, "foot_camera": 5.0}
+_SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Walk:
+    """A recording for one estimator, with what the checks compare it with.
+
+    Attributes:
+        recording: The recording.
+        options: Options of the estimator, with the recording's metadata.
+        streams: Its streams that the recording has, poses included.
+        pose_topic: Truth that takes the place of the odometry's poses; "" for an estimator that takes none.
+        is_twin: Whether it is the suite's own walk, on level ground from rest to rest.
+    """
+
+    recording: Recording
+    options: Options
+    streams: tuple[Stream, ...]
+    pose_topic: str = ""
+    is_twin: bool = False
+
+    @property
+    def rig(self) -> Rig:
+        """Calibration of the recording; empty without one."""
+        return rig_of(self.recording)
+
+    @property
+    def samples(self) -> tuple[Sample, ...]:
+        """Samples of the estimator's streams in time order; `update` must get copies of them."""
+        topics = [s.topic for s in self.streams if s.live and s.topic != POSES]
+        return _read_samples(self.recording.path, self.pose_topic, tuple(dict.fromkeys(topics)))
+
+    @cached_property
+    def footprints(self) -> int:
+        """Number of true footprints; 0 if unknown."""
+        topics = [topic for topic, info in self.recording.topics.items() if info.kind is Footprint]
+        return sum(self.recording.topics[topic].count for topic in topics)
+
+    def truth_of(self, frame: str) -> Trajectory | None:
+        """True path of a frame, such as `foot_l/imu`; None if unknown."""
+        topic = _truth_topic(frame)
+        if not frame or topic not in self.recording.topics:
+            return None
+        block = self.recording.block(topic)
+        return Trajectory(
+            t_ns=block.t_ns, p_frame_in_world=block.columns["p_frame_in_world"],
+            q_world_frame=block.columns["q_world_frame"],
+        )  # fmt: skip
+
+
+def find_walk(estimator_class: type[Estimator], options: Options | None, recording: Path | None) -> Walk:
+    """The walk for an estimator: a recording if one is given, else the twin's, else synthetic samples.
+
+    Args:
+        estimator_class: Its class.
+        options: Its options; None takes the defaults with the first of its methods.
+        recording: File of a recording to use in place of the twin's walk.
+
+    Raises:
+        StrideTwinError: No walk has the streams that the estimator requires; the message names what is missing.
+    """
+    options = options or Options(method=estimator_class.declaration.methods[0])
+    if recording is not None:
+        return _select_streams(estimator_class, options, Recording(recording))
+    if find_spec("mujoco") is None:
+        return _synthetic_walk(estimator_class, options)
+    problem: Exception | None = None
+    mount = options.mount or (estimator_class.declaration.mounts or ("head",))[0]
+    counts: list[int] = []
+    for cameras in _CAMERAS:
+        rig, metadata = _nominal_rig(cameras, mount)
+        try:
+            streams = estimator_class.streams(rig, replace(options, metadata=metadata, source=_NAME))
+            _require(streams, _topics_of(rig))
+            counts.append(len(_topics_of(rig).intersection(stream.topic for stream in streams if stream.live)))
+        except (
+            Exception
+        ) as error:  # an estimator may raise anything for a rig without its sensors, which a check reports
+            problem = error
+            counts.append(0)
+    if max(counts):
+        path = _record_twin(_CAMERAS[counts.index(max(counts))], mount)
+        return replace(_select_streams(estimator_class, options, Recording(path)), is_twin=True)
+    raise StrideTwinError(f"the walk lacks what the estimator needs: {_describe(problem)}") from problem
+
+
+def missing_roles(streams: Iterable[Stream], topics: Iterable[str]) -> list[str]:
+    """The topics of each required role that are all missing, joined by "or"; poses come with every walk."""
+    available, roles = set(topics), dict[str, list[str]]()
+    for stream in streams:
+        if stream.required and stream.topic != POSES:
+            roles.setdefault(stream.role, []).append(stream.topic)
+    return [" or ".join(role) for role in roles.values() if not available.intersection(role)]
+
+
+def rig_of(recording: Recording) -> Rig:
+    """Calibration of a recording; empty without one."""
+    return recording.rig if recording.has_rig else Rig()
+
+
+def _select_streams(estimator_class: type[Estimator], options: Options, recording: Recording) -> Walk:
+    """The walk of a recording; of several possible mounts the first that it has."""
+    options = replace(options, metadata=recording.metadata, source=str(recording.path))
+    mounts = estimator_class.declaration.mounts
+    candidates = [replace(options, mount=mount) for mount in mounts] if mounts and not options.mount else [options]
+    problem: StrideTwinError | None = None
+    for candidate in candidates:
+        try:
+            streams = estimator_class.streams(rig_of(recording), candidate)
+            _require(streams, recording.topics)
+        except StrideTwinError as error:
+            problem = error
+            continue
+        pose_topic = ""
+        if any(stream.topic == POSES for stream in streams):
+            pose_topic, frame = _find_poses(recording, streams)
+            candidate = replace(candidate, poses_of=frame)
+        used = tuple(s for s in streams if s.topic == POSES or s.topic in recording.topics)
+        return Walk(recording=recording, options=candidate, streams=used, pose_topic=pose_topic)
+    raise StrideTwinError(f"{recording.path}: {problem}") from problem
+
+
+def _require(streams: Sequence[Stream], topics: Iterable[str]) -> None:
+    if lacking := missing_roles(streams, topics):
+        raise StrideTwinError(f"no topic {', '.join(lacking)}")
+
+
+def _describe(problem: Exception | None) -> str:
+    return str(problem) if isinstance(problem, StrideTwinError) else repr(problem)
+
+
+def _find_poses(recording: Recording, streams: Sequence[Stream]) -> tuple[str, str]:
+    """Topic of true poses of the depth camera or another sensor on its body, and the frame that they are of."""
+    topics = {stream.topic for stream in streams}
+    rig = rig_of(recording)
+    bodies = {camera.mount.body for camera in rig.cameras.values() if camera.depth_topic in topics}
+    sensors: list[CameraCalibration | ImuCalibration] = [*rig.cameras.values(), *rig.imus.values()]
+    for sensor in sensors:
+        frame = sensor.topic.removeprefix("/")
+        if sensor.mount.body in bodies and _truth_topic(frame) in recording.topics:
+            return _truth_topic(frame), frame
+    raise StrideTwinError("no true poses of the depth camera's body, which take the place of an odometry's")
+
+
+@lru_cache(maxsize=1)
+def _read_samples(path: Path, pose_topic: str, topics: tuple[str, ...]) -> tuple[Sample, ...]:
+    """Samples in time order; poses as an odometry gives them, without velocities, before the images of that instant."""
+    wanted = [pose_topic, *topics] if pose_topic else list(topics)
+    unknown = np.full(3, np.nan)
+    return tuple(
+        replace(sample, topic=POSES, v_frame_in_world=unknown, angular_rate=unknown)
+        if isinstance(sample, Odometry) and sample.topic == pose_topic
+        else sample
+        for sample in Recording(path).samples(wanted)
+    )
+
+
+def _truth_topic(frame: str) -> str:
+    return f"/truth/{frame}/odometry"
+
+
+@lru_cache(maxsize=1)
+def _session_folder() -> Path:
+    folder = tempfile.mkdtemp(prefix="stridetwin-conformance-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
+    slower = {camera: SensorConfig(rate_hz=_CAMERA_RATES_HZ[camera]) for camera in cameras}
+    return TwinConfig(
+        name=_NAME, route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
+        sensors=(*_SMALL_SENSORS, *cameras), fittings=slower, rig_mount=mount,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str, str]]:
+    """Calibration and metadata of the twin's walk, without planning or recording it."""
+    twin_class()  # says how to install the simulator
+    from stridetwin.sim.wearer.body import wearer
+
+    config = _config(cameras, mount)
+    rig = sensor_rig(config).nominal(_SEED)
+    return rig, exo_geometry.metadata(wearer(config.person), rig, _SEED)
+
+
+def _topics_of(rig: Rig) -> set[str]:
+    depth = {camera.depth_topic for camera in rig.cameras.values()} - {""}
+    return {*rig.imus, *rig.cameras, *rig.others} | depth
+
+
+def _record_twin(cameras: tuple[str, ...], mount: str) -> Path:
+    """File of the twin's walk; recorded once per process."""
+    path = _session_folder() / f"{'_'.join([mount, *cameras])}.mcap"
+    if not path.exists():
+        record(twin_class()(_config(cameras, mount), _SEED), path)
+    return path
+
+
+def _synthetic_walk(estimator_class: type[Estimator], options: Options) -> Walk:
+    """Six seconds of a person who stands, for a computer without MuJoCo.
+
+    Raises:
+        StrideTwinError: The synthetic samples lack a sensor that the estimator requires.
+    """
+    from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
+
+    rig = synthetic_rig()
+    with _needing_twin():
+        streams = estimator_class.streams(rig, options)
+    samples = list(synthetic_samples({s.topic: s.kind for s in streams if s.topic != POSES and s.live}))
+    path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
+    with RecordingWriter(path, _with_image_rates(rig, samples)) as writer:
+        poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
+        for sample in chain(samples, poses):
+            writer.write(sample)
+    with _needing_twin():
+        return _select_streams(estimator_class, options, Recording(path))
+
+
+@contextmanager
+def _needing_twin() -> Iterator[None]:
+    """Adds to an error that the simulator, which is not installed, would have more sensors."""
+    try:
+        yield
+    except StrideTwinError as error:
+        raise StrideTwinError(
+            f"{error}; without MuJoCo there are few sensors: pip install 'stridetwin[twin]'"
+        ) from error
+
+
+def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
+    """The rig with the rates at which the synthetic images come, because a recording is checked against its rig."""
+    seconds = samples[-1].t_ns * 1e-9
+    counts = Counter(sample.topic for sample in samples)
+    cameras = {
+        topic: replace(camera, rate_hz=max(counts[topic], counts[camera.depth_topic], 1) / seconds)
+        for topic, camera in rig.cameras.items()
+    }
+    return replace(rig, cameras=cameras)
+
+
+def _poses_at_rest(topic: str) -> Iterator[Sample]:
+    for i in range(6 * _SYNTHETIC_POSE_HZ + 1):
+        yield Odometry(
+            topic=topic, t_ns=i * 10**9 // _SYNTHETIC_POSE_HZ, v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
+            p_frame_in_world=np.array([0.0, 0.0, _SYNTHETIC_EYES_M]), q_world_frame=np.array([1.0, 0.0, 0.0, 0.0]),
+        )  # fmt: skip
