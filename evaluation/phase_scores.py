@@ -1,7 +1,7 @@
 """Scores of estimated gait phases against the true touch-downs: circular errors, events, consistency.
 
 The true phase of a leg grows linearly in time from 0 at a touch-down of its foot to 1 at the next one. The initial
-footprint of a standing foot is no touch-down. Samples before the first touch-down, after the last one and within a pause
+footprint of a standing foot is no touch-down. Samples before the first touch-down, after the last one and in a pause
 (`Stride.is_pause`) are not counted; all others are, those of the first and last strides and of strides between level
 ground, stairs and ramps included.
 """
@@ -139,9 +139,9 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
 
     Returns:
         `rmse_pct`, circular RMS error over all counted samples, % of the cycle; `rmse_level_pct`, `rmse_stairs_pct`,
-        `rmse_ramp_pct` by the terrain of the stride, `rmse_steady_pct` of steady level strides, each where there is one;
+        `rmse_ramp_pct` by the terrain of the stride, `rmse_steady_pct` of steady level strides, where there are any;
         `p95_pct` of the errors' sizes; `bias_pct`; `within_95_pct`, share of errors inside the reported 95 % interval;
-        `not_walking_pct`, share of counted samples without a claimed phase; `touch_down_error_ms`, mean size of the time
+        `not_walking_pct`, share of counted samples without a phase; `touch_down_error_ms`, mean size of the time
         error of matched touch-downs, and `touch_down_bias_ms`, positive if late; `missed` true touch-downs without a
         detected one within 0.25 s, and `extra` detected ones beyond the true ones between the first and the last;
         `strides` counted. Empty without a counted stride.
