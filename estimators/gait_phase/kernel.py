@@ -1,4 +1,4 @@
-"""The posterior of stride time and landing over a grid of hypotheses, compiled (docs/gait_phase.md (2)-(5))."""
+"""The posterior of stride time and landing over a grid of hypotheses, compiled (docs/gait_phase.md (2)-(6))."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _log_t(deviation: float, variance: float) -> float:
 
 @_entry
 def set_prior(belief: Belief, settings: PriorSettings, transition: Array, log_ratio: Array) -> None:
-    """Sets the hypotheses at a touch-down, docs/gait_phase.md (2).
+    """Sets the hypotheses at a touch-down, docs/gait_phase.md (3).
 
     Args:
         belief: Overwritten.
@@ -118,7 +118,7 @@ def set_prior(belief: Belief, settings: PriorSettings, transition: Array, log_ra
 
 @_entry
 def weigh(belief: Belief, template: Template, sample: RateSample) -> tuple[float, float, float, float]:
-    """Weighs the hypotheses with one pitch rate, docs/gait_phase.md (3), and takes their means (4).
+    """Weighs the hypotheses with one pitch rate, docs/gait_phase.md (4), (6), and takes their means (5).
 
     Returns:
         Mean and variance of the phase, mean phase rate (1/s), all given that the person walks; and the probability that

@@ -31,7 +31,7 @@ _BIN_CENTERS = (np.arange(BINS) + 0.5) / BINS
 
 
 class StrideFilter:
-    """Phase within the running stride, docs/gait_phase.md (2)-(7).
+    """Phase within the running stride, docs/gait_phase.md (2)-(9).
 
     Attributes:
         begin_ns: Touch-down that began the running stride, ns; -1 before the first.
@@ -99,7 +99,7 @@ class StrideFilter:
             self.is_walking = False
 
     def _learn(self, stride_s: float) -> None:
-        """Learns stride time (6) and template (7) from a stride that has ended."""
+        """Learns landing, stride time and template from a stride that has ended, docs/gait_phase.md (7)-(9)."""
         p = self._p
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,16 +58,24 @@ class Stride:
     Attributes:
         begin_ns: Touch-down that begins it, ns.
         end_ns: Touch-down that ends it, ns.
-        terrain: One of `TERRAINS`: stairs if it begins or ends on a stair, else ramp if it does on a ramp, else level.
+        begin_mode: Mode of the step that ended with that touch-down: LG, SA, SD, RA or RD.
+        end_mode: Mode of the one that ends with this stride.
         is_pause: The person stands still in it, so that it has no phase.
         is_steady: A level stride of a steady walk, see `STEADY_CHANGE`.
     """
 
     begin_ns: int
     end_ns: int
-    terrain: str
+    begin_mode: str = "LG"
+    end_mode: str = "LG"
     is_pause: bool = False
     is_steady: bool = False
+
+    @property
+    def terrain(self) -> str:
+        """One of `TERRAINS`: stairs if it begins or ends on a stair, else ramp if it does on a ramp, else level."""
+        terrains = {_TERRAIN_OF_MODE[self.begin_mode], _TERRAIN_OF_MODE[self.end_mode]}
+        return next(name for name in (STAIRS, RAMP, LEVEL) if name in terrains)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,18 +113,15 @@ def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:
     longest_ns = min(1e9 * LONGEST_STRIDE_S, LONGEST_STRIDE_SHARE * float(np.median(durations)))
     strides = []
     for i, (before, after) in enumerate(pairwise(prints)):
-        terrains = {_TERRAIN_OF_MODE[before.mode], _TERRAIN_OF_MODE[after.mode]}
-        terrain = next(name for name in (STAIRS, RAMP, LEVEL) if name in terrains)
-        is_even = 1 < i < len(durations) - 1 and abs(durations[i] / durations[i - 1] - 1.0) < STEADY_CHANGE
-        strides.append(
-            Stride(
-                begin_ns=before.t_ns,
-                end_ns=after.t_ns,
-                terrain=terrain,
-                is_pause=bool(durations[i] > longest_ns),
-                is_steady=bool(terrain == LEVEL and is_even),
-            )
+        stride = Stride(
+            begin_ns=before.t_ns,
+            end_ns=after.t_ns,
+            begin_mode=before.mode,
+            end_mode=after.mode,
+            is_pause=bool(durations[i] > longest_ns),
         )
+        is_even = 1 < i < len(durations) - 1 and abs(durations[i] / durations[i - 1] - 1.0) < STEADY_CHANGE
+        strides.append(replace(stride, is_steady=bool(stride.terrain == LEVEL and is_even)))
     return strides
 
 

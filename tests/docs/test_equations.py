@@ -12,7 +12,7 @@ from tools.site import numbers
 
 ROOT = Path(__file__).parents[2]
 PAGES = {page.name: page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md"))}
-ESTIMATORS = ["foot_ins", "foot_to_foot", "contact_terrain", "dvio", "terrain_map", "locomotion_mode"]
+ESTIMATORS = ["foot_ins", "foot_to_foot", "contact_terrain", "dvio", "terrain_map", "locomotion_mode", "gait_phase"]
 SECTIONS = ["What it is for", "How to use it", "How it works", "How accurate it is"]
 _CITED = re.compile(r"docs/(\w+\.md) ((?:\(\d+\)(?:, | and |-)?)+)")
 
