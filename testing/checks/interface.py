@@ -7,19 +7,18 @@ from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any
 
-from stridetwin.estimators.base import KINDS, MAP, MODES, PATH, POSES, STEPS, Declaration, Options, Stream
+from stridetwin.estimators.base import MODES, PATH, POSES, STEPS, TERRAIN, Declaration, Options, Stream
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import ModeEstimate
+from stridetwin.estimators.registry import OUTPUT_GROUP
 from stridetwin.estimators.terrain_map import TerrainEstimate
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.testing.subject import ConformanceError, Subject, describe, pose_of
 from stridetwin.testing.walk import missing_roles
 
-_ESTIMATES: dict[str, type] = {STEPS: StepEstimate, MAP: TerrainEstimate, MODES: ModeEstimate}
+_ESTIMATES: dict[str, type] = {STEPS: StepEstimate, TERRAIN: TerrainEstimate, MODES: ModeEstimate}
 _MAP_METHODS = ("heights", "profile", "ground", "surface_points")
-_OUTPUT_GROUP = "stridetwin.outputs"
-"""Entry points of the kinds of output that packages add."""
 
 
 def check_declaration(subject: Subject) -> None:
@@ -36,7 +35,7 @@ def check_declaration(subject: Subject) -> None:
             f"declaration.name: invalid {declaration.name!r}: expected letters, digits and _, because files are named "
             "after it"
         )
-    kinds = sorted({*KINDS, *(point.name for point in entry_points(group=_OUTPUT_GROUP))})
+    kinds = sorted({point.name for point in entry_points(group=OUTPUT_GROUP)})
     if declaration.kind not in kinds:
         raise ConformanceError(f"declaration.kind: invalid {declaration.kind!r}: expected one of {', '.join(kinds)}")
     if not declaration.methods:
@@ -82,7 +81,7 @@ def check_estimates(subject: Subject) -> None:
         return
     if wrong is not None:
         raise ConformanceError(f"update returned {type(wrong).__name__}: for kind {kind!r}, return {expected}")
-    if kind == MAP:
+    if kind == TERRAIN:
         lacking = [name for name in _MAP_METHODS if not callable(getattr(subject.estimator_class, name, None))]
         if lacking:
             raise ConformanceError(
