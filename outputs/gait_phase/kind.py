@@ -95,10 +95,10 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
 
     def rerun_views(self, evaluations: Sequence[EvaluatedPhases]) -> dict[str, tuple[str, str]]:
         """The phases over time."""
-        return {"gait_phase": ("series", "gait phase")}
+        return {"phase": ("series", "gait phase")}
 
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> None:
-        """The phase of each leg over time, `gait_phase/NAME`."""
+        """The phase of each leg over time, `phase/NAME`."""
         for evaluation in evaluations:
             series = evaluation.series
-            log_curves(rerun, stream, f"gait_phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))
+            log_curves(rerun, stream, f"phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))
