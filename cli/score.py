@@ -15,6 +15,8 @@ from stridetwin.cli.options import (
     Options,
     Outcome,
     Progress,
+    SchedulerOption,
+    check_executor,
     count,
     option,
     output_option,
@@ -91,7 +93,12 @@ class ScoreOptions(Options):
     ]
     lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
     only: OnlyOption = field(default_factory=list)
-    workers: Annotated[int, option("Recordings at a time.", "N", count)] = 1
+    workers: Annotated[int | None, option("Recordings at a time (default 1).", "N", count)] = None
+    scheduler: SchedulerOption = None
+    resume: Annotated[
+        Path | None,
+        option("Keep what is scored in this folder, and reuse what an earlier run with equal options has kept.", "DIR"),
+    ] = None
     estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
     estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
         default_factory=list
@@ -141,6 +148,7 @@ class HistoryOptions(Options):
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
+    from stridetwin.batch.executors import BatchOptions
     from stridetwin.evaluation.evaluate import summary
     from stridetwin.evaluation.gate.compare import check_level, compare_scores
     from stridetwin.evaluation.gate.formatting import failures, junit, markdown
@@ -150,6 +158,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     from stridetwin.report.history import append_history, history_line
     from stridetwin.streams.files import whole_file
 
+    check_executor(arguments.workers, arguments.scheduler)
     _check_options(arguments)
     baseline = read_table(arguments.baseline) if arguments.baseline else None
     rules = _rules(arguments)
@@ -161,7 +170,10 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
-    rows = list(score_walks(jobs, arguments.workers, progress))
+    options = BatchOptions(
+        folder=arguments.resume or Path(), workers=arguments.workers or 1, scheduler=arguments.scheduler
+    )
+    rows = score_walks(jobs, options, progress, is_kept=arguments.resume is not None)
     means = summary(row["estimators"] for row in rows)
     data = document_of(rows, means)
     failed = failures(rows)
@@ -206,6 +218,10 @@ def _check_options(arguments: ScoreOptions) -> None:
         raise StrideTwinError("--label names a version in a history: expected --history as well")
     if arguments.label is not None and not is_text(arguments.label):
         raise ConfigError("command line", "--label", arguments.label, "text in UTF-8")
+    if arguments.resume and (arguments.estimate or arguments.estimator or arguments.program):
+        raise StrideTwinError(
+            "--resume is only valid for built-in estimators: expected no --estimate, --estimator, --program"
+        )
     if arguments.only and (arguments.estimate or arguments.estimator or arguments.program):
         raise StrideTwinError("--only selects built-in estimators: expected no --estimate, --estimator, --program")
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.batch.processes import open_pool
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import MAP, MODES, PATH, Options, Progress
 from stridetwin.estimators.locomotion_mode import ModeEstimate
@@ -30,7 +31,6 @@ from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, along_way, true_fo
 from stridetwin.pipeline.run import Found, all_paths, fed, merged
 from stridetwin.pipeline.terrain_files import KINDS, GroundGrid, kinds_at
 from stridetwin.scenarios.metadata import terrain_layout
-from stridetwin.scenarios.processes import processes
 from stridetwin.sim.world.route import Layout
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Footprint, Image
@@ -138,7 +138,7 @@ def all_estimates(
     with ExitStack() as stack:
         others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False, only=only)
         if recording.is_mcap and two_see(recording, only):
-            pool = stack.enter_context(processes(1))
+            pool = stack.enter_context(open_pool(1))
             others = pool.submit(_others, recording.path, recording.lenient, only).result
         leading = all_paths(recording, leads=True, only=only)
         odometry = odometry_of(recording, leading) if is_map_or_modes_asked(only) else None

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from stridetwin.estimators.base import POSES
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
-from stridetwin.scenarios.files import json_text
 from stridetwin.streams.errors import RecordingError, needing
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import json_text, whole_file
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array, Odometry

@@ -17,10 +17,11 @@ from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import Ahead, all_estimates
 from stridetwin.pipeline.step_files import predicted_steps, write_modes, write_steps
 from stridetwin.pipeline.terrain_files import write_terrain
-from stridetwin.scenarios.files import json_text, staged
+from stridetwin.scenarios.files import staged
 from stridetwin.scenarios.metadata import InjectedFault, injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.streams.files import json_text
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.recording.reader import Recording
 

@@ -1,7 +1,8 @@
-"""Atomic file writes: a file appears complete or not at all."""
+"""Atomic file writes, where a file appears complete or not at all, and the text of JSON files."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,3 +42,12 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def json_text(value: object) -> str:
+    """JSON for a file: sorted keys, so that equal results give equal bytes.
+
+    Raises:
+        ValueError: A number is not finite.
+    """
+    return json.dumps(value, indent=2, sort_keys=True, allow_nan=False) + "\n"

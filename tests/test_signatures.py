@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PRODUCT = ("streams", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli")
+PRODUCT = ("streams", "batch", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli")
 MOST = 10
 
 

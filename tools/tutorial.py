@@ -110,7 +110,8 @@ def in_a_shell(command: str, environment: dict[str, str]) -> Said:
 
 def strangers(folder: Path) -> None:
     """Writes packages with the project's package names into a folder; they raise an error when they are imported."""
-    for name in ("sim", "estimators", "streams", "scenarios", "pipeline", "evaluation", "report", "studies", "cli"):
+    parts = ("sim", "estimators", "streams", "batch", "scenarios", "pipeline", "evaluation", "report", "studies", "cli")
+    for name in parts:
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text(_HARM, encoding="utf-8")
 

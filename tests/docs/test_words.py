@@ -96,7 +96,7 @@ def test_forbidden_words_are_found_and_code_is_not(tmp_path):
     assert found("The walker turns and touches down.") == []
 
 
-PACKAGES = ("streams", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli")
+PACKAGES = ("streams", "batch", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli")
 ONLY_ON_PAGES = (
     r"outlines?",  # of drawings
     r"room for",

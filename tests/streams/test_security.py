@@ -11,7 +11,19 @@ from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]
-PARTS = ("streams", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli", "examples")
+PARTS = (
+    "streams",
+    "batch",
+    "sim",
+    "estimators",
+    "scenarios",
+    "pipeline",
+    "evaluation",
+    "report",
+    "studies",
+    "cli",
+    "examples",
+)
 SOURCES = [p for part in PARTS for p in (ROOT / part).rglob("*.py")]
 PIPES = {
     "sim/rendering/rendering.py",

@@ -98,12 +98,12 @@ def test_estimators_of_another_kind_and_unknown_ones_are_refused_with_the_valid_
 
 def test_rows_with_other_estimators_have_keys_of_their_own(tmp_path) -> None:
     study = experiment("zhao_closed_loop")
-    keys = [
-        registry._keys("zhao_closed_loop", study, Case(seed=1, folder=tmp_path, estimators=estimators))
+    jobs = [
+        registry._job("zhao_closed_loop", study, Case(seed=1, folder=tmp_path, estimators=estimators))
         for estimators in ((), ("dvio",))
     ]
-    assert keys[0].row != keys[1].row
-    assert keys[0].walks == keys[1].walks
+    assert jobs[0].key != jobs[1].key
+    assert jobs[0].task.walks_key == jobs[1].task.walks_key
 
 
 def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
@@ -115,8 +115,8 @@ def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
     case = Case(seed=1, folder=tmp_path)
     names = ("zhao_generality", "zhao_generality_given_poses", "zhao_generality_shallow", "zhao_view")
-    keys = [registry._keys(name, experiment(name), case) for name in names]
-    assert len({k.row for k in keys} | {k.walks for k in keys}) == 2 * len(names)
+    jobs = [registry._job(name, experiment(name), case) for name in names]
+    assert len({job.key for job in jobs} | {job.task.walks_key for job in jobs}) == 2 * len(names)
 
 
 def test_a_recording_of_another_version_is_not_reused(tmp_path, monkeypatch) -> None:

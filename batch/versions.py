@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import inspect
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata, resources
@@ -27,6 +29,29 @@ _WHOLE = (
     ("stridetwin.evaluation", "reference"),
 )
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
+_NAMED = ("mujoco", "numpy", "scipy")
+
+
+@cache
+def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
+    """Versions that determine a module's results: the project, a digest of its sources, and numerical libraries.
+
+    Args:
+        module: Its name.
+        estimators: See `digest`.
+    """
+    return {
+        "stridetwin": metadata.version("stridetwin"),
+        "sources": digest(module, estimators=estimators),
+        **_installed(_NAMED),
+    }
+
+
+@cache
+def class_version(of: type) -> str:
+    """Digest of the sources of a class, such as an installed estimator's: its file, and what it imports from here."""
+    source = Path(inspect.getfile(of)).read_bytes()
+    return hashlib.sha256(source + digest(of.__module__).encode()).hexdigest()[:16]
 
 
 def digest(module: str, *, estimators: bool = True) -> str:
@@ -49,11 +74,17 @@ def digest(module: str, *, estimators: bool = True) -> str:
 @cache
 def _libraries() -> str:
     """Versions of Python and of the installed libraries in `_COMPUTING`."""
-    versions = [f"python {sys.version_info.major}.{sys.version_info.minor}"]
-    for name in _COMPUTING:
+    python = f"python {sys.version_info.major}.{sys.version_info.minor}"
+    return "\n".join([python, *(f"{name} {version}" for name, version in _installed(_COMPUTING).items())])
+
+
+def _installed(names: Sequence[str]) -> dict[str, str]:
+    """Versions of those of some distributions that are installed."""
+    versions = {}
+    for name in names:
         with suppress(metadata.PackageNotFoundError):
-            versions.append(f"{name} {metadata.version(name)}")
-    return "\n".join(versions)
+            versions[name] = metadata.version(name)
+    return versions
 
 
 def _data() -> dict[str, Path]:
