@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from frail_pool import make_frail
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies import catalogue, registry
@@ -110,6 +111,24 @@ def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
     (tmp_path / "seed_5.json").write_text('{"seed": 5, "physics": "dynamic"}')
     run(tmp_path, subset=1, resume=True)
     assert ran == [5]
+
+
+def test_a_case_of_which_every_worker_dies_is_an_error_and_the_others_are_kept(tmp_path, ran, monkeypatch) -> None:
+    with monkeypatch.context() as patch:
+        make_frail(patch, lambda task: task.case.seed == 6)
+        with pytest.raises(StrideTwinError, match=r"small: seed_6: its worker died; .*; --resume runs it again"):
+            run_experiment("small", Options(folder=tmp_path, workers=2), lambda *_: None)
+    assert sorted(ran) == [5, 7, 8]
+    run(tmp_path, resume=True)
+    assert sorted(ran) == [5, 6, 7, 8]
+
+
+def test_one_process_at_a_time_runs_cases_in_a_folder(tmp_path, ran) -> None:
+    def run_another(stage: str, share: float) -> None:
+        with pytest.raises(StrideTwinError, match="another process runs an experiment there: expected another folder"):
+            run_experiment("small", Options(folder=tmp_path), lambda *_: None)
+
+    run_experiment("small", Options(folder=tmp_path, subset=1), run_another)
 
 
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
