@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command
+from stridetwin.batch.processes import open_pool
 from stridetwin.scenarios.check import check_recording
-from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import catalogue, load_scenario
 from stridetwin.sim.config import TwinConfig
@@ -87,7 +87,8 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     for kind, some in offsets.items():
         first = FIRST_SEED + (arguments.clean if kind == "faulty" else 0)
         walks = list(cases(len(some), some, arguments.longest, first))
-        rows = list(mapped(checked, walks, arguments.workers))
+        with open_pool(arguments.workers) as pool:
+            rows = list(pool.map(checked, walks))
         estimated = [row for row in rows if "error_s" in row]
         result[kind] = rows
         result["summary"][kind] = {

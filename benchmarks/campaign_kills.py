@@ -20,14 +20,13 @@ import sys
 import tempfile
 import time
 from argparse import Namespace
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.command import answer, command, show_summary
-from stridetwin.cli.main import main as stridetwin
+from benchmarks.kills import start
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
 from stridetwin.scenarios.campaign.generate import Options, generate
 
@@ -46,20 +45,6 @@ set:
   gait.speed_mps: {{uniform: [0.9, 1.2]}}
   sensors.foot_imu.part: MPU-9250
 """
-
-
-def start(campaign: Path, folder: Path, workers: int) -> int:
-    """Runs `generate` in a child process; returns its process id."""
-    child = os.fork()
-    if child == 0:
-        code = 70
-        with suppress(BaseException):
-            silent = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(silent, 1)
-            os.dup2(silent, 2)
-            code = stridetwin(["generate", str(campaign), "-o", str(folder), "--workers", str(workers)])
-        os._exit(code)
-    return child
 
 
 def visible(folder: Path) -> dict[str, bytes]:
@@ -87,7 +72,7 @@ def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -
         folder = home / "killed"
         finished: dict[str, int] = {}
         while counts["kills"] < kills:
-            child = start(home / "small.yaml", folder, workers)
+            child = start(_command(home / "small.yaml", folder, workers))
             time.sleep(life_s * rng.random())
             os.kill(child, signal.SIGKILL)
             _, status = os.waitpid(child, 0)
@@ -108,7 +93,7 @@ def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -
                 number += 1
                 folder, finished = home / f"killed_{number}", {}
         if finished or folder.exists():
-            assert os.waitstatus_to_exitcode(os.waitpid(start(home / "small.yaml", folder, workers), 0)[1]) == 0
+            _life(home / "small.yaml", folder, workers)
             assert finished.items() <= rows(folder).items(), "a finished walk was made again"
             assert visible(folder) == whole, "the campaign differs from the undisturbed one"
             assert not list(folder.rglob(".*")), "something hidden is left"
@@ -116,9 +101,14 @@ def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -
     return {**counts, "life_s": life_s}
 
 
+def _command(campaign: Path, folder: Path, workers: int) -> list[str]:
+    return ["generate", str(campaign), "-o", str(folder), "--workers", str(workers)]
+
+
 def _life(campaign: Path, folder: Path, workers: int) -> float:
+    """Generates a campaign undisturbed; returns how long it took, s."""
     began = time.perf_counter()
-    assert os.waitstatus_to_exitcode(os.waitpid(start(campaign, folder, workers), 0)[1]) == 0
+    assert os.waitstatus_to_exitcode(os.waitpid(start(_command(campaign, folder, workers)), 0)[1]) == 0
     return time.perf_counter() - began
 
 

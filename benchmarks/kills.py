@@ -20,6 +20,8 @@ import signal
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from unittest import mock
 
@@ -42,6 +44,20 @@ sensors: [foot_imu, insole, sonar, ahrs, head_imu]
 """
 
 
+def start(arguments: Sequence[str]) -> int:
+    """Runs a command in a forked child, without its output; returns the process id."""
+    child = os.fork()
+    if child == 0:
+        code = 70
+        with suppress(BaseException):
+            silent = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(silent, 1)
+            os.dup2(silent, 2)
+            code = stridetwin(arguments)
+        os._exit(code)
+    return child
+
+
 def generate(scenario: Path, recording: Path, kill_after_s: float | None = None) -> int | None:
     """Runs `generate` in a child process.
 
@@ -53,16 +69,7 @@ def generate(scenario: Path, recording: Path, kill_after_s: float | None = None)
     Returns:
         Its exit code, None if it was killed.
     """
-    child = os.fork()
-    if child == 0:
-        code = 70
-        try:
-            silent = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(silent, 1)
-            os.dup2(silent, 2)
-            code = stridetwin(["generate", str(scenario), "-o", str(recording)])
-        finally:
-            os._exit(code)
+    child = start(["generate", str(scenario), "-o", str(recording)])
     if kill_after_s is not None:
         time.sleep(kill_after_s)
         os.kill(child, signal.SIGKILL)

@@ -7,6 +7,7 @@ option's default. Fields without default are required.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,6 +70,24 @@ OnlyOption = Annotated[
         help="Run only this estimator, such as foot_ins, and simulate only the sensors that it reads; may be repeated.",
     ),
 ]
+
+SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler instead.")
+]
+_SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
+
+
+def check_executor(workers: int | None, scheduler: str | None) -> None:
+    """Rejects `--workers` together with `--scheduler`, and an invalid address.
+
+    Raises:
+        ConfigError: As described.
+    """
+    if workers and scheduler:
+        raise ConfigError("command line", "--workers", workers, "either --workers or --scheduler")
+    if scheduler is not None and not _SCHEDULER.fullmatch(scheduler):
+        valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
+        raise ConfigError("command line", "--scheduler", scheduler, valid)
 
 
 def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], float]:

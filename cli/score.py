@@ -15,6 +15,8 @@ from stridetwin.cli.options import (
     Options,
     Outcome,
     Progress,
+    SchedulerOption,
+    check_executor,
     count,
     option,
     output_option,
@@ -45,7 +47,12 @@ class ScoreOptions(Options):
     ]
     lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
     only: OnlyOption = field(default_factory=list)
-    workers: Annotated[int, option("Recordings at a time.", "N", count)] = 1
+    workers: Annotated[int | None, option("Recordings at a time (default 1).", "N", count)] = None
+    scheduler: SchedulerOption = None
+    resume: Annotated[
+        Path | None,
+        option("Keep what is scored in this folder, and reuse what an earlier run with equal options has kept.", "DIR"),
+    ] = None
     estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
     estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
         default_factory=list
@@ -95,6 +102,7 @@ class HistoryOptions(Options):
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
+    from stridetwin.batch.executors import BatchOptions
     from stridetwin.gate.compare import check_level, compare_scores
     from stridetwin.gate.formatting import failures, junit, markdown
     from stridetwin.gate.score_table import document_of, mean_scores, read_table, table_of
@@ -103,6 +111,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     from stridetwin.scenarios.score_needs import estimators_of
     from stridetwin.streams.files import whole_file
 
+    check_executor(arguments.workers, arguments.scheduler)
     _check_options(arguments)
     baseline = read_table(arguments.baseline) if arguments.baseline else None
     rules = _rules(arguments)
@@ -114,7 +123,10 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
-    rows = list(score_walks(jobs, arguments.workers, progress))
+    options = BatchOptions(
+        folder=arguments.resume or Path(), workers=arguments.workers or 1, scheduler=arguments.scheduler
+    )
+    rows = score_walks(jobs, options, progress, is_kept=arguments.resume is not None)
     means = mean_scores(row["estimators"] for row in rows)
     data = document_of(rows, means)
     failed = failures(rows)
@@ -159,6 +171,10 @@ def _check_options(arguments: ScoreOptions) -> None:
         raise StrideTwinError("--label names a version in a history: expected --history as well")
     if arguments.label is not None and not is_text(arguments.label):
         raise ConfigError("command line", "--label", arguments.label, "text in UTF-8")
+    if arguments.resume and (arguments.estimate or arguments.estimator or arguments.program):
+        raise StrideTwinError(
+            "--resume is only valid for built-in estimators: expected no --estimate, --estimator, --program"
+        )
     if arguments.only and (arguments.estimate or arguments.estimator or arguments.program):
         raise StrideTwinError("--only selects built-in estimators: expected no --estimate, --estimator, --program")
 

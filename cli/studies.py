@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from stridetwin.cli.console import table
-from stridetwin.cli.options import Options, Outcome, Progress, count, one_of, option, output_option, switch, whole
+from stridetwin.cli.options import (
+    Options,
+    Outcome,
+    Progress,
+    SchedulerOption,
+    check_executor,
+    count,
+    one_of,
+    option,
+    output_option,
+    switch,
+    whole,
+)
 from stridetwin.streams.errors import StrideTwinError, Where, needing
 from stridetwin.studies.catalogue import STUDIES
 
@@ -27,7 +39,8 @@ class ExperimentOptions(Options):
     """Run a paper's experiment and print its results beside ours."""
 
     experiment: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))]
-    workers: Annotated[int, option("Cases at a time.", "N", count)] = 1
+    workers: Annotated[int | None, option("Cases at a time (default 1).", "N", count)] = None
+    scheduler: SchedulerOption = None
     seed: Annotated[int | None, option("Seed of the first case (default 1000).", "FIRST", whole)] = None
     subset: Annotated[int | None, option("Number of cases (default all).", "K", count)] = None
     physics: Annotated[Literal["kinematic", "dynamic"], option("How the body moves, in experiments with walks.")] = (
@@ -46,6 +59,7 @@ class ExperimentOptions(Options):
 
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment`."""
+    check_executor(arguments.workers, arguments.scheduler)
     try:
         from stridetwin.studies.catalogue import experiment
         from stridetwin.studies.registry import Options as StudyOptions
@@ -59,7 +73,8 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         ) from error
     options = StudyOptions(
         folder=arguments.output or Path("runs") / arguments.experiment,
-        workers=arguments.workers,
+        workers=arguments.workers or 1,
+        scheduler=arguments.scheduler,
         estimators=tuple(arguments.estimators or ()),
         first=arguments.seed,
         subset=arguments.subset,
@@ -86,13 +101,15 @@ class PlaceOptions(Options):
     walks: Annotated[int | None, option("Walks of each scenario (default: as in the file).", "K", count)] = None
     seed: Annotated[int | None, option("Seed of the first walk (default: as in the file).", "FIRST", whole)] = None
     budget: Annotated[int | None, option("Optimise: places to try (default: as in the file).", "N", count)] = None
-    workers: Annotated[int, option("Walks at a time.", "N", count)] = 1
+    workers: Annotated[int | None, option("Walks at a time (default 1).", "N", count)] = None
+    scheduler: SchedulerOption = None
     resume: Annotated[bool, switch("--resume", "Continue an earlier run that stopped.")] = False
     output: Annotated[Path | None, output_option("Folder for the files (default runs/NAME).", "DIR")] = None
 
 
 def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     """`place`."""
+    check_executor(arguments.workers, arguments.scheduler)
     from stridetwin.studies.placement.problem_file import find_problem, read_problem
 
     with needing("placements need the simulator", "twin"):
@@ -102,7 +119,8 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     problem = _problem(read_problem(path), arguments)
     options = PlacementOptions(
         folder=arguments.output or Path("runs") / path.stem,
-        workers=arguments.workers,
+        workers=arguments.workers or 1,
+        scheduler=arguments.scheduler,
         seed=arguments.seed,
         walks=arguments.walks,
         resume=arguments.resume,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import sys
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from stridetwin.cli.options import (
     Outcome,
     Progress,
     WalkOptions,
+    check_executor,
     count,
     option,
     output_option,
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from stridetwin.scenarios.cost import Cost
     from stridetwin.scenarios.scenario_file import Scenario
 
-_SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 _PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
 
 
@@ -125,11 +124,7 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
 
     if arguments.output.suffix == ".mcap" or arguments.output.is_file():
         raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
-    if arguments.workers and arguments.scheduler:
-        raise ConfigError("command line", "--workers", arguments.workers, "either --workers or --scheduler")
-    if arguments.scheduler is not None and not _SCHEDULER.fullmatch(arguments.scheduler):
-        valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
-        raise ConfigError("command line", "--scheduler", arguments.scheduler, valid)
+    check_executor(arguments.workers, arguments.scheduler)
     folder, campaign = arguments.output, read_campaign(path)
     options = Options(
         folder=folder,
@@ -139,27 +134,29 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
         subset=arguments.subset,
         extra=Extra(physics=arguments.physics, off=_off(campaign, arguments)),
     )
-    done = generate(campaign, options, progress, lambda missing: _announce_campaign(campaign, options, missing))
-    walks, verdicts = done.manifest["walks"], done.verdicts
+    result = generate(campaign, options, progress, lambda missing: _announce_campaign(campaign, options, missing))
+    walks, verdicts = result.manifest["walks"], result.verdicts
     hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
     data = {
-        "campaign": done.manifest["campaign"],
+        "campaign": result.manifest["campaign"],
         "folder": str(folder),
         "walks": len(walks),
-        "made": done.made,
+        "made": result.generated,
         "accepted": verdicts[ACCEPTED],
-        "rejected": dict(done.reasons),
-        "empty_parts": done.empty_parts,
+        "rejected": dict(result.reasons),
+        "empty_parts": result.empty_parts,
         "hours": hours,
         "manifest": str(folder / manifest.NAME),
         "card": str(folder / manifest.CARD_NAME),
     }
-    lines = [f"{folder}: {verdicts[ACCEPTED]} of {len(walks)} walks, {hours:.2f} h ({done.made} generated now)"]
-    lines += [f"  rejected, {kind}: {count}" for kind, count in sorted(done.reasons.items())]
+    lines = [f"{folder}: {verdicts[ACCEPTED]} of {len(walks)} walks, {hours:.2f} h ({result.generated} generated now)"]
+    lines += [f"  rejected, {kind}: {count}" for kind, count in sorted(result.reasons.items())]
     if verdicts[ACCEPTED] == 0:
         lines.append("WARNING: no walk was accepted")
-    elif done.empty_parts:
-        lines.append(f"WARNING: no accepted walk in {', '.join(done.empty_parts)}: expected more walks, or fewer parts")
+    elif result.empty_parts:
+        lines.append(
+            f"WARNING: no accepted walk in {', '.join(result.empty_parts)}: expected more walks, or fewer parts"
+        )
     code = 1 if verdicts[FAILED] or not verdicts[ACCEPTED] else 0
     return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=code)
 

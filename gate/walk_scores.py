@@ -5,11 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stridetwin.batch.executors import BatchOptions
+from stridetwin.batch.jobs import Failure, Work, content_key, one_by_one
+from stridetwin.batch.jobs import Job as BatchJob
+from stridetwin.batch.run import Batch, run_batch
+from stridetwin.batch.versions import class_version, code_versions
+from stridetwin.estimators import registry
 from stridetwin.gate.own_estimators import OwnEstimator
 from stridetwin.gate.score_table import EVERY
 from stridetwin.outputs.base import Scores, scores_by_output
@@ -19,7 +26,6 @@ from stridetwin.run.recording import Selection, evaluate_recording
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
-from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import Progress
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.formats.opening import opened
@@ -157,13 +163,50 @@ def _digest(path: Path) -> str:
     return hashed.hexdigest()
 
 
-def score_walks(jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[dict[str, Any]]:
-    """Rows of `score_walk`, in the order of the jobs."""
-    if workers == 1 or len(jobs) == 1:
-        for i, job in enumerate(jobs):
-            progress("score", i / len(jobs))
-            yield score_walk(job, progress if len(jobs) == 1 else None)
-        return
-    for i, row in enumerate(mapped(score_walk, jobs, workers)):
-        progress("score", (i + 1) / len(jobs))
-        yield row
+def score_walks(
+    jobs: Sequence[Job], options: BatchOptions, progress: Progress, *, is_kept: bool = False
+) -> list[dict[str, Any]]:
+    """Rows of `score_walk`, in the order of the jobs.
+
+    Args:
+        jobs: The recordings; the workers of a cluster must see them under the same paths.
+        options: Processes or cluster that score the recordings; the folder is for `is_kept`.
+        progress: Receives the stage and its progress (0-1).
+        is_kept: Keeps the rows in the folder, and reuses those of equal recordings, options and versions of the code.
+
+    Raises:
+        StrideTwinError: A recording cannot be read; in a strict job, any error.
+    """
+    if len(jobs) == 1 and options.scheduler is None and not is_kept:
+        progress("score", 0.0)
+        return [score_walk(jobs[0], progress)]
+    if options.scheduler is not None:
+        jobs = [replace(job, path=job.path.absolute()) for job in jobs]
+    estimators = () if jobs[0].own else tuple(sorted(jobs[0].only or registry.names()))
+    versions = partial(scoring_versions, __name__, estimators)
+    work = Work(run=one_by_one(score_walk), versions=versions)
+    keys = [_key(job, versions()) if is_kept else str(i) for i, job in enumerate(jobs)]
+    keyed = [BatchJob(name=job.name, key=key, task=job) for job, key in zip(jobs, keys)]
+    if is_kept:
+        results = run_batch(keyed, work, options, "score", progress)
+    else:
+        results = Batch(keyed, None).run_with(options, work, "score", progress, "")
+    return [
+        _failed_row(job, result.reason) if isinstance(result, Failure) else result for job, result in zip(jobs, results)
+    ]
+
+
+def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
+    """Versions of the code that determine the scores that a module makes of some estimators."""
+    return code_versions(module) | {name: class_version(registry.estimator(name)) for name in estimators}
+
+
+def _key(job: Job, versions: Mapping[str, str]) -> str:
+    only = None if job.only is None else sorted(job.only)
+    return content_key(job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions))
+
+
+def _failed_row(job: Job, reason: str) -> dict[str, Any]:
+    """The row of a recording whose worker died."""
+    digest = job.sha256 or _digest(job.path)
+    return {"name": job.name, "sha256": digest, "metadata": {}, "estimators": {}, "failed": {EVERY: reason}}

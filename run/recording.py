@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stridetwin.batch.processes import open_pool
 from stridetwin.estimators import registry as estimator_registry
 from stridetwin.estimators.base import PATH, PathEstimate, Progress
 from stridetwin.outputs.aligned_walk import align_walk, odometry_of
@@ -17,7 +18,6 @@ from stridetwin.outputs.feeding import Instance, runnable_instances
 from stridetwin.outputs.path.run import all_paths
 from stridetwin.outputs.pose_feed import replay
 from stridetwin.outputs.registry import kinds
-from stridetwin.scenarios.processes import processes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Image
 
@@ -102,7 +102,7 @@ def run_recording(
         find_paths: Callable[..., list[PathEstimate]] = partial(all_paths, recording, only=selection.only)
         driven: list[KindOutputs] | None = None
         if in_two_processes and recording.is_mcap and has_two_image_estimators(recording, selection.only):
-            pool = stack.enter_context(processes(1))
+            pool = stack.enter_context(open_pool(1))
             future = pool.submit(_other_paths, recording.path, recording.lenient, selection.only)
             odometries = find_paths(supplies_poses=True)
             driven = _run_driven(recording, selection, odometries, pose_driven, progress)

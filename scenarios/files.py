@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import shutil
@@ -11,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from stridetwin.batch.folder import lock_folder
 from stridetwin.streams.errors import StrideTwinError
 
 _PREFIX = ".unfinished-"
@@ -26,7 +26,7 @@ def staged(folder: Path) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _sweep(folder)
-        with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, locked(Path(temporary)):
+        with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, lock_folder(Path(temporary)):
             yield Path(temporary)
             for path in sorted(Path(temporary).iterdir()):
                 os.replace(path, folder / path.name)
@@ -38,25 +38,10 @@ def _sweep(folder: Path) -> None:
     """Removes the folders of killed processes; those of running processes are locked."""
     for left in folder.glob(f"{_PREFIX}*"):
         try:
-            with locked(left):
+            with lock_folder(left):
                 shutil.rmtree(left)
         except BlockingIOError:
             continue
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Locks a folder; the lock ends with the process in every case.
-
-    Raises:
-        BlockingIOError: Another process holds the lock.
-    """
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(handle)
 
 
 def sha256(path: Path) -> str:

@@ -27,9 +27,14 @@ class Case:
     keep: bool = False
     estimators: tuple[str, ...] = ()
 
-    def file(self, rest: str) -> Path:
-        """A file of this case; `rest` ends its name."""
-        return self.folder / f"seed_{self.seed}{rest}"
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return f"seed_{self.seed}"
+
+    def file(self, ending: str) -> Path:
+        """A file of this case; its name ends with `ending`."""
+        return self.folder / f"{self.name}{ending}"
 
     @property
     def recordings(self) -> list[Path]:

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stridetwin.batch.executors import BatchOptions
+from stridetwin.batch.folder import hold_folder
+from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
+from stridetwin.batch.rows import RowFiles
+from stridetwin.batch.run import Batch, Progress
+from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
-from stridetwin.scenarios.processes import as_done
-from stridetwin.scenarios.versions import digest
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.studies.case import Case
 from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
 
-Progress = Callable[[str, float], None]
+_USED = "another process runs an experiment there: expected another folder"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options of an experiment run.
+class Options(BatchOptions):
+    """Options of an experiment run. The folder has one JSON file per case, written when the case is done.
 
     Attributes:
-        folder: Output folder: one JSON file per case, written when the case is done.
-        workers: Number of cases that run at a time.
         first: First seed; None takes the experiment's.
         subset: Number of cases; None takes all.
         physics: How the body moves, if a body walks.
@@ -38,8 +38,6 @@ class Options:
         estimators: Installed estimators that are run besides those of the study.
     """
 
-    folder: Path
-    workers: int = 1
     first: int | None = None
     subset: int | None = None
     physics: str = "dynamic"
@@ -53,7 +51,7 @@ class Options:
         return [
             Case(
                 seed=seed,
-                folder=self.folder,
+                folder=self.folder.absolute(),
                 physics=self.physics,
                 resume=self.resume,
                 keep=self.keep,
@@ -70,28 +68,28 @@ def run_experiment(name: str, options: Options, progress: Progress) -> dict[str,
         `experiment`, `summary`, `paper` and `cases`, as JSON holds them.
 
     Raises:
-        StrideTwinError: The name, or that of an estimator, is invalid; the message lists the valid ones.
+        StrideTwinError: The name, or that of an estimator, is invalid (the message lists the valid ones); another
+            process uses the folder; or the worker of a case died twice.
     """
     study = experiment(name)
     _check_estimators(name, options.estimators)
-    cases = options.cases(study.seeds)
-    options.folder.mkdir(parents=True, exist_ok=True)
-    keys = {case.seed: _keys(name, study, case) for case in cases}
-    found = {case.seed: _row_key(case) for case in cases} if options.resume else {}
-    missing = [c for c in cases if found.get(c.seed) != keys[c.seed].row]
-    outdated = sum(found.get(c.seed) is not None for c in missing)
-    stage = f"{name}, {outdated} rows of another version are run again" if outdated else name
-    progress(stage, 1.0 - len(missing) / len(cases))
-    jobs = [_Job(case=c, run=study.run_case, walks=keys[c.seed].walks) for c in missing]
-    for done, (job, result) in enumerate(as_done(_Job.result, jobs, options.workers), 1):
-        with whole_file(job.case.file(".json")) as file:
-            file.write_text(json.dumps({"key": keys[job.case.seed].row, **result}), encoding="utf-8")
-        progress(stage, 1.0 - (len(missing) - done) / len(cases))
-    results = [_read(case) for case in cases]
-    result = {"experiment": name, **study.collect(results), "cases": results}
-    if study.report is not None:
-        with whole_file(options.folder / "report.html") as file:
-            file.write_text(study.report(result), encoding="utf-8")
+    jobs = [_job(name, study, case) for case in options.cases(study.seeds)]
+    folder = options.folder
+    with hold_folder(folder, _USED, lambda: any(folder.glob("seed_*"))) as unfinished:
+        store = RowFiles(folder, unfinished, is_sorted=False)
+        batch = Batch(jobs, store, resume=options.resume)
+        stage = f"{name}, {batch.outdated} rows of another version are run again" if batch.outdated else name
+        versions = partial(_versions, study.source[0], options.estimators)
+        work = Work(run=one_by_one(_run_case), versions=versions)
+        results = batch.run_with(options, work, stage, progress, "--resume continues")
+        for job, row in zip(jobs, results):
+            if isinstance(row, Failure):
+                raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
+        rows = [read_row(store.path(job)) for job in jobs]
+        result = {"experiment": name, **study.collect(rows), "cases": rows}
+        if study.report is not None:
+            with whole_file(folder / "report.html") as file:
+                file.write_text(study.report(result), encoding="utf-8")
     return result
 
 
@@ -110,88 +108,63 @@ def _check_estimators(name: str, chosen: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Keys:
-    """Digests of configuration and code that made a case's files.
-
-    Attributes:
-        row: Of its row.
-        walks: Of its recordings, which do not depend on the estimators.
-    """
-
-    row: str
-    walks: str
-
-
-def _keys(name: str, study: Experiment, case: Case) -> _Keys:
-    module, given = study.source
-    what = json.dumps([name, given, case.seed, case.physics])
-    others = json.dumps([(e, _source(e)) for e in case.estimators]) if case.estimators else ""
-    row, walks = (
-        hashlib.sha256((what + _version(module, estimators) + others * estimators).encode()).hexdigest()[:16]
-        for estimators in (True, False)
-    )
-    return _Keys(row=row, walks=walks)
-
-
-@cache
-def _version(module: str, estimators: bool) -> str:
-    return digest(module, estimators=estimators)
-
-
-@cache
-def _source(estimator: str) -> str:
-    """Digest of the file of an installed estimator's class."""
-    return hashlib.sha256(Path(inspect.getfile(registry.estimator(estimator))).read_bytes()).hexdigest()
-
-
-def key_of(name: str, case: Case) -> str:
-    """Key of a case's row when this version of the code makes it."""
-    return _keys(name, experiment(name), case).row
-
-
-def _row_key(case: Case) -> str | None:
-    """Key of the existing row; "" if it has none or is damaged, None if there is no row."""
-    if not case.file(".json").exists():
-        return None
-    try:
-        return str(_read(case).get("key", ""))
-    except (ValueError, AttributeError):
-        return ""
-
-
-def _read(case: Case) -> dict[str, Any]:
-    return read_row(case.file(".json"))
-
-
-def read_row(file: Path) -> dict[str, Any]:
-    """A case's row from its file."""
-    row: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    return row
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Job:
+class _CaseTask:
     """A case to run.
 
     Attributes:
         case: The case.
         run: Runs it.
-        walks: Key of its recordings; it is stored beside them, so that those of another version are not reused.
+        walks_key: Key of its recordings, which do not depend on the estimators. It is stored beside them, so that those
+            of another version are not reused.
     """
 
     case: Case
-    run: Callable[[Case], dict[str, Any]]
-    walks: str
+    run: Callable[[Case], Row]
+    walks_key: str
 
-    def result(self) -> dict[str, Any]:
-        """Runs the case and returns its row."""
-        mark = self.case.file(".key")
-        if not mark.exists() or mark.read_text(encoding="utf-8") != self.walks:
-            for recording in self.case.recordings:
-                recording.unlink()
-            with whole_file(mark) as file:
-                file.write_text(self.walks, encoding="utf-8")
-        result = self.run(self.case)
-        if not self.case.keep:
-            mark.unlink()
-        return result
+
+def _job(name: str, study: Experiment, case: Case) -> Job[_CaseTask]:
+    """The job of a case, with the keys of its row and recordings: digests of configuration and code."""
+    module, arguments = study.source
+    content = name, arguments, case.seed, case.physics
+    task = _CaseTask(case=case, run=study.run_case, walks_key=content_key(*content, _version(module, False)))
+    return Job(name=case.name, key=content_key(*content, _version(module, True), _plugins(case.estimators)), task=task)
+
+
+def _version(module: str, estimators: bool) -> str:
+    return code_versions(module, estimators=estimators)["sources"]
+
+
+def _versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
+    """Versions that determine the rows of a study's module with installed estimators beside its own."""
+    return code_versions(module) | _plugins(estimators)
+
+
+def _plugins(estimators: Sequence[str]) -> dict[str, str]:
+    """Digests of the sources of installed estimators by name."""
+    return {name: class_version(registry.estimator(name)) for name in estimators}
+
+
+def key_of(name: str, case: Case) -> str:
+    """Key of a case's row when this version of the code makes it."""
+    return _job(name, experiment(name), case).key
+
+
+def read_row(file: Path) -> Row:
+    """A case's row from its file."""
+    row: Row = json.loads(file.read_text(encoding="utf-8"))
+    return row
+
+
+def _run_case(task: _CaseTask) -> Row:
+    """Runs a case; returns its row."""
+    mark = task.case.file(".key")
+    if not mark.exists() or mark.read_text(encoding="utf-8") != task.walks_key:
+        for recording in task.case.recordings:
+            recording.unlink()
+        with whole_file(mark) as file:
+            file.write_text(task.walks_key, encoding="utf-8")
+    row = task.run(task.case)
+    if not task.case.keep:
+        mark.unlink()
+    return row

@@ -111,6 +111,7 @@ def in_a_shell(command: str, environment: dict[str, str]) -> Said:
 def strangers(folder: Path) -> None:
     """Writes packages with the project's package names into a folder; they raise an error when they are imported."""
     for name in (
+        "batch",
         "sim",
         "estimators",
         "streams",

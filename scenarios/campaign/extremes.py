@@ -19,11 +19,11 @@ from stridetwin.scenarios.campaign.named_files import (
     Base,
     Variable,
     copy_files,
-    in_own_file,
+    errors_in_user_files,
     parse_scenario,
 )
 from stridetwin.scenarios.campaign.people import Group
-from stridetwin.scenarios.campaign.plan import Extra, Walk, in_force, people, scenario_of
+from stridetwin.scenarios.campaign.plan import Extra, Walk, effective_variables, people, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -69,18 +69,18 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
         copy_files(folder, campaign.own)
         for group in campaign.people:
             _try_people(folder, group)
-        somebody = next(iter(people(campaign)), None)
+        first_person = next(iter(people(campaign)), None)
         for base in campaign.bases:
-            varied = [v for v in in_force(campaign, base, extra) if v.varies]
+            varied = [v for v in effective_variables(campaign, base, extra) if v.varies]
             middle = {v.name: v.distribution.at(_MIDDLE) for v in varied}
-            _try_base(folder, campaign, base, somebody, middle, extra)
+            _try_base(folder, campaign, base, first_person, middle, extra)
             for variable in varied:
                 for end in variable.distribution.ends:
                     drawn = middle | {variable.name: end}
                     try:
-                        parse_scenario(folder, scenario_of(campaign, base, somebody, drawn, extra))
+                        parse_scenario(folder, scenario_of(campaign, base, first_person, drawn, extra))
                     except StrideTwinError as error:
-                        if (own := in_own_file(error, campaign.own)) is not None:
+                        if (own := errors_in_user_files(error, campaign.own)) is not None:
                             raise own from error
                         raise _campaign_error(variable, base, end, error) from error
 
@@ -90,7 +90,7 @@ def _unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
     try:
         return parse_scenario(folder, base.scenario)
     except StrideTwinError as error:
-        own = in_own_file(error, campaign.own, base.file)
+        own = errors_in_user_files(error, campaign.own, base.file)
         raise own or base.at.error(base.written, f"a valid scenario ({_inner(error)})") from error
 
 
@@ -101,9 +101,9 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
     try:
         parse_scenario(folder, scenario)
     except StrideTwinError as error:
-        if (own := in_own_file(error, campaign.own)) is not None:
+        if (own := errors_in_user_files(error, campaign.own)) is not None:
             raise own from error
-        for variable in in_force(campaign, base, extra):
+        for variable in effective_variables(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 if variable.varies and error.value == middle.get(variable.name):  # which is not in the file
                     raise variable.at.error(variable.distribution.words, error.valid) from error

@@ -255,10 +255,10 @@ def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
             shutil.copyfile(source, file)
 
 
-def in_own_file(
+def errors_in_user_files(
     error: StrideTwinError, own: Mapping[str, Path], scenario: Path | None = None
 ) -> StrideTwinError | None:
-    """The errors in a user's file, all of them and under the path that this file has; None for errors elsewhere.
+    """Errors located in the user's files, with the user's paths; None if there are none.
 
     Args:
         error: Of a scenario that was parsed from the output folder.
@@ -268,14 +268,14 @@ def in_own_file(
     files = {f"/{FILES}/{name}": path for name, path in own.items()}
     if scenario is not None and scenario not in catalogue().values():
         files[f"/{SCENARIOS}/{_PARSED}"] = scenario
-    found: list[StrideTwinError] = []
+    located: list[StrideTwinError] = []
     for one in error.errors if isinstance(error, ConfigFileError) else (error,):
         file = next((f for end, f in files.items() if isinstance(one, ConfigError) and one.source.endswith(end)), None)
         if file is not None and isinstance(one, ConfigError):
             here = Path.cwd()
             shown = file.relative_to(here) if file.is_relative_to(here) else file
-            found.append(ConfigError(shown, one.field, one.value, one.valid))
-    return (found[0] if len(found) == 1 else ConfigFileError(found)) if found else None
+            located.append(ConfigError(shown, one.field, one.value, one.valid))
+    return (located[0] if len(located) == 1 else ConfigFileError(located)) if located else None
 
 
 def parse_scenario(folder: Path, scenario: dict[str, Any]) -> Scenario:

@@ -20,7 +20,7 @@ from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
 
 
-def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, ...]) -> Array:
+def quasi_random_points(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, ...]) -> Array:
     """Points of the unit cube.
 
     The first points of a Sobol sequence (scrambled: Owen 1998, as in Matoušek 1998) do not depend on `count`; those of
@@ -94,7 +94,7 @@ def people(campaign: Campaign) -> list[Any]:
     """
     found: list[Any] = []
     for i, group in enumerate(campaign.people):
-        points = cube(campaign.sampling, group.count, len(group.drawn), campaign.seed, (_PEOPLE, i))
+        points = quasi_random_points(campaign.sampling, group.count, len(group.drawn), campaign.seed, (_PEOPLE, i))
         found += group.names or [group.person(dict(zip(group.drawn, row))) for row in sorted(points.tolist())]
     return found
 
@@ -109,14 +109,15 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     crowd, sampling = people(campaign), campaign.sampling
     weights = [base.weight for base in campaign.bases]
     which = [
-        weighted_index(weights, row[0]) for row in cube(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
+        weighted_index(weights, row[0])
+        for row in quasi_random_points(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
     ]
-    varied = [[v for v in in_force(campaign, base, Extra()) if v.varies] for base in campaign.bases]
+    varied = [[v for v in effective_variables(campaign, base, Extra()) if v.varies] for base in campaign.bases]
     points = [
-        iter(cube(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())
+        iter(quasi_random_points(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())
         for i, own in enumerate(varied)
     ]
-    effective = [{v.name for v in in_force(campaign, base, extra)} for base in campaign.bases]
+    effective = [{v.name for v in effective_variables(campaign, base, extra)} for base in campaign.bases]
     walks = []
     for i, k in enumerate(which):
         base, (who, *row) = campaign.bases[k], next(points[k])
@@ -134,7 +135,7 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     return walks
 
 
-def in_force(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
+def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
     """Variables that are set in a scenario's walks, in order, without those that later lines replace entirely."""
     found: list[Variable] = []
     later = list(extra.places)
@@ -154,7 +155,7 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
         ConfigError: This scenario lacks the field of a variable.
     """
     scenario: dict[str, Any] = deepcopy(base.scenario)
-    for variable in in_force(campaign, base, extra):
+    for variable in effective_variables(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         for path in variable.paths:
             put(scenario, path, deepcopy(value), variable.at)

@@ -7,14 +7,15 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from functools import cache
-from importlib import metadata
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stridetwin.batch.folder import UNFINISHED
+from stridetwin.batch.jobs import Failure, Row
+from stridetwin.batch.versions import code_versions
 from stridetwin.scenarios.campaign.campaign_file import Quality
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, scenario_text
 from stridetwin.scenarios.campaign.people import plain_person
@@ -24,168 +25,127 @@ from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.metadata import injected_faults
 from stridetwin.scenarios.record import record, twin_class
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
-from stridetwin.scenarios.versions import digest
 from stridetwin.sim.config import Person, TwinConfig
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
-RECORDINGS, REJECTED, ROWS, HIDDEN = "recordings", "rejected", "rows", ".unfinished"
+RECORDINGS, REJECTED, ROWS = "recordings", "rejected", "rows"
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
 _RESIDUAL = "/truth/root_residual"
-_LIBRARIES = ("mujoco", "numpy", "scipy")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
-    """A walk to generate, in the campaign's folder and with its quality limits.
-
-    Attributes:
-        key: Digest of everything that determines the recording.
-        versions: Versions of the code that must generate it.
-    """
+class WalkTask:
+    """A walk to generate, in the campaign's folder and with its quality limits."""
 
     walk: Walk
     folder: Path
     quality: Quality
-    key: str
-    versions: dict[str, str]
 
-    def place(self, folder: str, suffix: str) -> Path:
+    def path(self, folder: str, suffix: str) -> Path:
         """A file of this walk."""
         return self.folder / folder / f"{self.walk.name}{suffix}"
 
 
-@cache
-def versions() -> dict[str, str]:
+def walk_versions() -> dict[str, str]:
     """Versions that determine a walk: the project, a digest of its sources, and the numerical libraries."""
-    return {
-        "stridetwin": metadata.version("stridetwin"),
-        "sources": digest(__name__, estimators=False),
-        **{name: metadata.version(name) for name in _LIBRARIES},
-    }
+    return code_versions(__name__, estimators=False)
 
 
-def key_of(walk: Walk, own: dict[str, str], made_by: dict[str, str]) -> str:
-    """Digest of everything that determines a recording: the walk, digests of the user's files, versions of the code."""
-    what = json.dumps([asdict(walk), own, made_by], sort_keys=True)
-    return hashlib.sha256(what.encode()).hexdigest()[:16]
+def generate_walk(task: WalkTask) -> Row | Failure:
+    """Simulates, records and checks one walk; returns its row, or a `Failure` after an unexpected error.
 
-
-def make(job: Job) -> dict[str, Any]:
-    """Simulates, records and checks one walk; returns its row.
-
-    An infeasible walk is rejected and has no recording. The row of an unexpected error is not kept, so that the next
-    run tries again.
+    An infeasible walk is rejected and has no recording.
 
     Raises:
-        StrideTwinError: An error that affects all walks: other versions here, no simulator, a full disk.
+        StrideTwinError: An error that affects all walks: no simulator, a full disk.
     """
-    here = versions()
-    if here != job.versions:
-        other = ", ".join(f"{n} {here[n]}" for n in here if here[n] != job.versions.get(n))
-        raise StrideTwinError(f"a worker has other versions: {other}; expected: the same on every worker")
     try:
-        return _made(job)
+        with tempfile.TemporaryDirectory(prefix=f"{task.walk.name}-", dir=task.folder / UNFINISHED) as name:
+            return _simulate(task, Path(name))
     except OSError as error:
-        raise StrideTwinError(f"{error.filename or job.folder}: {error.strerror or error}") from None
+        raise StrideTwinError(f"{error.filename or task.folder}: {error.strerror or error}") from None
     except StrideTwinError:
         raise
     except Exception as error:
         if was_interrupted(error):
             raise KeyboardInterrupt from error
-        return failed(job, f"{type(error).__name__}: {error}")
+        return Failure(f"{type(error).__name__}: {error}")
 
 
-def failed(job: Job, why: str) -> dict[str, Any]:
+def failed_row(task: WalkTask, reason: str) -> Row:
     """The row of a walk with an unexpected error; it is not kept, so that the next run tries again.
 
     It holds person and terrain like any other row, so that the splits do not depend on which walks failed.
     """
     try:
-        scenario = scenario_of(job.walk.scenario, job.place(SCENARIOS, ".yaml"))
+        scenario = scenario_of(task.walk.scenario, task.path(SCENARIOS, ".yaml"))
     except Exception:  # may be the cause of the failure
         scenario = None
-    return _row(job, FAILED, [f"error: {_one_line(job, why)}"], scenario)
+    return _row(task, FAILED, [f"error: {_one_line(task, reason)}"], scenario)
 
 
-def _made(job: Job) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory(prefix=f"{job.walk.name}-", dir=job.folder / HIDDEN) as name:
-        hidden, path = Path(name), job.place(SCENARIOS, ".yaml")
-        _put(scenario_text(job.walk.scenario), hidden, path)
-        row = _walked(job, path, hidden)
-        keep_row(job, row, hidden)
-    return row
-
-
-def keep_row(job: Job, row: dict[str, Any], hidden: Path) -> None:
-    """Writes a row for the next run."""
-    _put(json.dumps({"key": job.key, **row}, sort_keys=True), hidden, job.place(ROWS, ".json"))
-
-
-def _put(text: str, hidden: Path, path: Path) -> None:
-    """Writes a file atomically; another worker may still write the same walk."""
-    written = hidden / path.name
-    written.write_text(text, encoding="utf-8")
-    os.replace(written, path)
-
-
-def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
+def _simulate(task: WalkTask, unfinished: Path) -> Row:
+    """The row of a walk, whose scenario and recording are written to `unfinished` and then moved to their places."""
     make_twin = twin_class()
     scenario: Scenario | None = None
-    recorded = hidden / f"{job.walk.name}.mcap"
+    path, recorded = task.path(SCENARIOS, ".yaml"), unfinished / f"{task.walk.name}.mcap"
+    written = unfinished / path.name
+    written.write_text(scenario_text(task.walk.scenario), encoding="utf-8")
+    os.replace(written, path)
     try:
         scenario = read_scenario(path)
-        twin = make_twin(scenario.config, job.walk.seed)
+        twin = make_twin(scenario.config, task.walk.seed)
         _ = twin.duration_s  # simulated here
     except StrideTwinError as error:
-        return _infeasible(job, error, path, scenario)
+        return _infeasible(task, error, path, scenario)
     try:
         record(twin, recorded, lambda *_: None)
     except ConfigError as error:  # a fault after the walk's end
-        return _infeasible(job, error, path, scenario)
+        return _infeasible(task, error, path, scenario)
     figures = measured(Recording(recorded, lenient=True), scenario.config.person, twin.fell_at)
     row = with_verdict(
-        {**_row(job, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
-        job.quality,
+        {**_row(task, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
+        task.quality,
     )
     for place in (RECORDINGS, REJECTED):
-        if job.folder / row["recording"] != (other := job.place(place, ".mcap")):
+        if task.folder / row["recording"] != (other := task.path(place, ".mcap")):
             other.unlink(missing_ok=True)  # of another version
-    os.replace(recorded, job.folder / row["recording"])
+    os.replace(recorded, task.folder / row["recording"])
     return row
 
 
-def with_verdict(row: dict[str, Any], quality: Quality) -> dict[str, Any]:
+def with_verdict(row: Row, quality: Quality) -> Row:
     """The row of a recorded walk with its verdict and the resulting path of its recording."""
-    found = reasons(row, quality)
-    status, place = (REJECTS, REJECTED) if found else (ACCEPTED, RECORDINGS)
-    return {**row, "status": status, "reasons": found, "recording": f"{place}/{row['walk']}.mcap"}
+    why = reasons(row, quality)
+    status, place = (REJECTS, REJECTED) if why else (ACCEPTED, RECORDINGS)
+    return {**row, "status": status, "reasons": why, "recording": f"{place}/{row['walk']}.mcap"}
 
 
-def _infeasible(job: Job, error: StrideTwinError, path: Path, scenario: Scenario | None) -> dict[str, Any]:
+def _infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> Row:
     """The row of an infeasible walk."""
     for place in (RECORDINGS, REJECTED):
-        job.place(place, ".mcap").unlink(missing_ok=True)  # of another version
-    words = _one_line(job, str(error).replace(str(path), path.stem))
-    return _row(job, REJECTS, [f"refused: {words}"], scenario)
+        task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
+    words = _one_line(task, str(error).replace(str(path), path.stem))
+    return _row(task, REJECTS, [f"refused: {words}"], scenario)
 
 
-def _one_line(job: Job, text: str) -> str:
+def _one_line(task: WalkTask, text: str) -> str:
     """The message on one line, without the campaign's path on this machine."""
-    for place in (f"{job.folder / SCENARIOS}/../", f"{job.folder}/"):
+    for place in (f"{task.folder / SCENARIOS}/../", f"{task.folder}/"):
         text = text.replace(place, "")
     return " ".join(text.split())
 
 
-def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None) -> dict[str, Any]:
+def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> Row:
     """A walk's entry of the manifest."""
-    row: dict[str, Any] = {
-        "walk": job.walk.name,
-        "seed": job.walk.seed,
-        "scenario": job.walk.base,
-        "scenario_file": f"{SCENARIOS}/{job.walk.name}.yaml",
-        "values": job.walk.values,
+    row: Row = {
+        "walk": task.walk.name,
+        "seed": task.walk.seed,
+        "scenario": task.walk.base,
+        "scenario_file": f"{SCENARIOS}/{task.walk.name}.yaml",
+        "values": task.walk.values,
         "status": status,
         "reasons": why,
     }
@@ -194,7 +154,7 @@ def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None
     return row
 
 
-def _who_and_where(config: TwinConfig) -> dict[str, Any]:
+def _who_and_where(config: TwinConfig) -> Row:
     """Person and terrain; equal bodies and equal routes have equal names."""
     body = plain_person(config.person)
     return {
@@ -209,7 +169,7 @@ def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def measured(recording: Recording, person: Person, fell_at_s: float | None) -> dict[str, Any]:
+def measured(recording: Recording, person: Person, fell_at_s: float | None) -> Row:
     """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
 
     Returns:
@@ -229,14 +189,14 @@ def measured(recording: Recording, person: Person, fell_at_s: float | None) -> d
 
 def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
     """Reasons to reject a walk by the figures of `measured`; empty if it is accepted."""
-    found = []
+    why = []
     if figures["fell_at_s"] is not None and quality.falls == "reject":
-        found.append(f"fell: at {figures['fell_at_s']:.2f} s")
+        why.append(f"fell: at {figures['fell_at_s']:.2f} s")
     if (help_pct := figures["help_mean_pct"]) > quality.help_pct:
-        found.append(f"help: {help_pct:g} % of the body weight at the root, more than {quality.help_pct:g} %")
+        why.append(f"help: {help_pct:g} % of the body weight at the root, more than {quality.help_pct:g} %")
     if quality.sensors == "reject":
-        found += [f"sensors: {words}" for words in figures["findings"]]
-    return found
+        why += [f"sensors: {words}" for words in figures["findings"]]
+    return why
 
 
 def _root_help_pct(recording: Recording, person: Person) -> float:

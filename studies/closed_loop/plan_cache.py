@@ -10,7 +10,7 @@ from typing import Any
 from joblib import Memory
 from platformdirs import user_cache_path
 
-from stridetwin.scenarios.versions import digest
+from stridetwin.batch.versions import digest
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.gait.reference import reference
 from stridetwin.sim.twin import Twin

@@ -5,72 +5,117 @@ All places share the walks: differences are paired.
 
 from __future__ import annotations
 
-import json
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
-from stridetwin.gate.walk_scores import Job, score_walk
+from stridetwin.batch.executors import Executor
+from stridetwin.batch.folder import UNFINISHED
+from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
+from stridetwin.batch.rows import RowLines
+from stridetwin.batch.run import Batch, Progress
+from stridetwin.batch.versions import code_versions
+from stridetwin.gate.walk_scores import Job as ScoreJob
+from stridetwin.gate.walk_scores import score_walk, scoring_versions
 from stridetwin.scenarios.campaign.named_files import SCENARIOS
-from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
-from stridetwin.scenarios.versions import digest
-from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.placement import visibility
-from stridetwin.studies.placement.forecast import Forecast
+from stridetwin.studies.placement.forecast import placement_forecast
 from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
-from stridetwin.studies.placement.rows import HIDDEN, Rows, key_of
-from stridetwin.studies.placement.scores import GEOMETRIC, Score
+from stridetwin.studies.placement.scores import GEOMETRIC, Score, Seeing
 from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, posed_walk
 
+POSED, RECORDED = "geometric", "recorded"
+"""Kinds of rows: scores of a posed walk, and of estimators on a recording."""
+_SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
+_MAX_PLACES = 200  # that are measured before the next ones are read
+_MAX_GROUP = 25  # places that one worker scores on a walk in one go
+_MAX_POSED_WALKS = 64  # that a process holds in memory, some 20 MB each
 
-@dataclass(frozen=True, kw_only=True)
-class Walk:
-    """A walk to be recorded.
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Visit:
+    """One place on one walk.
 
     Attributes:
-        name: Name of its scenario.
-        scenario: Its plain data.
-        seed: Seed of everything random in it.
-        folder: The placement's folder.
-        estimators: Those that are scored; the walk has no other sensors than those that they read.
+        place: Number of the place.
+        name: Name of the walk's scenario.
+        seed: Seed of the walk.
+        plain: Plain data of the scenario with the place.
+        scenario: The scenario, or the error message of an invalid one.
+        needed: The same with no other sensors than those that the scored estimators read.
     """
 
+    place: int
     name: str
-    scenario: dict[str, Any]
     seed: int
-    folder: Path
-    estimators: frozenset[str]
+    plain: dict[str, Any]
+    scenario: Scenario | str
+    needed: Scenario | str
+
+    @property
+    def label(self) -> str:
+        """Its walk as text."""
+        return f"{self.name}, seed {self.seed}"
+
+    @property
+    def walk(self) -> str:
+        """Identifies the walk: visits that differ in their sensors alone share it; "" if the scenario is invalid."""
+        if isinstance(self.scenario, str):
+            return ""
+        body = {k: v for k, v in self.plain.items() if k not in _SENSORS_ALONE}
+        return content_key(body, self.seed)
+
+    def key(self, kind: str, *what: Any) -> str:
+        """Key of its row: the whole configuration with its parts; equivalent places share it."""
+        scenario = self.needed if kind == RECORDED else self.scenario
+        config = scenario if isinstance(scenario, str) else repr(scenario.config)
+        return content_key(kind, config, self.seed, *what)
 
 
-def recorded_scores(walk: Walk) -> dict[str, Any]:
-    """`estimators`, and `failed` with a reason if the walk or an estimator failed. The recording is deleted.
+def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> Row:
+    """A row: `walk`, `estimators`, and `failed` with a reason if the walk or an estimator failed.
+
+    Args:
+        folder: The placement's folder; the recording lies there until it is scored.
+        estimators: Those that are scored; the walk has no other sensors than those that they read.
+        visit: The place and the walk.
 
     Raises:
         StrideTwinError: An error that is not specific to this walk, such as a full disk.
     """
+    row: Row = {"walk": visit.label, "estimators": {}}
     try:
-        with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:
-            scenario = scenario_of(walk.scenario, walk.folder / SCENARIOS / f"{walk.name}.yaml")
+        with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
+            if isinstance(visit.needed, str):
+                raise StrideTwinError(visit.needed)
             path = Path(name) / "walk.mcap"
-            record(make_twin(_with_sensors_of(walk.estimators, scenario), walk.seed), path, lambda *_: None)
-            lenient = bool(scenario.config.faults)
-            row = score_walk(Job(name=walk.name, path=path, lenient=lenient, only=walk.estimators))
+            record(make_twin(visit.needed, visit.seed), path, lambda *_: None)
+            lenient = bool(visit.needed.config.faults)
+            scored = score_walk(ScoreJob(name=visit.name, path=path, lenient=lenient, only=estimators))
     except StrideTwinError as error:
-        return {"estimators": {}, "failed": {"walk": " ".join(str(error).split())}}
+        return row | {"failed": {"walk": _one_line(error, folder)}}
     except OSError as error:
-        raise StrideTwinError(f"{error.filename or walk.folder}: {error.strerror or error}") from None
-    return {"estimators": row["estimators"], **({"failed": row["failed"]} if "failed" in row else {})}
+        raise StrideTwinError(f"{error.filename or folder}: {error.strerror or error}") from None
+    return row | {key: scored[key] for key in ("estimators", "failed") if key in scored}
+
+
+def _one_line(error: StrideTwinError, folder: Path) -> str:
+    """The message on one line, without the placement's path on this machine."""
+    return " ".join(str(error).replace(f"{folder}/", "").split())
 
 
 def _with_sensors_of(estimators: frozenset[str], scenario: Scenario) -> Scenario:
@@ -86,12 +131,49 @@ def _feeds(scenario: Scenario, estimator: str) -> bool:
         return False
 
 
-Progress = Callable[[str, float], None]
-POSED, RECORDED = "geometric", "recorded"
-"""Kinds of rows: scores of a posed walk, and of estimators on a recording."""
-_SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
-_AT_ONCE = 200
-_MOST_WALKS = 64  # held in memory, some 20 MB each
+def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> Row:
+    """A row: `walk`, `scores`, and `failed` with a reason if the place or the walk is infeasible.
+
+    Args:
+        names: The scores.
+        seeing: When a board counts as seen.
+        run: Identifies the run of the placement, whose walks are kept in memory.
+        visit: The place and the walk.
+    """
+    row: Row = {"walk": visit.label, "scores": {}}
+    try:
+        if isinstance(visit.scenario, str):
+            raise StrideTwinError(visit.scenario)
+        needs_walk = any(GEOMETRIC[name][0] for name in names)
+        walk = _posed_walk(run, visit.walk, visit.scenario, visit.seed) if needs_walk else None
+        row["scores"] = geometric_scores(sensor_rig(visit.scenario.config), walk, names, seeing)
+    except StrideTwinError as error:
+        row["failed"] = {"walk": str(error)}
+    return row
+
+
+_posed_walks: dict[tuple[str, str], PosedWalk | str] = {}
+"""The walks of one run, or the messages of infeasible ones, by the run's and the walk's names."""
+
+
+def _posed_walk(run: str, name: str, scenario: Scenario, seed: int) -> PosedWalk:
+    """The walk, planned once in each process for all places that share it.
+
+    Raises:
+        StrideTwinError: It is infeasible.
+    """
+    key = run, name
+    if key not in _posed_walks:
+        if len(_posed_walks) == _MAX_POSED_WALKS or any(other != run for other, _ in _posed_walks):
+            _posed_walks.clear()
+        try:
+            _posed_walks[key] = posed_walk(scenario, seed)
+        except StrideTwinError as error:
+            _posed_walks[key] = " ".join(str(error).split())
+    walk = _posed_walks[key]
+    if isinstance(walk, str):
+        raise StrideTwinError(walk)
+    return walk
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,37 +198,6 @@ class Measured:
         return np.asarray(np.sum(parts, axis=0))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Visit:
-    """One place on one walk.
-
-    Attributes:
-        place: Number of the place.
-        name: Name of the walk's scenario.
-        seed: Seed of the walk.
-        plain: Plain data of the scenario with the place.
-        scenario: The scenario, or the error message.
-        needed: The same with no other sensors than those that the scored estimators read.
-    """
-
-    place: int
-    name: str
-    seed: int
-    plain: dict[str, Any]
-    scenario: Scenario | str
-    needed: Scenario | str
-
-    @property
-    def label(self) -> str:
-        """Its walk as text."""
-        return f"{self.name}, seed {self.seed}"
-
-    def key(self, kind: str, *what: Any) -> str:
-        """Key of its row: the whole configuration with its parts; equivalent places share it."""
-        scenario = self.needed if kind == RECORDED else self.scenario
-        return key_of(kind, scenario if isinstance(scenario, str) else repr(scenario.config), self.seed, *what)
-
-
 class Measure:
     """Measures places.
 
@@ -154,35 +205,38 @@ class Measure:
         problem: Scores and scenarios.
         folder: The placement's; contains the user's parts.
         rows: Rows measured so far.
-        workers: Number of walks at a time.
+        executor: Where walks are simulated and scored.
         progress: Receives the stage and its progress (0-1).
+
+    Attributes:
+        keys: Keys of the rows of all measured places, in order.
     """
 
-    def __init__(self, problem: Problem, folder: Path, rows: Rows, workers: int, progress: Progress) -> None:
-        self._problem, self._folder, self._rows = problem, folder, rows
-        self._workers, self._progress = workers, progress
-        self._posed: dict[str, PosedWalk | str] = {}
-        self._names = [s.name for s in problem.scores if s.geometric]
+    def __init__(self, problem: Problem, folder: Path, rows: RowLines, executor: Executor, progress: Progress) -> None:
+        self._problem, self._folder, self._rows = problem, folder.absolute(), rows
+        self._executor, self._progress = executor, progress
+        self._names = tuple(s.name for s in problem.scores if s.geometric)
         names = [s.name for s in problem.scores if not s.geometric]
         self._estimators = estimators_of(names, f"{problem.path}: scores")
-        self._forecast = Forecast(problem, rows.found, workers)
+        self._forecast = placement_forecast(problem, len(rows))
+        self._run_name, self._is_checked = uuid4().hex, False
+        self.keys: list[str] = []
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
         """Scores of places on the walks of all scenarios with these seeds."""
         scores, walks = self._problem.scores, [(base, seed) for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
         failed: dict[int, str] = {}
-        self._progress(stage, 0.0)
-        for first in range(0, len(places), _AT_ONCE):
-            part = places[first : first + _AT_ONCE]
+        for first in range(0, len(places), _MAX_PLACES):
+            part = places[first : first + _MAX_PLACES]
             visits = [visit for i, place in enumerate(part, first) for visit in self._visits(i, place, seeds)]
 
             def progress(share: float, first: int = first, count: int = len(part)) -> None:
                 self._progress(stage, (first + share * count) / len(places))
 
-            seen = self._look(visits, progress) if self._names else [{}] * len(visits)
-            recorded = self._record(visits, len(walks), progress) if len(self._names) < len(scores) else seen
-            for k, (visit, geometric, row) in enumerate(zip(visits, seen, recorded)):
+            posed = self._score_posed(visits, progress) if self._names else [{}] * len(visits)
+            recorded = self._score_recordings(visits, len(walks), progress) if len(self._names) < len(scores) else posed
+            for k, (visit, geometric, row) in enumerate(zip(visits, posed, recorded)):
                 at = visit.place, k % len(walks)
                 values[at] = [geometric.get("scores", {}).get(s.name, np.nan) if s.geometric
                               else s.of(row.get("estimators", {})) for s in scores]  # fmt: skip
@@ -192,96 +246,53 @@ class Measure:
         names = [f"{base.name}, seed {seed}" for base, seed in walks]
         return Measured(places=list(places), walks=names, values=values, failed=failed)
 
-    def _visits(self, number: int, place: Place, seeds: Sequence[int]) -> Iterator[_Visit]:
+    def _visits(self, number: int, place: Place, seeds: Sequence[int]) -> Iterator[Visit]:
         for base in self._problem.bases:
             plain = plain_of(self._problem, base, place)
             scenario: Scenario | str
             try:
                 scenario = scenario_of(plain, self._folder / SCENARIOS / f"{base.name}.yaml")
             except StrideTwinError as error:
-                scenario = " ".join(str(error).replace(f"{self._folder}/", "").split())
+                scenario = _one_line(error, self._folder)
             needed = scenario if isinstance(scenario, str) else _with_sensors_of(self._estimators, scenario)
             for seed in seeds:
-                yield _Visit(
+                yield Visit(
                     place=number, name=base.name, seed=seed, plain=plain, scenario=scenario, needed=needed
                 )  # fmt: skip
 
-    def _look(self, visits: list[_Visit], progress: Callable[[float], None]) -> list[dict[str, Any]]:
+    def _score_posed(self, visits: list[Visit], progress: Callable[[float], None]) -> list[Row]:
         """Rows with the geometric scores of all visits."""
-        seeing, version = vars(self._problem.seeing), _version(visibility.__name__)
-        keys = [v.key(POSED, self._names, seeing, version) for v in visits]
-        missing = {key: visit for key, visit in zip(keys, visits) if self._rows.get(key) is None}
-        posed: Iterator[PosedWalk | str | None] = iter([None] * len(missing))
-        if any(GEOMETRIC[name][0] for name in self._names):
-            posed = self._plan(list(missing.values()))
-        worn: tuple[tuple[int, str], SensorRig] | None = None
-        for done, ((key, visit), walk) in enumerate(zip(missing.items(), posed), 1):
-            row: dict[str, Any] = {"walk": visit.label, "scores": {}}
-            try:
-                if isinstance(visit.scenario, str) or isinstance(walk, str):
-                    raise StrideTwinError(visit.scenario if isinstance(visit.scenario, str) else str(walk))
-                if worn is None or worn[0] != (visit.place, visit.name):
-                    worn = (visit.place, visit.name), sensor_rig(visit.scenario.config)
-                row["scores"] = geometric_scores(worn[1], walk, self._names, self._problem.seeing)
-            except StrideTwinError as error:
-                row["failed"] = {"walk": str(error)}
-            self._rows.add([(key, row)])
-            self._forecast.measured()
-            progress(done / len(missing))
-        return [self._rows.get(key) or {} for key in keys]
-
-    def _plan(self, visits: list[_Visit]) -> Iterator[PosedWalk | str]:
-        """The walk of each visit, planned once for all places that differ only in their sensors."""
-        keys, jobs = [], dict[str, tuple[Scenario, int]]()
+        versions = partial(code_versions, visibility.__name__)
+        seeing, sources = self._problem.seeing, versions()["sources"]
+        jobs, walks = [], Counter[str]()
         for visit in visits:
-            body = {k: v for k, v in visit.plain.items() if k not in _SENSORS_ALONE}
-            keys.append("" if isinstance(visit.scenario, str) else json.dumps([body, visit.seed], sort_keys=True))
-            if not isinstance(visit.scenario, str):
-                jobs[keys[-1]] = visit.scenario, visit.seed
-        if len(self._posed.keys() | jobs.keys()) > _MOST_WALKS:
-            self._posed = {}
-        jobs = {key: job for key, job in jobs.items() if key not in self._posed}
-        for done, (key, walk) in enumerate(zip(jobs, mapped(_posed, list(jobs.values()), self._workers)), 1):
-            self._posed[key] = walk
-            self._progress("plan walks", done / len(jobs))
-        return (self._posed.get(key, "") for key in keys)
+            key = visit.key(POSED, self._names, vars(seeing), sources)
+            group = f"{visit.walk} {walks[visit.walk] // _MAX_GROUP}"
+            walks[visit.walk] += 1
+            jobs.append(Job(name=visit.label, key=key, task=visit, group=group))
+        score = partial(score_posed, self._names, seeing, self._run_name)
+        return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
 
-    def _record(self, visits: list[_Visit], walks: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
+    def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
         """Rows with the estimators' scores of all visits; each place has so many walks."""
-        version = _version(__name__)
-        keys = [v.key(RECORDED, version, sorted(self._estimators)) for v in visits]
-        jobs = {
-            key: Walk(
-                name=visit.name, scenario=visit.plain, seed=visit.seed, folder=self._folder, estimators=self._estimators
-            )
-            for key, visit in zip(keys, visits)
-            if self._rows.get(key) is None
-        }
-        for done, (key, row) in enumerate(zip(jobs, mapped(recorded_scores, list(jobs.values()), self._workers)), 1):
-            self._rows.add([(key, {"walk": f"{jobs[key].name}, seed {jobs[key].seed}", **row})])
-            if done == walks:
-                self._check_scores([self._rows.get(k) or {} for k in list(jobs)[:done]])
-            self._forecast.measured()
-            progress(done / len(jobs))
-        return [self._rows.get(key) or {} for key in keys]
+        versions = partial(scoring_versions, __name__, tuple(sorted(self._estimators)))
+        jobs = [Job(name=visit.label, key=visit.key(RECORDED, versions()), task=visit) for visit in visits]
+        work = Work(run=one_by_one(partial(score_recording, self._folder, self._estimators)), versions=versions)
+        if not self._is_checked:
+            share = walks / len(jobs)
+            self._check_scores(self._run(jobs[:walks], work, lambda done: progress(share * done)))
+            self._is_checked = True
+        return self._run(jobs, work, progress)
 
-    def _check_scores(self, rows: Sequence[dict[str, Any]]) -> None:
+    def _run(self, jobs: Sequence[Job[Any]], work: Work[Any, Row], progress: Callable[[float], None]) -> list[Row]:
+        self.keys += [job.key for job in jobs]
+        results = Batch(jobs, self._rows).run(work, self._executor, progress, self._forecast)
+        return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
+
+    def _check_scores(self, rows: Sequence[Row]) -> None:
         """Refuses a score that its estimator reports on no walk of the first place, before the others are measured."""
         for score in self._problem.scores:
             reported = [score.reported_instead(row.get("estimators", {})) for row in rows]
             if not score.geometric and all(reported):
                 valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"
                 raise ConfigError(self._problem.path, "scores", score.name, valid)
-
-
-def _posed(job: tuple[Scenario, int]) -> PosedWalk | str:
-    """The walk, or the error message of an infeasible one."""
-    try:
-        return posed_walk(*job)
-    except StrideTwinError as error:
-        return " ".join(str(error).split())
-
-
-@cache
-def _version(module: str) -> str:
-    return digest(module)

@@ -24,7 +24,7 @@ from stridetwin.scenarios.campaign.named_files import (
     NamedBase,
     NamedFiles,
     Variable,
-    in_own_file,
+    errors_in_user_files,
     names_files,
     short_base,
 )
@@ -300,7 +300,7 @@ def check_ends(problem: Problem, folder: Path) -> None:
         try:
             scenario_at(problem, base, Place(), folder)
         except ConfigError as error:
-            if (own := in_own_file(error, problem.own)) is not None:
+            if (own := errors_in_user_files(error, problem.own)) is not None:
                 raise own from error
             raise base.at.error(base.written, f"a scenario that takes what is set ({_inner(error)})") from error
         for knob in problem.knobs:
@@ -308,7 +308,7 @@ def check_ends(problem: Problem, folder: Path) -> None:
                 try:
                     scenario_at(problem, base, Place(values=middle | {knob.name: end}), folder)
                 except ConfigError as error:
-                    if (own := in_own_file(error, problem.own)) is not None:
+                    if (own := errors_in_user_files(error, problem.own)) is not None:
                         raise own from error
                     raise _about(knob, end, base, error) from error
 

@@ -11,37 +11,38 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.batch.executors import BatchOptions, open_executor
+from stridetwin.batch.folder import hold_folder
+from stridetwin.batch.rows import RowLines
+from stridetwin.batch.run import ROWS, Progress
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files, scenario_text
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import json_text, whole_file
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.body_map import body_map
-from stridetwin.studies.placement.measure import Measure, Measured, Progress
+from stridetwin.studies.placement.measure import Measure, Measured
 from stridetwin.studies.placement.page import placement_page
 from stridetwin.studies.placement.problem_file import Place, Problem, check_ends, format_value, plain_of
-from stridetwin.studies.placement.rows import ROWS, Rows, check_request, held, keep_request
+from stridetwin.studies.placement.request import check_request, keep_request
 from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.placement.significance import compared, front, in_words, intervals
 
+_USED = "another placement uses it: expected a folder of its own"
 _SHOWN = 10
 _LONG = 40  # characters: longer labels are replaced by the rank
 _ALIKE = 0.05  # share of every range: closer places count as one in the table of a search
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Options(BatchOptions):
     """Options of a placement run.
 
     Attributes:
-        folder: Output folder.
-        workers: Number of walks at a time.
         seed: First seed of the walks, and that of the search; None takes the file's.
         walks: Number of walks per scenario; None takes the file's.
         resume: Reuses the rows of an earlier run.
     """
 
-    folder: Path
-    workers: int = 1
     seed: int | None = None
     walks: int | None = None
     resume: bool = False
@@ -65,36 +66,26 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
         StrideTwinError: Any usage error.
     """
     problem, folder = options.of(problem), options.folder
-    request = _request(problem)
-    with held(folder):
-        check_request(folder, request, options.resume)
+    with hold_folder(folder, _USED, (folder / ROWS).exists) as unfinished:
+        check_request(folder, problem, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)
         copy_files(folder, problem.own)
         check_ends(problem, folder)
-        keep_request(folder, request)
-        rows = Rows(folder / ROWS)
-        measure = Measure(problem, folder, rows, options.workers, progress)
-        searched = _searched(problem, measure)
-        losses = _means(searched.losses(problem.scores))
-        if not np.isfinite(losses).any():
-            weighing = ", ".join(score.name for score in problem.scores if score.weight)
-            why = next(filter(None, searched.failed.values()), "the walks do not feed an estimator of this name")
-            raise StrideTwinError(f"{problem.path}: scores: no place has all that weigh, {weighing}: {why}")
-        shown, final = _finalists(problem, searched, losses, measure)
+        keep_request(folder, problem)
+        rows = RowLines(folder / ROWS, unfinished)
+        with open_executor(options.workers, options.scheduler) as executor:
+            measure = Measure(problem, folder, rows, executor, progress)
+            searched = _searched(problem, measure)
+            losses = _means(searched.losses(problem.scores))
+            if not np.isfinite(losses).any():
+                weighing = ", ".join(score.name for score in problem.scores if score.weight)
+                why = next(filter(None, searched.failed.values()), "the walks do not feed an estimator of this name")
+                raise StrideTwinError(f"{problem.path}: scores: no place has all that weigh, {weighing}: {why}")
+            shown, final = _finalists(problem, searched, losses, measure)
+        rows.sort(measure.keys)
         result = _result(problem, searched, losses, final)
         _write(problem, folder, searched, losses, shown, result)
     return result
-
-
-def _request(problem: Problem) -> dict[str, Any]:
-    """What identifies a placement; another number of walks or a larger budget continues it."""
-    return {
-        "placement": problem.description,
-        "scenarios": [plain_of(problem, base, Place()) for base in problem.bases],
-        "free": [[k.name, k.low, k.high, k.step, list(k.values)] for k in problem.knobs],
-        "surfaces": [[free.surface, dict(free.fixed)] for free in problem.free if free.surface is not None],
-        "scores": [[score.name, score.weight] for score in problem.scores],
-    }
 
 
 def _searched(problem: Problem, measure: Measure) -> Measured:

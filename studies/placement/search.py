@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.scenarios.campaign.plan import cube
+from stridetwin.scenarios.campaign.plan import quasi_random_points
 from stridetwin.streams.errors import needing
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise, Place
@@ -54,7 +54,7 @@ def optimise(
     combinations = list(itertools.product(*(k.values for k in choices)))
     size = max(len(numbers), 2)  # the method needs two dimensions; the second one is then a dummy
     most = _MORE_STARTS * options.starts
-    starts = cube("sobol", most, size, seed, (_KEY,))
+    starts = quasi_random_points("sobol", most, size, seed, (_KEY,))
     starts[0] = 0.5
     shares = [options.budget * (i + 1) // len(combinations) - options.budget * i // len(combinations)
               for i in range(len(combinations))]  # fmt: skip

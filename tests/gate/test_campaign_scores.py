@@ -5,6 +5,7 @@ import json
 import shutil
 
 import pytest
+from frail_pool import make_frail
 
 from stridetwin.cli.main import main
 from stridetwin.gate.walk_scores import jobs_of
@@ -58,6 +59,16 @@ def test_two_workers_give_the_same_scores_as_one(campaign, walk, capsys):
     assert main([*words, "--json", "--workers", "2"]) == 0
     assert capsys.readouterr().out == one
     assert json.loads(one)["estimators"]["mine"]["ape_rmse_m"] > 0.0
+
+
+def test_a_walk_of_which_every_worker_dies_has_failed_and_the_others_are_scored(campaign, walk, monkeypatch, capsys):
+    make_frail(monkeypatch, lambda job: job.name == "walk_00002")
+    words = ["score", str(campaign), "--program", f"mine=env R={{recording}} cp {walk / 'foot_ins_l.txt'} {{output}}"]
+    assert main([*words, "--json", "--workers", "2"]) == 1
+    scored, failed = json.loads(capsys.readouterr().out)["recordings"]
+    assert set(scored["estimators"]) == {"mine"}
+    assert scored["sha256"] == failed["sha256"]
+    assert list(failed["failed"].values()) == ["its worker died; it may have run out of memory"]
 
 
 def test_an_estimator_that_fails_on_a_walk_is_reported_and_the_others_continue(campaign, capsys):

@@ -144,7 +144,7 @@ def test_no_module_outside_its_package_names_an_estimator():
     literal = re.compile(rf"""["']({"|".join(registry.names())})["'_]""")
     files = [
         f
-        for part in ("sim", "scenarios", "outputs", "run", "gate", "report", "cli")
+        for part in ("batch", "sim", "scenarios", "outputs", "run", "gate", "report", "cli")
         for f in (Path(__file__).parents[2] / part).rglob("*.py")
     ]
     assert len(files) > 100

@@ -13,6 +13,7 @@ from stridetwin.streams.yaml_file import parse_yaml
 ROOT = Path(__file__).parents[2]
 PARTS = (
     "streams",
+    "batch",
     "sim",
     "estimators",
     "scenarios",

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from frail_pool import make_frail
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies import catalogue, registry
@@ -98,12 +99,12 @@ def test_estimators_of_another_kind_and_unknown_ones_are_refused_with_the_valid_
 
 def test_rows_with_other_estimators_have_keys_of_their_own(tmp_path) -> None:
     study = experiment("zhao_closed_loop")
-    keys = [
-        registry._keys("zhao_closed_loop", study, Case(seed=1, folder=tmp_path, estimators=estimators))
+    jobs = [
+        registry._job("zhao_closed_loop", study, Case(seed=1, folder=tmp_path, estimators=estimators))
         for estimators in ((), ("dvio",))
     ]
-    assert keys[0].row != keys[1].row
-    assert keys[0].walks == keys[1].walks
+    assert jobs[0].key != jobs[1].key
+    assert jobs[0].task.walks_key == jobs[1].task.walks_key
 
 
 def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
@@ -112,11 +113,29 @@ def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
     assert ran == [5]
 
 
+def test_a_case_of_which_every_worker_dies_is_an_error_and_the_others_are_kept(tmp_path, ran, monkeypatch) -> None:
+    with monkeypatch.context() as patch:
+        make_frail(patch, lambda task: task.case.seed == 6)
+        with pytest.raises(StrideTwinError, match=r"small: seed_6: its worker died; .*; --resume runs it again"):
+            run_experiment("small", Options(folder=tmp_path, workers=2), lambda *_: None)
+    assert sorted(ran) == [5, 7, 8]
+    run(tmp_path, resume=True)
+    assert sorted(ran) == [5, 6, 7, 8]
+
+
+def test_one_process_at_a_time_runs_cases_in_a_folder(tmp_path, ran) -> None:
+    def run_another(stage: str, share: float) -> None:
+        with pytest.raises(StrideTwinError, match="another process runs an experiment there: expected another folder"):
+            run_experiment("small", Options(folder=tmp_path), lambda *_: None)
+
+    run_experiment("small", Options(folder=tmp_path, subset=1), run_another)
+
+
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
     case = Case(seed=1, folder=tmp_path)
     names = ("zhao_generality", "zhao_generality_given_poses", "zhao_generality_shallow", "zhao_view")
-    keys = [registry._keys(name, experiment(name), case) for name in names]
-    assert len({k.row for k in keys} | {k.walks for k in keys}) == 2 * len(names)
+    jobs = [registry._job(name, experiment(name), case) for name in names]
+    assert len({job.key for job in jobs} | {job.task.walks_key for job in jobs}) == 2 * len(names)
 
 
 def test_a_recording_of_another_version_is_not_reused(tmp_path, monkeypatch) -> None:

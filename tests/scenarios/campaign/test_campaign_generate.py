@@ -6,23 +6,22 @@ import os
 import re
 import shutil
 import signal
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from frail_pool import make_frail
 from small_campaign import SHORT, SMALL, write
 
+from stridetwin.batch import executors
+from stridetwin.batch.jobs import Failure
 from stridetwin.cli.main import main
-from stridetwin.scenarios import processes
-from stridetwin.scenarios.campaign import executors
 from stridetwin.scenarios.campaign import walk as campaign_walk
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
 from stridetwin.scenarios.campaign.generate import Options, generate
 from stridetwin.scenarios.campaign.plan import Extra, plan
-from stridetwin.scenarios.campaign.walk import Job
+from stridetwin.scenarios.campaign.walk import WalkTask
 from stridetwin.scenarios.check import check_recording
 from stridetwin.sim import parts
 from stridetwin.sim.parts.library import part
@@ -56,7 +55,7 @@ def campaign(home):
 def one(home, campaign):
     """What one worker makes."""
     done = generate(campaign, Options(folder=home / "one"), quiet)
-    assert (done.made, done.verdicts) == (3, {"accepted": 3})
+    assert (done.generated, done.verdicts) == (3, {"accepted": 3})
     return home / "one"
 
 
@@ -105,22 +104,22 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
     shutil.copytree(one, folder)
     before = contents(folder)
     generate_again = generate(campaign, Options(folder=folder), quiet)
-    assert generate_again.made == 0
+    assert generate_again.generated == 0
     (folder / "recordings" / "walk_00001.mcap").write_bytes(b"")
     (folder / "rows" / "walk_00002.json").write_text("{")
     (folder / ".unfinished").mkdir()
     (folder / ".unfinished" / "half").write_text("x")
-    assert generate(campaign, Options(folder=folder), quiet).made == 2
+    assert generate(campaign, Options(folder=folder), quiet).generated == 2
     assert contents(folder) == before
     done = generate(replace(campaign, walks=4), Options(folder=folder), quiet)
-    assert done.made == 1
+    assert done.generated == 1
     assert {n: b for n, b in contents(folder).items() if n in before and "/" in n} == {
         n: b for n, b in before.items() if "/" in n
     }
 
 
 def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
-    assert generate(campaign, Options(folder=tmp_path / "two", workers=2), quiet).made == 3
+    assert generate(campaign, Options(folder=tmp_path / "two", workers=2), quiet).generated == 3
     assert contents(tmp_path / "two") == contents(one)
 
 
@@ -137,25 +136,24 @@ def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campa
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
         asked = Options(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
-        assert generate(campaign, asked, kill_one).made == 3
+        assert generate(campaign, asked, kill_one).generated == 3
     assert len(killed) == 1
     assert contents(tmp_path / "cluster") == contents(one)
 
 
-def jobs_of(campaign, folder: Path) -> list[Job]:
-    """The walks of a campaign, to be made in a folder that is there."""
+def tasks_of(campaign, folder: Path) -> list[WalkTask]:
+    """The walks of a campaign, to be generated in a folder that exists."""
     for name in ("scenarios", "rows", "recordings", "rejected", ".unfinished"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    made_by = campaign_walk.versions()
-    return [
-        Job(walk=walk, folder=folder, quality=campaign.quality, key="key", versions=made_by)
-        for walk in plan(campaign, Extra())
-    ]
+    return [WalkTask(walk=walk, folder=folder, quality=campaign.quality) for walk in plan(campaign, Extra())]
 
 
 def test_a_failed_walk_has_the_person_and_terrain_of_a_successful_one(one, campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_walk, "record", lambda *_: 1 / 0)
-    row = campaign_walk.make(jobs_of(campaign, tmp_path)[1])
+    task = tasks_of(campaign, tmp_path)[1]
+    failure = campaign_walk.generate_walk(task)
+    assert failure == Failure("ZeroDivisionError: division by zero")
+    row = campaign_walk.failed_row(task, failure.reason)
     assert (row["status"], row["reasons"]) == ("failed", ["error: ZeroDivisionError: division by zero"])
     walk = json.loads((one / "manifest.json").read_text())["walks"][1]
     assert {key: row[key] for key in ("person", "terrain")} == {key: walk[key] for key in ("person", "terrain")}
@@ -165,71 +163,25 @@ def test_a_reason_does_not_say_where_this_machine_has_the_campaign(campaign, tmp
     def refuse(path):
         raise ConfigError(path.parent / "../files/my/part.yaml", "rate_hz", 0, f"a rate, as in {path}")
 
-    (job, *_) = jobs_of(campaign, tmp_path)
+    (task, *_) = tasks_of(campaign, tmp_path)
     monkeypatch.setattr(campaign_walk, "read_scenario", refuse)
     words = "files/my/part.yaml: rate_hz: invalid 0: expected a rate, as in walk_00000"
-    assert campaign_walk.make(job)["reasons"] == [f"refused: {words}"]
-    failed = campaign_walk.failed(job, f"{tmp_path}/scenarios/../files/a.stl and {tmp_path}/recordings/b")
+    assert campaign_walk.generate_walk(task)["reasons"] == [f"refused: {words}"]
+    failed = campaign_walk.failed_row(task, f"{tmp_path}/scenarios/../files/a.stl and {tmp_path}/recordings/b")
     assert failed["reasons"] == ["error: files/a.stl and recordings/b"]
 
 
-def test_workers_of_another_version_stop_it(campaign, tmp_path, monkeypatch):
-    monkeypatch.setattr(campaign_walk, "versions", lambda: {"sources": "here"})
-    with pytest.raises(StrideTwinError, match="other versions: sources here"):
-        generate(campaign, Options(folder=tmp_path), quiet)
-
-
-class FrailPool:
-    """Two processes of which one dies of some walks, and takes what the other one was at with it."""
-
-    deadly: tuple[str, ...] = ()
-    sizes: list[int] = []  # noqa: RUF012
-
-    def __init__(self, workers: int, **_: object) -> None:
-        self._dead = False
-        FrailPool.sizes.append(workers)
-
-    def submit(self, act: object, job: Job) -> Future:
-        self._dead |= job.walk.name in FrailPool.deadly
-        future: Future = Future()
-        if self._dead:
-            future.set_exception(BrokenProcessPool())
-        else:
-            future.set_result({"walk": job.walk.name, "status": "accepted"})
-        return future
-
-    def shutdown(self, **_: object) -> None:
-        pass
-
-
-@pytest.fixture
-def frail(monkeypatch):
-    monkeypatch.setattr(processes, "ProcessPoolExecutor", FrailPool)
-    monkeypatch.setattr(FrailPool, "sizes", [])
-    return lambda *names: monkeypatch.setattr(FrailPool, "deadly", names)
-
-
-def test_a_walk_of_which_every_worker_dies_has_failed_and_the_others_are_made(campaign, tmp_path, frail, capsys):
-    jobs = jobs_of(replace(campaign, walks=6), tmp_path)
-    frail("walk_00002")
-    rows = {row["walk"]: row for row in executors.rows(jobs, 2, None)}
-    assert {name for name, row in rows.items() if row["status"] == "accepted"} == {
-        f"walk_{i:05d}" for i in (0, 1, 3, 4, 5)
-    }
-    assert rows["walk_00002"]["status"] == "failed"
-    assert rows["walk_00002"]["reasons"] == ["error: its worker died; it may have run out of memory"]
-    assert rows["walk_00002"]["person"]
-    assert FrailPool.sizes[0] == FrailPool.sizes[-1] == 2
-    assert "a worker died; repeated, each in its own process: walk_00002" in capsys.readouterr().err
-
-
-def test_workers_that_die_of_every_walk_stop_it(campaign, tmp_path, frail):
-    jobs = jobs_of(replace(campaign, walks=6), tmp_path)
-    frail(*(f"walk_{i:05d}" for i in range(6)))
-    with pytest.raises(
-        StrideTwinError, match="a single worker died 3 times, on walk_00000, walk_00001, walk_00002; it"
-    ):
-        list(executors.rows(jobs, 2, None))
+def test_a_walk_of_which_every_worker_dies_is_listed_as_failed_and_tried_again(one, campaign, tmp_path, monkeypatch):
+    folder = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        make_frail(patch, lambda task: task.walk.name == "walk_00001")
+        result = generate(campaign, Options(folder=folder, workers=2), quiet)
+    assert result.verdicts == {"accepted": 2, "failed": 1}
+    failed = result.manifest["walks"][1]
+    assert failed["reasons"] == ["error: its worker died; it may have run out of memory"]
+    assert failed["person"]
+    assert generate(campaign, Options(folder=folder), quiet).generated == 1
+    assert contents(folder) == contents(one)
 
 
 def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):
@@ -279,7 +231,7 @@ def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path)
         assert walk["fell_at_s"] > 1
         place = "recordings" if falls == "keep" else "rejected"
         assert [p.parent.name for p in (tmp_path / "pushed").rglob("*.mcap")] == [place]
-    assert done.made == 0
+    assert done.generated == 0
 
 
 def test_only_one_generate_works_in_a_folder(one, campaign, tmp_path):
@@ -357,11 +309,11 @@ def test_ctrl_c_inside_compiled_code_stops_the_campaign(campaign, tmp_path, monk
 
     monkeypatch.setattr(campaign_walk, "record", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        campaign_walk.make(jobs_of(campaign, tmp_path)[0])
+        campaign_walk.generate_walk(tasks_of(campaign, tmp_path)[0])
 
 
 def test_the_cost_announced_is_that_of_the_values_set(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(executors, "rows", lambda *_: [])
+    monkeypatch.setattr(executors.Executor, "run", lambda *_: [])
     text = "campaign: far\nwalks: 40\nscenarios: [demo]\nset: {sensors: [foot_imu]}\n"
     with pytest.raises(KeyError):  # no walk has a row
         main(["generate", str(write(tmp_path, text)), "-o", str(tmp_path / "out")])
@@ -370,11 +322,11 @@ def test_the_cost_announced_is_that_of_the_values_set(tmp_path, monkeypatch, cap
 
 
 def test_ctrl_c_says_what_is_kept_and_how_to_continue(tmp_path, monkeypatch, capsys):
-    def rows(jobs, *_):
-        yield {"walk": jobs[0].walk.name}
+    def run(executor, work, groups):
+        yield groups[0][0], {"walk": groups[0][0].name}
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(executors, "rows", rows)
+    monkeypatch.setattr(executors.Executor, "run", run)
     folder = tmp_path / "out"
     assert main(["generate", str(write(tmp_path)), "-o", str(folder)]) == 130
     assert f"error: stopped; 1 of 3 walks are in {folder}; the same command continues" in capsys.readouterr().err

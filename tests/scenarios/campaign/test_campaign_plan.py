@@ -8,20 +8,20 @@ from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
-from stridetwin.scenarios.campaign.plan import Extra, cube, people, plan
+from stridetwin.scenarios.campaign.plan import Extra, people, plan, quasi_random_points
 from stridetwin.scenarios.scenario_file import CAMERAS
 
 
 def test_sobol_keeps_its_first_points_and_a_latin_hypercube_has_one_in_each_layer():
-    few, many = (cube("sobol", n, 5, 7, (0,)) for n in (20, 1000))
+    few, many = (quasi_random_points("sobol", n, 5, 7, (0,)) for n in (20, 1000))
     assert np.array_equal(few, many[:20])
-    layers = np.sort((cube("latin_hypercube", 50, 3, 7, (0,)) * 50).astype(int), axis=0)
+    layers = np.sort((quasi_random_points("latin_hypercube", 50, 3, 7, (0,)) * 50).astype(int), axis=0)
     assert np.array_equal(layers, np.tile(np.arange(50)[:, None], 3))
     for sampling in ("sobol", "latin_hypercube"):
-        points = cube(sampling, 300, 4, 7, (0,))
-        assert np.array_equal(points, cube(sampling, 300, 4, 7, (0,)))
-        assert not np.array_equal(points, cube(sampling, 300, 4, 8, (0,)))
-        assert not np.array_equal(points, cube(sampling, 300, 4, 7, (1,)))
+        points = quasi_random_points(sampling, 300, 4, 7, (0,))
+        assert np.array_equal(points, quasi_random_points(sampling, 300, 4, 7, (0,)))
+        assert not np.array_equal(points, quasi_random_points(sampling, 300, 4, 8, (0,)))
+        assert not np.array_equal(points, quasi_random_points(sampling, 300, 4, 7, (1,)))
         assert points.mean(axis=0) == pytest.approx(0.5, abs=0.01)
         assert ((points >= 0) & (points < 1)).all()
 

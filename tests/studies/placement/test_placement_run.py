@@ -6,16 +6,17 @@ from pathlib import Path
 import pytest
 import yaml
 
+from stridetwin.batch import forecast
+from stridetwin.batch.run import ROWS
 from stridetwin.cli.main import main
 from stridetwin.cli.studies import placement_lines
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.studies.placement import forecast
 from stridetwin.studies.placement import measure as measuring
+from stridetwin.studies.placement.forecast import placement_forecast
 from stridetwin.studies.placement.problem_file import read_problem
-from stridetwin.studies.placement.rows import ROWS, held
 from stridetwin.studies.placement.run import Options, run_placement
 
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
@@ -197,13 +198,13 @@ def test_a_long_placement_is_announced_before_and_after_its_first_walks(tmp_path
     asked = read_problem(problem(tmp_path, node))
     now = iter((0.0, 4.0))
     monkeypatch.setattr(forecast.time, "monotonic", lambda: next(now))
-    found = forecast.Forecast(asked, found=6, workers=1)
+    left = placement_forecast(asked, measured=6)
     assert "202 places on 6 walks: 1206 walks to measure" in capsys.readouterr().err
     for _ in range(3):
-        found.measured()
+        left.count_job(workers=1)
     assert "about 0:40:00 h left; Ctrl-C stops it, and --resume continues" in capsys.readouterr().err
     few = read_problem(problem(tmp_path, PARTS))
-    forecast.Forecast(few, found=0, workers=1)
+    placement_forecast(few, measured=0)
     assert capsys.readouterr().err == ""
 
 
@@ -248,14 +249,6 @@ def test_a_scenario_with_parts_of_its_own_takes_the_place_of_the_files_own(tmp_p
     path.write_text(yaml.safe_dump(PARTS | {"seeds": 1, "free": other}))
     assert main(["place", str(path), "--scenario", "mine.yaml", "-o", "out"]) == 2
     assert "expected a scenario without another file my/imu.yaml than the placement's" in capsys.readouterr().err
-
-
-def test_what_killed_walks_have_left_goes_when_the_folder_is_taken(tmp_path):
-    left = tmp_path / ".unfinished-abc"
-    left.mkdir()
-    (left / "walk.mcap").write_bytes(b"half")
-    with held(tmp_path):
-        assert not left.exists()
 
 
 def test_a_page_without_scores_of_other_places_has_no_figures_of_them(tmp_path):

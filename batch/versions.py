@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import inspect
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata, resources
@@ -29,7 +31,31 @@ _WHOLE = (
     ("stridetwin.scenarios", "catalogue"),
     ("stridetwin.reference", ""),
 )
+_REGISTRIES = ("stridetwin.outputs.registry", "stridetwin.estimators.registry")
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
+_NAMED = ("mujoco", "numpy", "scipy")
+
+
+@cache
+def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
+    """Versions that determine a module's results: the project, a digest of its sources, and numerical libraries.
+
+    Args:
+        module: Its name.
+        estimators: See `digest`.
+    """
+    return {
+        "stridetwin": metadata.version("stridetwin"),
+        "sources": digest(module, estimators=estimators),
+        **_installed(_NAMED),
+    }
+
+
+@cache
+def class_version(of: type) -> str:
+    """Digest of the sources of a class, such as an installed estimator's: its file, and what it imports from here."""
+    source = Path(inspect.getfile(of)).read_bytes()
+    return hashlib.sha256(source + digest(of.__module__).encode()).hexdigest()[:16]
 
 
 def digest(module: str, *, estimators: bool = True) -> str:
@@ -52,11 +78,17 @@ def digest(module: str, *, estimators: bool = True) -> str:
 @cache
 def _libraries() -> str:
     """Versions of Python and of the installed libraries in `_COMPUTING`."""
-    versions = [f"python {sys.version_info.major}.{sys.version_info.minor}"]
-    for name in _COMPUTING:
+    python = f"python {sys.version_info.major}.{sys.version_info.minor}"
+    return "\n".join([python, *(f"{name} {version}" for name, version in _installed(_COMPUTING).items())])
+
+
+def _installed(names: Sequence[str]) -> dict[str, str]:
+    """Versions of those of some distributions that are installed."""
+    versions = {}
+    for name in names:
         with suppress(metadata.PackageNotFoundError):
-            versions.append(f"{name} {metadata.version(name)}")
-    return "\n".join(versions)
+            versions[name] = metadata.version(name)
+    return versions
 
 
 def _data() -> dict[str, Path]:
@@ -72,17 +104,27 @@ def _data() -> dict[str, Path]:
 def _imported(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
-    A package counts if something is imported from it, not if it is only part of the path to a module.
+    A package counts if something is imported from it, not if it is only part of the path to a module. A registry counts
+    as an import of everything in its package, because it loads modules by entry points.
     """
-    found: dict[str, Path] = {}
-    left = [module]
-    while left:
-        name = left.pop()
-        file = None if name in found else _file(name)
+    files: dict[str, Path] = {}
+    remaining = [module]
+    while remaining:
+        name = remaining.pop()
+        file = None if name in files else _file(name)
         if file is not None:
-            found[name] = file
-            left += _imports(file.read_bytes())
-    return found
+            files[name] = file
+            remaining += _imports(file.read_bytes())
+            if file.name == "registry.py" and name in _REGISTRIES:
+                remaining += _modules(name.rpartition(".")[0])
+    return files
+
+
+def _modules(package: str) -> list[str]:
+    """Names of all modules of a package."""
+    root = _root(package)
+    files = (file.relative_to(root).with_suffix("") for file in root.rglob("*.py"))
+    return [".".join((package, *file.parts)).removesuffix(".__init__") for file in files]
 
 
 def _file(name: str) -> Path | None:

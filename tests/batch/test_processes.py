@@ -10,24 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from stridetwin.scenarios.processes import as_done, mapped
-from stridetwin.streams.errors import StrideTwinError
-
-
-def test_results_come_in_the_order_of_the_jobs():
-    assert list(mapped(abs, [-3, 2, -1], 2)) == [3, 2, 1]
-
-
-def test_results_come_as_they_are_done():
-    assert set(as_done(abs, [-3, 2, -1], 2)) == {(-3, 3), (2, 2), (-1, 1)}
-    assert [job for job, _ in as_done(time.sleep, [3.0, 0.01], 2)] == [0.01, 3.0]
-
-
-@pytest.mark.parametrize("together", [mapped, as_done])
-def test_a_worker_that_dies_is_an_error_in_one_line(together):
-    with pytest.raises(StrideTwinError, match="a worker process died; memory may be too small for 2 at a time"):
-        list(together(os._exit, [7, 7], 2))
-
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
@@ -35,12 +17,13 @@ def test_no_worker_outlives_the_one_who_started_it(end, tmp_path):
     """Each worker writes its number, and would go on for a minute."""
     code = (
         "import os, sys, time, pathlib\n"
-        "from stridetwin.scenarios.processes import as_done\n"
+        "from stridetwin.batch.processes import open_pool\n"
         "def act(name):\n"
         "    pathlib.Path(name).write_text(str(os.getpid()))\n"
         "    time.sleep(60)\n"
         "if __name__ == '__main__':\n"
-        "    list(as_done(act, sys.argv[1:], 2))\n"
+        "    with open_pool(2) as pool:\n"
+        "        list(pool.map(act, sys.argv[1:]))\n"
     )
     script, pid_files = tmp_path / "starts.py", [tmp_path / "one", tmp_path / "other"]
     script.write_text(code)

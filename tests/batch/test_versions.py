@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from stridetwin.scenarios import versions
-from stridetwin.scenarios.versions import digest
+from stridetwin.batch import versions
+from stridetwin.batch.versions import digest
 
 GENERALITY = "stridetwin.studies.zhao2023.zhao_walks"
 

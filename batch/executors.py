@@ -1,0 +1,189 @@
+"""Executors of a batch: this process, a pool of processes, or a Dask cluster. All give the same rows."""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from stridetwin.batch.jobs import Failure, Job, Result, Task, Work, run_group
+from stridetwin.batch.processes import open_pool
+from stridetwin.streams.errors import StrideTwinError, needing
+
+_MAX_DEATHS = 3
+_DIED = Failure("its worker died; it may have run out of memory")
+_TIMEOUT_S = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions:
+    """Options that every batch has.
+
+    Attributes:
+        folder: Output folder; a cluster's workers must see it under the same path.
+        workers: Number of processes on this machine.
+        scheduler: Address of a Dask scheduler, whose workers run the jobs instead.
+    """
+
+    folder: Path
+    workers: int = 1
+    scheduler: str | None = None
+
+
+class Executor:
+    """Runs jobs one after the other in this process; subclasses run several at a time elsewhere.
+
+    Attributes:
+        workers: Number of jobs at a time.
+    """
+
+    workers = 1
+
+    def run(
+        self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
+    ) -> Iterator[tuple[Job[Task], Result | Failure]]:
+        """Jobs with their results, in the order in which the groups end.
+
+        Raises:
+            StrideTwinError: An error that affects all jobs, such as a full disk, or workers that die one after another.
+        """
+        for group in groups:
+            yield from zip(group, work.run([job.task for job in group]))
+
+
+@contextmanager
+def open_executor(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor]:
+    """The executor of these options. It starts processes, or connects to the scheduler, when the first job runs."""
+    with ExitStack() as resources:
+        if scheduler is not None:
+            yield _Cluster(scheduler, resources)
+        else:
+            yield _Pool(workers, resources) if workers > 1 else Executor()
+
+
+class _Pool(Executor):
+    """Runs groups on processes of this machine.
+
+    When one dies, the running groups are repeated, each in a process of its own. The jobs of a group whose worker dies
+    again have failed; after three such groups in a row the batch stops.
+    """
+
+    def __init__(self, workers: int, resources: ExitStack) -> None:
+        self.workers, self._resources = workers, resources
+        self._pool: Any = None
+
+    def run(
+        self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
+    ) -> Iterator[tuple[Job[Task], Result | Failure]]:
+        """See `Executor.run`."""
+        versions, waiting, died = work.versions(), deque(groups), list[str]()
+        while waiting:
+            running: dict[Future[list[Result | Failure]], Sequence[Job[Task]]] = {}
+            try:
+                self._pool = self._pool or self._resources.enter_context(open_pool(self.workers))
+                while waiting or running:
+                    while waiting and len(running) < self.workers:
+                        tasks = [job.task for job in waiting[0]]
+                        running[self._pool.submit(run_group, work, versions, tasks)] = waiting[0]
+                        waiting.popleft()
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        results = future.result()
+                        died = []
+                        yield from zip(running.pop(future), results)
+            except BrokenProcessPool:
+                self._resources.close()
+                self._pool = None
+                names = ", ".join(map(_name_of, running.values()))
+                print(
+                    f"stridetwin: warning: a worker died; repeated, each in its own process: {names}", file=sys.stderr
+                )
+                for group in running.values():
+                    repeated = _run_alone(work, versions, group)
+                    died = [] if repeated is not None else _with_death(died, group)
+                    yield from zip(group, repeated or [_DIED] * len(group))
+
+
+def _run_alone(
+    work: Work[Task, Result], versions: Mapping[str, str], group: Sequence[Job[Task]]
+) -> Sequence[Result | Failure] | None:
+    """The results of a group in a process of its own; None if it died."""
+    try:
+        with open_pool(1) as pool:
+            return pool.submit(run_group, work, versions, [job.task for job in group]).result()
+    except BrokenProcessPool:
+        return None
+
+
+def _with_death(died: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
+    """The names of the groups in a row whose worker died, with one more.
+
+    Raises:
+        StrideTwinError: It is the third one.
+    """
+    names = [*died, _name_of(group)]
+    if len(names) == _MAX_DEATHS:
+        raise StrideTwinError(
+            f"a single worker died {_MAX_DEATHS} times, on {', '.join(names)}; it may have run out of memory"
+        )
+    return names
+
+
+def _name_of(group: Sequence[Job[Any]]) -> str:
+    return group[0].name if len(group) == 1 else f"{group[0].name} and {len(group) - 1} more"
+
+
+class _Cluster(Executor):
+    """Runs groups on the workers of a Dask scheduler, which repeats the groups of a dead worker."""
+
+    def __init__(self, address: str, resources: ExitStack) -> None:
+        self._address, self._resources = address, resources
+        self._client: Any = None
+
+    def run(
+        self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
+    ) -> Iterator[tuple[Job[Task], Result | Failure]]:
+        """See `Executor.run`."""
+        if not groups:
+            return
+        client, versions, died = self._connect(), work.versions(), list[str]()
+        from distributed import KilledWorker, as_completed
+
+        run = uuid4().hex  # another run on the same cluster may have a job of the same name
+        by_key = {f"{group[0].name}-{run}-{i}": group for i, group in enumerate(groups)}
+        futures = [
+            client.submit(run_group, work, versions, [job.task for job in group], key=key, pure=False)
+            for key, group in by_key.items()
+        ]
+        for future in as_completed(futures, loop=client.loop):
+            group = by_key[future.key]
+            try:
+                results: Sequence[Result | Failure] = future.result()
+                died = []
+            except KilledWorker:
+                died, results = _with_death(died, group), [_DIED] * len(group)
+            yield from zip(group, results)
+            future.release()
+
+    def _connect(self) -> Any:
+        """The client, connected at the first call."""
+        if self._client is not None:
+            return self._client
+        with needing("--scheduler needs Dask", "cluster"):
+            from distributed import Client
+        try:
+            client = Client(self._address, timeout=_TIMEOUT_S, set_as_default=False)
+            client.wait_for_workers(1, timeout=_TIMEOUT_S)
+        except (OSError, ValueError) as error:
+            raise StrideTwinError(
+                f"--scheduler: {self._address!r}: no scheduler with workers there ({error})"
+            ) from error
+        self._client = self._resources.enter_context(client)
+        self.workers = max(sum(client.nthreads().values()), 1)
+        return self._client

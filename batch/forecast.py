@@ -1,0 +1,44 @@
+"""The time that a long batch still takes, on stderr, once its first jobs have shown their speed."""
+
+from __future__ import annotations
+
+import sys
+import time
+from datetime import timedelta
+
+_LONG_S = 600.0
+"""Time left that is announced."""
+
+
+def warn(text: str) -> None:
+    """Prints a warning on stderr."""
+    print(f"stridetwin: warning: {text}", file=sys.stderr, flush=True)
+
+
+class Forecast:
+    """Announces the time left of a long batch.
+
+    Args:
+        size: Size of the batch as text, such as `1000 walks`.
+        count: Number of jobs to run.
+        resume: How a stopped batch continues, such as `--resume continues`; "" if it does not.
+    """
+
+    def __init__(self, size: str, count: int, resume: str) -> None:
+        self._size, self._left, self._resume = size, count, resume
+        self._ended, self._start_s = 0, 0.0
+        self._is_announced = False
+
+    def count_job(self, workers: int) -> None:
+        """Notes that a job has ended; so many run at a time."""
+        self._ended, self._left = self._ended + 1, self._left - 1
+        if self._ended == 1:
+            self._start_s = time.monotonic()
+        # of the first job the kernels are compiled; of two more per worker the speed is known
+        if self._ended == 1 + 2 * workers and not self._is_announced:
+            self._is_announced = True
+            left_s = (time.monotonic() - self._start_s) / (self._ended - 1) * self._left
+            if left_s > _LONG_S:
+                rounded = timedelta(seconds=60 * round(left_s / 60))
+                more = f", and {self._resume}" if self._resume else ""
+                warn(f"{self._size}: about {rounded} h left; Ctrl-C stops it{more}")

@@ -1,0 +1,77 @@
+"""A job of a batch, the function that makes its row, and what runs it on a worker."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from stridetwin.streams.errors import StrideTwinError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job(Generic[Task]):
+    """One job.
+
+    Attributes:
+        name: Name for people and for its row's file.
+        key: Digest of everything that determines its row (`content_key`); jobs with equal keys have equal rows.
+        task: What is to be done; can be pickled.
+        group: Jobs with the same group run on one worker, one after the other, and share what their function keeps
+            between them, such as a simulated walk. A job without group runs alone.
+    """
+
+    name: str
+    key: str
+    task: Task
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """In place of a row: why a job has none. It concerns this job alone, and a later run tries the job again."""
+
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work(Generic[Task, Result]):
+    """How rows are made from tasks; can be pickled.
+
+    Attributes:
+        run: From the tasks of one group to a row or a `Failure` each, in order. An exception stops the whole batch.
+        versions: Versions of the code that determine a row; every worker must have the same.
+    """
+
+    run: Callable[[Sequence[Task]], Iterable[Result | Failure]]
+    versions: Callable[[], Mapping[str, str]]
+
+
+def one_by_one(function: Callable[[Task], Result | Failure]) -> Callable[[Sequence[Task]], Iterable[Result | Failure]]:
+    """The `Work.run` of a function of one task; pickles if the function does."""
+    return partial(map, function)
+
+
+def content_key(*content: Any) -> str:
+    """Digest of everything that determines a row, as JSON: inputs, options, and versions of the code."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def run_group(work: Work[Task, Result], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[Result | Failure]:
+    """Results of the tasks of one group, on a worker.
+
+    Raises:
+        StrideTwinError: The worker has other versions than those expected.
+    """
+    versions = work.versions()
+    if versions != expected:
+        differing = ", ".join(f"{name} {versions[name]}" for name in versions if versions[name] != expected.get(name))
+        raise StrideTwinError(f"a worker has other versions: {differing}; expected: the same on every worker")
+    return list(work.run(tasks))

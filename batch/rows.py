@@ -1,0 +1,114 @@
+"""Stores of rows, which a later run reads to run only the jobs whose rows are missing or of another version."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from stridetwin.batch.jobs import Job, Row
+
+_INVALID = (ValueError, KeyError, AttributeError, TypeError)
+"""What reading a damaged row raises: no JSON or UTF-8, no mapping, or no key."""
+
+
+class RowFiles:
+    """One JSON file per job, which people and other tools may read.
+
+    Args:
+        folder: Folder of the files.
+        unfinished: Folder for files that are being written, see `folder.hold_folder`.
+        is_sorted: Sorts the keys of each row; otherwise they keep their order.
+    """
+
+    def __init__(self, folder: Path, unfinished: Path, *, is_sorted: bool) -> None:
+        self._folder, self._unfinished, self._is_sorted = folder, unfinished, is_sorted
+
+    def path(self, job: Job[Any]) -> Path:
+        """The file of a job's row."""
+        return self._folder / f"{job.name}.json"
+
+    def read(self, job: Job[Any]) -> Row | None:
+        """The row of a job; None if there is none, or only a damaged one or one with another key."""
+        try:
+            row: Row = json.loads(self.path(job).read_text(encoding="utf-8"))
+            return row if row.pop("key") == job.key else None
+        except (FileNotFoundError, *_INVALID):
+            return None
+
+    def has_any(self, job: Job[Any]) -> bool:
+        """Whether there is a row of the job's name, even if `read` refuses it."""
+        return self.path(job).exists()
+
+    def write(self, job: Job[Any], row: Row) -> None:
+        """Stores the row of a job atomically."""
+        unfinished = self._unfinished / f"{job.name}.json"
+        unfinished.write_text(json.dumps({"key": job.key, **row}, sort_keys=self._is_sorted), encoding="utf-8")
+        os.replace(unfinished, self.path(job))
+
+
+class RowLines:
+    """One file of JSON lines, for many small rows, whose keys keep their order. Jobs with the same key share a row.
+
+    Args:
+        file: The file; it is created with the first row.
+        unfinished: Folder for files that are being written, see `folder.hold_folder`.
+    """
+
+    def __init__(self, file: Path, unfinished: Path) -> None:
+        self._file, self._unfinished = file, unfinished
+        text = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
+        self._rows = dict(_read_lines(text))
+        self._is_whole = text == self._text(list(self._rows))  # without the half line of a killed run
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self._rows)
+
+    def read(self, job: Job[Any]) -> Row | None:
+        """The row of a job; None if there is none with its key."""
+        return self._rows.get(job.key)
+
+    def has_any(self, job: Job[Any]) -> bool:
+        """Whether `read` has a row: rows have no names here."""
+        return job.key in self._rows
+
+    def write(self, job: Job[Any], row: Row) -> None:
+        """Appends the row of a job."""
+        if not self._is_whole:
+            self._rewrite()
+        self._rows[job.key] = row
+        with self._file.open("a", encoding="utf-8") as file:
+            file.write(self._text([job.key]))
+
+    def sort(self, keys: Sequence[str]) -> None:
+        """Puts the rows of these keys first, in this order, whatever the order in which they were written."""
+        first = [key for key in dict.fromkeys(keys) if key in self._rows]
+        ordered = {key: self._rows[key] for key in dict.fromkeys([*first, *self._rows])}
+        if list(ordered) != list(self._rows):
+            self._rows = ordered
+            self._rewrite()
+
+    def _rewrite(self) -> None:
+        unfinished = self._unfinished / self._file.name
+        unfinished.write_text(self._text(list(self._rows)), encoding="utf-8")
+        os.replace(unfinished, self._file)
+        self._is_whole = True
+
+    def _text(self, keys: Sequence[str]) -> str:
+        rows = ({"key": key, **self._rows[key]} for key in keys)
+        return "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows)
+
+
+def _read_lines(text: str) -> Iterator[tuple[str, Row]]:
+    for line in text.splitlines():
+        try:
+            row = json.loads(line)
+            yield row.pop("key"), row
+        except _INVALID:
+            continue  # the last line of a killed run
+
+
+RowStore = RowFiles | RowLines

@@ -1,0 +1,136 @@
+"""Runs a batch: reuses the rows that are there, runs the missing jobs, and stores each row when its job ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Generic
+
+from stridetwin.batch.executors import BatchOptions, Executor, open_executor
+from stridetwin.batch.folder import hold_folder
+from stridetwin.batch.forecast import Forecast
+from stridetwin.batch.jobs import Failure, Job, Row, Task, Work
+from stridetwin.batch.rows import RowLines, RowStore
+
+Progress = Callable[[str, float], None]
+ROWS = "rows.jsonl"
+"""File of the rows of `run_batch` in its folder."""
+
+
+class Batch(Generic[Task]):
+    """Jobs, and the rows that they have already.
+
+    Args:
+        jobs: The jobs; those with equal keys are run once.
+        store: Rows of earlier runs, and the place for new ones; None keeps none.
+        resume: Reuses the rows of earlier runs.
+        update_row: From a job and its stored row to its current row, or None if it must be run again.
+
+    Attributes:
+        results: Rows by the jobs' keys, and in `run` the failures of jobs.
+        missing: Jobs without a row.
+        outdated: Number of missing jobs with a row that is damaged or of another version.
+    """
+
+    def __init__(
+        self, jobs: Sequence[Job[Task]], store: RowStore | None, *, resume: bool = True,
+        update_row: Callable[[Job[Task], Row], Row | None] = lambda job, row: row,
+    ) -> None:  # fmt: skip
+        self._jobs, self._store = jobs, store
+        self.results: dict[str, Any] = {}
+        self.missing: list[Job[Task]] = []
+        self.outdated = 0
+        unique = {job.key: job for job in jobs}
+        self._count = len(unique)
+        for job in unique.values():
+            stored = store.read(job) if store is not None and resume else None
+            row = None if stored is None else update_row(job, stored)
+            if row is not None:
+                self.results[job.key] = row
+                continue
+            self.missing.append(job)
+            self.outdated += bool(resume and store is not None and store.has_any(job))
+
+    def run(
+        self, work: Work[Task, Any], executor: Executor, progress: Callable[[float], None],
+        forecast: Forecast | None = None,
+    ) -> list[Any]:  # fmt: skip
+        """Runs the missing jobs.
+
+        Args:
+            work: How their rows are made.
+            executor: Where they run.
+            progress: Receives the share of jobs with a result (0-1).
+            forecast: Announces the time left.
+
+        Returns:
+            The result of each job, in order: its row, or a `Failure`, which is not stored.
+
+        Raises:
+            StrideTwinError: An error that affects all jobs. Rows of finished jobs are stored.
+        """
+        progress(self._share)
+        for job, result in executor.run(work, _groups_of(self.missing)):
+            self.results[job.key] = result
+            if self._store is not None and not isinstance(result, Failure):
+                self._store.write(job, result)
+            if forecast is not None:
+                forecast.count_job(executor.workers)
+            progress(self._share)
+        return [self.results[job.key] for job in self._jobs]
+
+    def run_with(
+        self, options: BatchOptions, work: Work[Task, Any], stage: str, progress: Progress, resume: str
+    ) -> list[Any]:
+        """Runs the missing jobs on an executor of their own; see `run`.
+
+        Args:
+            options: Workers.
+            work: How the rows are made.
+            stage: What runs, for progress and forecast.
+            progress: Receives the stage and its progress (0-1).
+            resume: How a stopped batch continues, see `Forecast`.
+        """
+        forecast = Forecast(f"{stage}: {len(self._jobs)} jobs", len(self.missing), resume)
+        with open_executor(options.workers, options.scheduler) as executor:
+            return self.run(work, executor, lambda share: progress(stage, share), forecast)
+
+    @property
+    def _share(self) -> float:
+        return len(self.results) / self._count if self._count else 1.0
+
+
+def _groups_of(jobs: Iterable[Job[Task]]) -> list[list[Job[Task]]]:
+    """The jobs by their groups, in the order of each group's first job."""
+    groups: dict[Any, list[Job[Task]]] = {}
+    for i, job in enumerate(jobs):
+        groups.setdefault(job.group or i, []).append(job)
+    return list(groups.values())
+
+
+def run_batch(
+    jobs: Sequence[Job[Task]], work: Work[Task, Row], options: BatchOptions, stage: str, progress: Progress
+) -> list[Row | Failure]:
+    """Runs jobs, such as every variant of an estimator on every walk, to rows in a folder, and reuses its rows.
+
+    Jobs that share costly work, such as the recording of one walk, have the same `Job.group`: `work.run` gets their
+    tasks together. Equal jobs give equal bytes of the folder's `rows.jsonl`, for any number of processes or a cluster.
+
+    Args:
+        jobs: The jobs.
+        work: How their rows are made.
+        options: Folder and workers.
+        stage: What runs, for progress.
+        progress: Receives the stage and its progress (0-1).
+
+    Returns:
+        The row of each job, in order, or a `Failure`, which the next run repeats.
+
+    Raises:
+        StrideTwinError: Another process uses the folder, or an error that affects all jobs. Finished rows are kept.
+    """
+    file = options.folder / ROWS
+    with hold_folder(options.folder, "another process uses it: expected another folder", file.exists) as unfinished:
+        store = RowLines(file, unfinished)
+        results = Batch(jobs, store).run_with(options, work, stage, progress, "the same command continues")
+        store.sort([job.key for job in jobs])
+    return results
