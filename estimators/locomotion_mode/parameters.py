@@ -33,8 +33,8 @@ class LocomotionModeParameters:
             later by the time in which the load rises from 30 to 60 N.
         min_swing_s: Shortest swing, s; a foot that returns sooner has not left the ground. Usual. Doubled: nothing at
             usual swing times of 0.4 s.
-        steps: Number of predicted steps. Tuned. Doubled: the farther steps do not fit within `reach_m`, which makes
-            the first ones up to 0.3 m too short.
+        steps: Number of predicted steps. Tuned. Doubled: the first ones become up to 0.3 m shorter, because all must
+            end within `reach_m`. With that doubled as well they stay, and the eighth has a mode of probability 0.6.
         step_m: Prior step length, m. Usual. Doubled: the first steps are predicted up to 0.5 m too far.
         step_s: Prior step time, s. Usual. Doubled: the first steps are predicted too late, and the standard deviation
             of landing times is two thirds greater.
