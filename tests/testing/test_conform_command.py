@@ -98,7 +98,7 @@ def test_the_helper_in_a_test_of_another_project(module, pytester):
             case.run()
         """
     )
-    result = pytester.runpytest_inprocess("-q", "-k", "finite or fault_nan or follow", "-p", "no:cacheprovider")
+    result = pytester.runpytest_subprocess("-q", "-k", "finite or fault_nan or follow", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1, skipped=1)
     result.stdout.fnmatch_lines(["*ConformanceError: Foot: where values are NaN, *p_frame_in_world*leave out*"])
 

@@ -234,11 +234,11 @@ class RaisesAfter(Sound):
 
 
 class NoDropout(RaisesAfter):
-    limits = 0.1, 0.9
+    limits = 0.7, 0.98
 
 
 class NoGap(RaisesAfter):
-    limits = 2.2, 50.0
+    limits = 1.8, 50.0
 
 
 class NoRepeat(RaisesAfter):
