@@ -73,6 +73,7 @@ def test_json_and_exit_code_zero(capsys):
         (["small_foot:no_class"], "is not a class with an update(sample) method"),
         (["foot_ins", "--method", "best"], "--method: invalid 'best': expected proposed"),
         (["foot_ins", "--mount", "head"], "--mount: invalid 'head': expected none"),
+        (["foot_ins", "--recording", "none.mcap"], "none.mcap"),
         (["foot_ins", "--only", "speed"], "only: check: invalid 'speed': expected declaration"),
     ],
 )
