@@ -42,8 +42,11 @@ class ConformOptions(Options):
 
 def conform_command(arguments: ConformOptions, progress: Progress) -> Outcome:
     """`conform`."""
+    from stridetwin.streams.recording.reader import Recording
     from stridetwin.testing.cases import FAILED, PASSED, check_conformance
 
+    if arguments.recording is not None:
+        Recording(arguments.recording)  # an error in it is the user's, not the estimator's
     with redirect_stdout(sys.stderr):  # of the estimator's own prints: stdout is for the verdicts
         estimator_class = _load_estimator(arguments.estimator)
         verdicts = check_conformance(

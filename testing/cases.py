@@ -21,7 +21,7 @@ from stridetwin.testing.faults import FAULT_CASES
 from stridetwin.testing.subject import ConformanceError, Subject, skip
 
 if TYPE_CHECKING:
-    from _pytest.mark import ParameterSet
+    import pytest
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 _DECLARATION, _ESTIMATES, _DETERMINISTIC = "declaration", "estimates", "deterministic"
@@ -143,7 +143,7 @@ class _Suite:
 
 def conformance_cases(
     estimator_class: type, *, options: Options | None = None, recording: Path | None = None
-) -> list[ParameterSet]:
+) -> list[pytest.ParameterSet]:
     """The checks of an estimator as parameters of a test, each with its name as id.
 
     Use it as `@pytest.mark.parametrize("case", conformance_cases(MyEstimator))` on a test that calls `case.run()`.

@@ -19,7 +19,7 @@ Window = tuple[float, float]
 _ALL, _EACH, _LAST, _LONG = (0.30, 0.34), (0.36, 0.54), (0.54, 0.56), (0.30, 0.56)
 _GAP = (0.30, 0.72)
 _FROM_THERE, _FOR_GOOD = (0.30, 2.0), (0.60, 2.0)
-_LATE_S, _JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 100.0
+_LATE_S, _JUMP_S, _SHORT_JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 0.4, 100.0
 _SHARE_OF_RANGE = 0.02
 _IMAGES = (Image, Depth)
 
@@ -144,7 +144,7 @@ FAULT_CASES = (
         name="fault_clock_back", summary="stamps jump back for a moment, or forward and back",
         injections=(
             Injection(create=lambda topic: ClockJump(topic=topic, jump_s=-_JUMP_S)),
-            Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_JUMP_S), windows=(_LAST,), each=None),
+            Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_SHORT_JUMP_S), windows=(_LAST,), each=None),
         ),
     ),
     FaultCase(

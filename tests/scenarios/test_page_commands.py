@@ -44,6 +44,11 @@ READ = {
         "stridetwin run stair_up_down --seed 7 -o runs/stair",
         "stridetwin score runs/stair/recording.mcap --json",
     ],
+    "half a minute of checks; tests/testing does the same": [
+        "stridetwin conform foot_ins",
+        "stridetwin conform my_foot:MyFoot",
+        "stridetwin conform my_foot:MyFoot --only fault_nan --json",
+    ],
     "paints large textures, or needs a display; test_scene and test_playback_window do the same": [
         "stridetwin scene stair_up_down -o scenes",
         "stridetwin view stair_up_down --mujoco",

@@ -73,6 +73,7 @@ def test_json_and_exit_code_zero(capsys):
         (["small_foot:no_class"], "is not a class with an update(sample) method"),
         (["foot_ins", "--method", "best"], "--method: invalid 'best': expected proposed"),
         (["foot_ins", "--mount", "head"], "--mount: invalid 'head': expected none"),
+        (["foot_ins", "--recording", "none.mcap"], "none.mcap"),
         (["foot_ins", "--only", "speed"], "only: check: invalid 'speed': expected declaration"),
     ],
 )
@@ -98,7 +99,7 @@ def test_the_helper_in_a_test_of_another_project(module, pytester):
             case.run()
         """
     )
-    result = pytester.runpytest_inprocess("-q", "-k", "finite or fault_nan or follow", "-p", "no:cacheprovider")
+    result = pytester.runpytest_subprocess("-q", "-k", "finite or fault_nan or follow", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1, skipped=1)
     result.stdout.fnmatch_lines(["*ConformanceError: Foot: where values are NaN, *p_frame_in_world*leave out*"])
 

@@ -133,15 +133,6 @@ def test_estimates_are_finite_probabilities_in_order(predicted):
         assert all(a.t_ns < b.t_ns for a, b in zip(e.steps, e.steps[1:]))
 
 
-def test_the_same_walk_gives_the_same(walk, predicted):
-    mode = predictor()
-    again = [e for e in (mode.update(s) for s in walk[: len(walk) // 3]) if e is not None]
-    for a, b in zip(predicted, again):
-        assert a.t_ns == b.t_ns
-        for s, r in zip(a.steps, b.steps):
-            assert s.probabilities == r.probabilities
-
-
 def test_corrupted_samples_are_passed_over(walk, predicted):
     mode, found = predictor(), []
     for sample in walk[: len(walk) // 3]:
