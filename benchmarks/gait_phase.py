@@ -4,6 +4,9 @@
 Each terrain is walked once per seed; the seed draws the person, the pace, the manner of walking, the terrain's
 dimensions, and the sensor with its mount. Both legs are scored (`evaluation/phase_scores.py`). Errors are RMS over all
 samples of all walks.
+
+With `--real` it reads recorded walks (`real_walks`): strides between detected touch-downs stand for the true ones
+there, and the markers of `dual_foot_walk` check the touch-downs.
 """
 
 from __future__ import annotations
@@ -11,14 +14,17 @@ from __future__ import annotations
 import math
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import answer, command
+from benchmarks.command import answer, command, show_summary
+from benchmarks.real_walks import MarkerWalk, data_folder, imu_block, load_loop, load_markers, load_stairs, load_vicon
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.gait_phase import GaitPhase, GaitPhaseParameters, PhaseEstimate
 from stridetwin.outputs.gait_phase.run import as_series
@@ -26,13 +32,15 @@ from stridetwin.outputs.gait_phase.scores import PhaseSeries, Stride, phase_erro
 from stridetwin.scenarios.scenario_file import scenario_of
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.rig import Rig
+from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Footprint, Imu
 
 TERRAINS = ("level", "turns", "stairs", "ramps", "mixed")
 SEEDS = (1000, 20)
 FEET = ("l", "r")
 _STREAM = 77  # of random numbers, so that these walks are of no other benchmark
+_REST_RADPS, _SWING_MPS, _LANDED_MPS = 0.3, 2.0, 0.6
+_MIN_TOUCH_DOWNS = 4
 _GROUPS = ("steady", "level", "ramp", "stairs", "all")
 
 
@@ -209,6 +217,90 @@ def measure(seeds: Sequence[int], physics: str, terrains: Sequence[str]) -> dict
     }  # fmt: skip
 
 
+def foot_mount(imu: Block[Imu]) -> Array:
+    """(3, 3) rotation from sensor to foot axes, by gravity at rest and the horizontal axis that rotates most."""
+    rate, force = imu.columns["angular_rate"], imu.columns["specific_force"]
+    up = np.median(force[np.linalg.norm(rate, axis=1) < _REST_RADPS], axis=0)
+    up /= np.linalg.norm(up)
+    horizontal = rate - np.outer(rate @ up, up)
+    left = np.linalg.eigh(horizontal.T @ horizontal)[1][:, -1]
+    left -= up * (left @ up)
+    left /= np.linalg.norm(left)
+    pitch_rate = rate @ left
+    if np.percentile(pitch_rate, 99.5) < -np.percentile(pitch_rate, 0.5):  # push-off is faster than the swing
+        left = -left
+    return np.stack([np.cross(left, up), left, up])
+
+
+def real_foot(imu: Block[Imu]) -> FootWalk:
+    """A recorded foot IMU, whose true strides are unknown."""
+    topic, mount = "/foot_l/imu", np.eye(4)
+    mount[:3, :3] = foot_mount(imu)
+    calibration = ImuCalibration(
+        topic=topic, part="unknown", rate_hz=1e9 / float(np.median(np.diff(imu.t_ns))),
+        mount=Mount(body="foot_l", T_body_sensor=mount), gyroscope_noise_density=0.0, gyroscope_random_walk=0.0,
+        accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
+    )  # fmt: skip
+    return FootWalk(foot="l", rig=Rig(imus={topic: calibration}), imu=imu, strides=[])
+
+
+def detected_strides(series: PhaseSeries) -> list[Stride]:
+    """Strides between detected touch-downs, which stand for the true ones of a recorded walk."""
+    touch_downs_ns = detected_touch_downs(series)
+    durations = np.diff(touch_downs_ns)
+    longest_ns = min(1e9 * LONGEST_STRIDE_S, LONGEST_STRIDE_SHARE * float(np.median(durations)))
+    return [
+        Stride(begin_ns=begin, end_ns=end, is_pause=end - begin > longest_ns)
+        for begin, end in pairwise(touch_downs_ns.tolist())
+    ]
+
+
+def heel_strikes(walk: MarkerWalk) -> Array:
+    """(S,) s: where the heel's marker, after a swing, has slowed down to 0.6 m/s."""
+    heel = np.where(np.isfinite(walk.heel), walk.heel, 0.0)
+    speed = np.linalg.norm(np.gradient(heel, walk.t, axis=0), axis=1)
+    strikes = []
+    for i in np.flatnonzero((speed[:-1] > _SWING_MPS) & (speed[1:] <= _SWING_MPS)):
+        slow = np.flatnonzero(speed[i : i + 25] < _LANDED_MPS)
+        strikes += [walk.t[i + slow[0]]] if len(slow) else []
+    return np.array(strikes)
+
+
+def measure_real(folder: Path) -> dict[str, Any]:
+    """Figures of the recorded walks, in the form of an experiment's JSON."""
+    markers = load_markers(folder)
+    walks = {f"dual_foot_walk {walk.name}": walk.imu for walk in markers}
+    walks |= {walk.name: walk.imu for walk in load_vicon(folder)}
+    walks |= {"ngimu loop": load_loop(folder)}
+    walks |= {f"stair up {side}": imu for side, imu in load_stairs(folder).items()}
+    for file in sorted((folder / "foot_imu_corners").glob("*.npz")):
+        with np.load(file) as d:
+            walks[file.stem] = imu_block(d["t"], d["gyro"], d["accel"])
+    summary = {}
+    for name, imu in walks.items():
+        series = to_series(estimate(real_foot(imu)))
+        touch_downs_ns = detected_touch_downs(series)
+        if len(touch_downs_ns) < _MIN_TOUCH_DOWNS:
+            summary[name] = {"touch_downs": float(len(touch_downs_ns))}
+            continue
+        durations_s = np.diff(touch_downs_ns) * 1e-9
+        scores = phase_scores(series, detected_strides(series))
+        summary[name] = {
+            "touch_downs": float(len(touch_downs_ns)),
+            **{f"stride_p{q}_s": float(np.percentile(durations_s, q)) for q in (5, 50, 95)},
+            **{key: scores[key] for key in ("rmse_pct", "p95_pct", "within_95_pct", "not_walking_pct")},
+        }
+    for walk in markers:
+        row = summary[f"dual_foot_walk {walk.name}"]
+        strikes = heel_strikes(walk)
+        touch_downs_ns = detected_touch_downs(to_series(estimate(real_foot(walk.imu))))
+        pairs = match_touch_downs(touch_downs_ns, 1e9 * strikes)
+        errors = np.array([1e-6 * touch_downs_ns[i] - 1e3 * strikes[j] for i, j in pairs])
+        row |= {"strikes": float(len(strikes)), "matched": float(len(pairs))}
+        row |= {"strike_error_mean_ms": float(errors.mean()), "strike_error_sd_ms": float(errors.std())}
+    return {"experiment": "gait_phase_real", "summary": summary}
+
+
 def summarize(groups: Mapping[str, Sequence[Array]], cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Pooled RMS errors by group, % of the cycle, and means or sums of the other scores over legs."""
 
@@ -229,7 +321,10 @@ def summarize(groups: Mapping[str, Sequence[Array]], cases: Sequence[Mapping[str
 
 
 def show(result: dict[str, Any]) -> None:
-    """Prints one row per terrain."""
+    """Prints one row per terrain, or the figures of each recorded walk."""
+    if "us_per_sample" not in result:
+        show_summary(24, "8.2f")(result)
+        return
     names = [*(f"rmse_{name}_pct" for name in _GROUPS), "within_95_pct", "touch_down_error_ms"]
     heads = ["steady", "level", "ramp", "stairs", "all", "in 95", "down ms"]
     print(f"{'walks on':12s} {'walks':>6s} {'strides':>8s} " + " ".join(f"{h:>8s}" for h in heads) + "   missed extra")
@@ -246,7 +341,18 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=SEEDS, metavar=("FIRST", "COUNT"), help="seeds (1000 20)")
     parser.add_argument("--physics", choices=("kinematic", "dynamic"), default="kinematic", help="of the twin")
     parser.add_argument("--terrains", nargs="+", choices=TERRAINS, default=TERRAINS, help="all by default")
-    return answer(parser, lambda a: measure(range(a.seeds[0], a.seeds[0] + a.seeds[1]), a.physics, a.terrains), show)
+    parser.add_argument("--real", action="store_true", help="the recorded walks")
+    return answer(parser, _run, show)
+
+
+def _run(arguments: Namespace) -> dict[str, Any]:
+    if not arguments.real:
+        first, count = arguments.seeds
+        return measure(range(first, first + count), arguments.physics, arguments.terrains)
+    folder = data_folder()
+    if folder is None:
+        raise StrideTwinError("no recorded walks: set STRIDETWIN_DATA to their folder")
+    return measure_real(folder)
 
 
 if __name__ == "__main__":

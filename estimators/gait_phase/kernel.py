@@ -48,6 +48,18 @@ class Template(NamedTuple):
     variance: Array
 
 
+class StrideRatios(NamedTuple):
+    """Stride time over that on level ground, from one landing (row) to the next (column).
+
+    Attributes:
+        log_mean: (LANDINGS, LANDINGS) its logarithm.
+        variance: (LANDINGS, LANDINGS) of the logarithm between people; what the person's own strides have left of it.
+    """
+
+    log_mean: Array
+    variance: Array
+
+
 class PriorSettings(NamedTuple):
     """What is known of a stride when it begins.
 
@@ -91,22 +103,23 @@ def _log_t(deviation: float, variance: float) -> float:
 
 
 @_entry
-def set_prior(belief: Belief, settings: PriorSettings, transition: Array, log_ratio: Array) -> None:
+def set_prior(belief: Belief, settings: PriorSettings, transition: Array, ratios: StrideRatios) -> None:
     """Sets the hypotheses at a touch-down, docs/gait_phase.md (3).
 
     Args:
         belief: Overwritten.
         settings: Of the stride time.
         transition: (LANDINGS, LANDINGS) joint probability of this touch-down's landing (row) and the next one's.
-        log_ratio: (LANDINGS, LANDINGS) logarithm of the stride time between them over that on level ground.
+        ratios: Of the stride times between them.
     """
-    narrow, wide = settings.variance, settings.variance + settings.irregular_variance
     total = 0.0
     for c in range(LANDINGS):
         for j in range(CELLS):
             density = 1e-30
             for k in range(LANDINGS):
-                error = LOG_STRIDE[j] - settings.log_stride - log_ratio[k, c]
+                error = LOG_STRIDE[j] - settings.log_stride - ratios.log_mean[k, c]
+                narrow = settings.variance + ratios.variance[k, c]
+                wide = narrow + settings.irregular_variance
                 density += transition[k, c] * (
                     (1.0 - settings.irregular_share) * math.exp(-0.5 * error * error / narrow) / math.sqrt(narrow)
                     + settings.irregular_share * math.exp(-0.5 * error * error / wide) / math.sqrt(wide)

@@ -32,6 +32,9 @@ class GaitPhaseParameters:
     irregular_sd: float = 0.15
     """Standard deviation of the logarithm of such stride times. [tuned] Doubled: very long strides are recognised
     earlier, regular ones are less certain."""
+    ratio_sd: float = 0.1
+    """Standard deviation, between people, of the logarithm of a stair stride's time over that of a level one. [tuned]
+    Doubled: a person's own ratio is learned sooner, the first flight is less certain."""
     stairs_share: float = 0.04
     """Probability that a stride on the level leads onto a stair up; the same down. [tuned] Doubled: the first strides
     onto stairs are recognised earlier, level ones are less certain."""

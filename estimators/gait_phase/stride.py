@@ -15,6 +15,7 @@ from stridetwin.estimators.gait_phase.kernel import (
     Belief,
     PriorSettings,
     RateSample,
+    StrideRatios,
     Template,
     set_prior,
     weigh,
@@ -49,6 +50,9 @@ class StrideFilter:
         self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
         self._belief = Belief(walk=np.zeros((LANDINGS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
+        variance = np.full((LANDINGS, LANDINGS), p.ratio_sd**2)
+        variance[LEVEL, LEVEL] = 0.0
+        self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=variance)
         self._strides = np.full(LANDINGS, p.template_strides)  # that each template is worth
         off, level = p.stairs_end_share, 1.0 - 2.0 * p.stairs_share
         self._transition = np.array(
@@ -78,7 +82,7 @@ class StrideFilter:
             log_stride=self._log_stride, variance=self._variance + p.stride_noise**2,
             irregular_share=p.irregular_share, irregular_variance=p.irregular_sd**2, stand_share=p.stand_share,
         )  # fmt: skip
-        set_prior(self._belief, settings, self._landing[:, None] * self._transition, LOG_RATIO)
+        set_prior(self._belief, settings, self._landing[:, None] * self._transition, self._ratios)
 
     def weigh(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
         """Updates phase and belief with a pitch rate, rad/s, of the running stride."""
@@ -107,13 +111,19 @@ class StrideFilter:
         landing *= self._landing @ self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         landing /= landing.sum()
         joint = self._landing[:, None] * self._transition * landing
-        innovation = math.log(stride_s) - float((joint * LOG_RATIO).sum() / joint.sum()) - self._log_stride
+        joint /= joint.sum()
+        ratio_variance = float((joint * self._ratios.variance).sum())
+        innovation = math.log(stride_s) - float((joint * self._ratios.log_mean).sum()) - self._log_stride
         noise = _MEASUREMENT_SD**2
-        if innovation**2 > _OUTLIER * (self._variance + noise):
+        if innovation**2 > _OUTLIER * (self._variance + ratio_variance + noise):
             noise *= _OUTLIER
-        gain = self._variance / (self._variance + noise)
-        self._log_stride += gain * innovation
-        self._variance = (1.0 - gain) * self._variance + p.stride_drift**2
+        expected = self._variance + ratio_variance + noise
+        self._log_stride += self._variance / expected * innovation
+        self._variance *= 1.0 - self._variance / expected
+        self._variance += p.stride_drift**2
+        gains = joint * self._ratios.variance / expected
+        self._ratios.log_mean[:] += gains * innovation
+        self._ratios.variance[:] *= 1.0 - gains
         self._landing = landing
         kind = int(landing.argmax())
         if landing[kind] >= _CERTAIN and self._stored > 1:

@@ -21,7 +21,7 @@ from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Nan,
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.ros_samples import block_of
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Imu
+from stridetwin.streams.samples import Block, Imu
 
 
 @lru_cache(maxsize=8)
@@ -167,7 +167,8 @@ def test_a_stop_ends_the_phase_within_a_second_and_a_half() -> None:
 
 def arrived(walk: FootWalk, faults: list[Fault], seed: int) -> FootWalk:
     planned = plan_faults(faults, walk.rig, seed, walk.imu.t_ns[-1] * 1e-9)
-    return replace(walk, imu=block_of([s for a in arrivals([walk.imu], planned) for s in a.item]))
+    samples = [s for a in arrivals([walk.imu], planned) for s in (a.item if isinstance(a.item, Block) else [a.item])]
+    return replace(walk, imu=block_of(samples))
 
 
 TOPIC = "/foot_l/imu"
