@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import heapq
 import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, groupby
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -19,9 +18,8 @@ from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import Layout, layout_of
-from stridetwin.streams.recording.index import RecordingIndex
-from stridetwin.streams.recording.mcap_scan import chunk_contents, read_chunk
-from stridetwin.streams.recording.mcap_writer import McapWriter, message_rows
+from stridetwin.streams.recording.mcap_contents import Message
+from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, version_metadata
 from stridetwin.streams.recording.ros_images import (
@@ -30,38 +28,21 @@ from stridetwin.streams.recording.ros_images import (
     DEPTH_ENCODINGS,
     IMAGES,
     RAW,
+    CameraInfos,
     camera_info_message,
     depth_message,
     image_message,
+    raw_image_message,
     read_image_message,
 )
-from stridetwin.streams.recording.ros_samples import SMALL, Small, block_of, fill, frame_id, small_for, stamps
-from stridetwin.streams.recording.ros_types import definition, deserialise, serialise, typestore
-from stridetwin.streams.recording.topic_reader import READABLE, increasing
-from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.recording.ros_samples import SMALL, Small, block_of, fill, small_for, stamps
+from stridetwin.streams.recording.ros_types import definition, deserialise, typestore
+from stridetwin.streams.recording.topic_reader import READABLE
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 MOST_PIXELS = 1920 * 1200
 """Most pixels of an image: bounds the size to which a message of a few kilobytes could unpack."""
-_INFO_PERIOD_NS = 1_000_000_000
-_IMAGE_LANE = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Message:
-    """One message in transit.
-
-    Attributes:
-        t_ns: Its stamp.
-        topic: Name of the stream.
-        typename: ROS 2 type, such as `sensor_msgs/msg/Imu`.
-        payload: CDR bytes.
-    """
-
-    t_ns: int
-    topic: str
-    typename: str
-    payload: bytes
 
 
 def rank_of(kind: type[Sample]) -> int:
@@ -88,7 +69,7 @@ class Encoder:
         """The message of a sample."""
         if isinstance(sample, Image):
             typename = RAW if self._quality is None else COMPRESSED
-            payload = _raw_image(sample) if self._quality is None else image_message(sample, self._quality)
+            payload = raw_image_message(sample) if self._quality is None else image_message(sample, self._quality)
         elif isinstance(sample, Depth):
             typename, payload = RAW, depth_message(sample, self._depth_encoding)
         else:
@@ -196,23 +177,6 @@ class Decoder:
             raise ValueError(f"{self.topic}: no {self.typename}: {' '.join(str(error).split())[:120]}") from error
 
 
-def _raw_image(sample: Image) -> bytes:
-    pixels = np.ascontiguousarray(sample.pixels)
-    height, width = pixels.shape[:2]
-    sec, nanosec = divmod(sample.t_ns, 1_000_000_000)
-    values: Mapping[str, Any] = {
-        "header.stamp.sec": sec,
-        "header.stamp.nanosec": nanosec,
-        "header.frame_id": frame_id(sample.topic),
-        "height": height,
-        "width": width,
-        "encoding": "mono8" if pixels.ndim == 2 else "rgb8",
-        "step": pixels.nbytes // height,
-        "data": pixels.reshape(-1),
-    }
-    return serialise(RAW, values)
-
-
 class LiveRecorder:
     """Writes arriving messages into one MCAP file; a context manager.
 
@@ -230,13 +194,11 @@ class LiveRecorder:
         self.path = path
         self.count = 0
         self._known: tuple[str, dict[str, str]] | None = None
-        self._channels: dict[str, int] = {}
-        self._cameras: dict[str, CameraCalibration] = {}
-        self._next_info: dict[str, int] = {}
+        self._infos = CameraInfos(Rig())
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
         try:
-            self._file = McapWriter(partial_path(path), "stridetwin")
+            self._file = McapWriter(partial_path(path))
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
         self._file.metadata(VERSION_RECORD, version_metadata())
@@ -261,7 +223,7 @@ class LiveRecorder:
         self._known = known
         self._file.attachment(RIG_NAME, "application/yaml", known[0].encode())
         self._file.metadata(METADATA_NAME, known[1])
-        self._cameras = dict(rig.cameras) | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+        self._infos.rig = rig
 
     def write(self, message: Message, t_ns: int) -> None:
         """Appends a message, and periodically with images the camera's intrinsics.
@@ -270,21 +232,12 @@ class LiveRecorder:
             message: As received.
             t_ns: Stamp of its sample.
         """
-        camera = self._cameras.get(message.topic)
-        lane = _IMAGE_LANE if message.typename in IMAGES else 0
-        if camera and t_ns >= self._next_info.get(message.topic, 0):
-            self._next_info[message.topic] = t_ns + _INFO_PERIOD_NS
+        lane = IMAGE_LANE if message.typename in IMAGES else 0
+        if (camera := self._infos.due(message.topic, t_ns)) is not None:
             info = camera_info_message(camera, message.topic, t_ns)
-            self._append(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
-        self._append(message.topic, message.typename, message.payload, t_ns, lane)
+            self._file.message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
+        self._file.message(message.topic, message.typename, message.payload, t_ns, lane)
         self.count += 1
-
-    def _append(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
-        if topic not in self._channels:
-            self._channels[topic] = self._file.channel(topic, typename, definition(typename))
-        layout = np.dtype(f"V{len(payload)}")
-        rows, _ = message_rows(self._channels[topic], payload, layout, np.array([t_ns], np.int64))
-        self._file.messages(rows, lane)
 
 
 def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
@@ -300,33 +253,7 @@ def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Mes
         encoder = Encoder(rig, depth_encoding="32FC1", jpeg_quality=None)
         yield from _sorted(map(encoder.message, recording.samples(topics)), recording)
         return
-    scan = RecordingIndex(recording.path, recording.lenient)
-    last: dict[str, int] = {}
-    heap: list[tuple[tuple[int, int, str], int, Message]] = []
-    chunks = [
-        (min(c.parts[t].first for t in here), c, here) for c in scan.chunks if (here := c.parts.keys() & set(topics))
-    ]
-    numbers = count()
-    for start, chunk, here in sorted(chunks, key=lambda c: (c[0], c[1].offset)):
-        while heap and heap[0][0][0] < start:
-            yield heapq.heappop(heap)[2]
-        _, by_channel = chunk_contents(read_chunk(scan.path, chunk.offset))
-        for channel, messages in by_channel.items():
-            topic = scan.channels.get(channel, "")
-            if topic not in here:
-                continue
-            reader = scan.readers[topic]
-            times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
-            before = chunk.parts[topic].before
-            for i in increasing(times, before).nonzero()[0].tolist():
-                t_ns = int(times[i])
-                if t_ns > last.get(topic, -1):
-                    last[topic] = t_ns
-                    message = Message(t_ns=t_ns, topic=topic, typename=reader.typename, payload=messages.payload(i))
-                    rank = rank_of(recording.topics[topic].kind)
-                    heapq.heappush(heap, ((t_ns, rank, topic), next(numbers), message))
-    while heap:
-        yield heapq.heappop(heap)[2]
+    yield from recording.stored_messages(topics, rank_of)
 
 
 def _sorted(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:

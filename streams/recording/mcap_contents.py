@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,28 @@ from stridetwin.streams.recording.index import ChunkInfo, Part, Problem, Recordi
 from stridetwin.streams.recording.mcap_scan import Messages, chunk_contents, read_chunk
 from stridetwin.streams.recording.topic_reader import TopicReader, concatenated, finite, increasing, selected
 from stridetwin.streams.samples import Block, Depth, Image, Sample
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """One message, stored or in transit.
+
+    Attributes:
+        t_ns: Its stamp.
+        topic: Name of the stream.
+        typename: ROS 2 type, such as `sensor_msgs/msg/Imu`.
+        payload: CDR bytes.
+    """
+
+    t_ns: int
+    topic: str
+    typename: str
+    payload: bytes
+
+
+Item = TypeVar("Item", Sample, Message)
+Order = tuple[int, str]
+"""Rank of a topic among those of one instant, and its name."""
 
 
 class McapContents(RecordingIndex):
@@ -27,18 +49,29 @@ class McapContents(RecordingIndex):
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
-        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self.readers[t].is_image, t)))}
+        order = {topic: (int(self.readers[topic].is_image), topic) for topic in topics}
+        return self._merged(order, self._chunk_samples)
+
+    def messages(self, topics: Sequence[str], rank_of: Callable[[type[Sample]], int]) -> Iterator[Message]:
+        """Messages of the topics in time order, as stored; at equal stamps by the rank of the kind of their samples."""
+        order = {topic: (rank_of(self.topics[topic].kind), topic) for topic in topics}
+        return self._merged(order, self._chunk_messages)
+
+    def _merged(
+        self, order: Mapping[str, Order], read: Callable[[ChunkInfo, list[str]], Iterator[tuple[str, Iterator[Item]]]]
+    ) -> Iterator[Item]:
+        """The items of the topics of all chunks in time order, at equal stamps in a given one."""
         parts = [
             (min(c.parts[t].first for t in here), i, here, c)
             for i, c in enumerate(self.chunks)
-            if (here := [t for t in topics if t in c.parts])
+            if (here := [t for t in order if t in c.parts])
         ]
-        heap: list[tuple[int, int, int, Sample, Iterator[Sample]]] = []
+        heap: list[tuple[int, Order, int, Item, Iterator[Item]]] = []
         for start, i, here, chunk in sorted(parts, key=lambda p: p[:2]):
             yield from _until(heap, start)
-            for topic, samples in self._chunk_samples(chunk, here):
-                if (first := next(samples, None)) is not None:
-                    heapq.heappush(heap, (first.t_ns, order[topic], i, first, samples))
+            for topic, items in read(chunk, here):
+                if (first := next(items, None)) is not None:
+                    heapq.heappush(heap, (first.t_ns, order[topic], i, first, items))
         yield from _until(heap, None)
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
@@ -97,6 +130,16 @@ class McapContents(RecordingIndex):
             else:
                 yield topic, iter(self._kept_block(reader, messages, chunk.parts[topic]))
 
+    def _chunk_messages(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Message]]]:
+        for topic, messages in self._messages(chunk, topics).items():
+            yield topic, self._stored(self.readers[topic], messages, chunk.parts[topic])
+
+    def _stored(self, reader: TopicReader, messages: Messages, part: Part) -> Iterator[Message]:
+        times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
+        for i in np.flatnonzero(increasing(times, part.before)).tolist():
+            payload = messages.payload(i)
+            yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
+
     def _kept_block(self, reader: TopicReader, messages: Messages, part: Part) -> Block[Any]:
         block = reader.block(messages)
         keep = increasing(block.t_ns, part.before)
@@ -124,11 +167,11 @@ def _grouped(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tu
             yield int(groups[first]), part
 
 
-def _until(heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None) -> Iterator[Sample]:
-    """Pops the samples before `end_ns` off a heap of (stamp, order, chunk, sample, following samples)."""
+def _until(heap: list[tuple[int, Order, int, Item, Iterator[Item]]], end_ns: int | None) -> Iterator[Item]:
+    """Pops the items before `end_ns` off a heap of (stamp, order, chunk, item, following items)."""
     while heap and (end_ns is None or heap[0][0] < end_ns):
-        _, order, chunk, sample, following = heap[0]
-        yield sample
+        _, order, chunk, item, following = heap[0]
+        yield item
         after = next(following, None)
         if after is None:
             heapq.heappop(heap)

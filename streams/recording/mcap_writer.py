@@ -17,9 +17,12 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from stridetwin.streams.recording.ros_types import definition
+
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 2 << 20
 CHUNK_NS = 2_000_000_000
+IMAGE_LANE = 1
 _RECORD_HEAD = np.dtype(
     [
         ("opcode", "u1"),
@@ -91,12 +94,12 @@ class McapWriter:
     process loses only the open chunks; so are attachments and metadata.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
+    def __init__(self, path: Path) -> None:
         self._file = path.open("wb")
         self._crc = 0
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._schemas: list[records.Schema] = []
-        self._channels: list[records.Channel] = []
+        self._channels: dict[str, records.Channel] = {}
         self._chunk_indexes: list[records.ChunkIndex] = []
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
@@ -104,19 +107,26 @@ class McapWriter:
         self._times: tuple[int, int] | None = None
         self._lanes: dict[int, _OpenChunk] = {}
         self._append(MAGIC)
-        self._append(_encoded(records.Header(profile="ros2", library=library)))
+        self._append(_encoded(records.Header(profile="ros2", library="stridetwin")))
 
-    def channel(self, topic: str, typename: str, definition: str) -> int:
-        """Registers a channel of CDR messages and returns its id."""
-        schema = next((s for s in self._schemas if s.name == typename), None)
-        if schema is None:
-            schema = records.Schema(len(self._schemas) + 1, definition.encode(), "ros2msg", typename)
-            self._schemas.append(schema)
-            self._append(_encoded(schema))
-        channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, schema.id)
-        self._channels.append(channel)
-        self._append(_encoded(channel))
-        return channel.id
+    def channel(self, topic: str, typename: str) -> int:
+        """The id of a topic's channel of CDR messages, which is registered on the first call for the topic."""
+        if topic not in self._channels:
+            schema = next((s for s in self._schemas if s.name == typename), None)
+            if schema is None:
+                schema = records.Schema(len(self._schemas) + 1, definition(typename).encode(), "ros2msg", typename)
+                self._schemas.append(schema)
+                self._append(_encoded(schema))
+            channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, schema.id)
+            self._channels[topic] = channel
+            self._append(_encoded(channel))
+        return self._channels[topic].id
+
+    def message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
+        """Appends one message to a lane."""
+        layout = np.dtype(f"V{len(payload)}")
+        rows, _ = message_rows(self.channel(topic, typename), payload, layout, np.array([t_ns], np.int64))
+        self.messages(rows, lane)
 
     def messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
         """Appends records made by `message_rows` to a lane, and splits them over chunks as they fill up."""
@@ -169,7 +179,7 @@ class McapWriter:
         start = self._file.tell()
         groups: list[tuple[Opcode, list[Any]]] = [
             (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
+            (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.ATTACHMENT_INDEX, self._attachment_indexes),

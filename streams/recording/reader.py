@@ -6,7 +6,7 @@ streamed from it. `Recording` opens MCAP files; `streams.formats.opening.open_an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.recording.index import Problem, TopicInfo
-from stridetwin.streams.recording.mcap_contents import McapContents
+from stridetwin.streams.recording.mcap_contents import McapContents, Message
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.writer import RecordingWriter
 from stridetwin.streams.rig import Rig
@@ -141,6 +141,16 @@ class Recording:
         for topic in wanted:
             self._require(topic)
         return self._contents.samples(wanted)
+
+    def stored_messages(self, topics: Sequence[str], rank_of: Callable[[type[Sample]], int]) -> Iterator[Message]:
+        """The stored messages of some topics of an MCAP file (`is_mcap`) in time order, byte for byte.
+
+        Args:
+            topics: Topics to return.
+            rank_of: Rank of a kind of sample among those of one instant.
+        """
+        assert isinstance(self._contents, McapContents)
+        return self._contents.messages(topics, rank_of)
 
     def block(self, topic: str) -> Block[Any]:
         """All samples of a topic as one block; not for images.

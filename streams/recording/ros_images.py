@@ -12,7 +12,7 @@ from rosbags.typesys.store import Typestore
 from stridetwin.streams.bounded_images import check_pixels, decode_image
 from stridetwin.streams.recording.ros_samples import frame_id
 from stridetwin.streams.recording.ros_types import deserialise, serialise
-from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -20,6 +20,7 @@ RAW = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGES = (COMPRESSED, RAW)
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
+_INFO_PERIOD_NS = 1_000_000_000
 _PIXELS = {
     "mono8": ("u1", 1), "8UC1": ("u1", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3),
     "16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1),
@@ -67,6 +68,20 @@ def depth_message(sample: Depth, encoding: str) -> bytes:
     return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
 
 
+def raw_image_message(sample: Image) -> bytes:
+    """A colour or grey image in an Image, every pixel as it is."""
+    pixels = np.ascontiguousarray(sample.pixels)
+    height, width = pixels.shape[:2]
+    values = {
+        "height": height,
+        "width": width,
+        "encoding": "mono8" if pixels.ndim == 2 else "rgb8",
+        "step": pixels.nbytes // height,
+        "data": pixels.reshape(-1),
+    }
+    return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
+
+
 def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
     """A camera's intrinsics, under ROS's names, for the image topic `topic`."""
     fu, fv, pu, pv = camera.intrinsics
@@ -81,6 +96,27 @@ def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> byt
         "p": np.array([fu, 0, pu, 0, 0, fv, pv, 0, 0, 0, 1.0, 0]),
     }
     return serialise(CAMERA_INFO, _header(topic, t_ns) | values)
+
+
+class CameraInfos:
+    """Which cameras' intrinsics are due beside their images: with the first one, and once a second after that.
+
+    Args:
+        rig: Calibration of the cameras; may be replaced later.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self._next_ns: dict[str, int] = {}
+
+    def due(self, topic: str, t_ns: int) -> CameraCalibration | None:
+        """The camera of a topic of images or of depth, if its intrinsics are to be written with the one at `t_ns`."""
+        of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
+        camera = of_depth.get(topic, self.rig.cameras.get(topic))
+        if camera is None or t_ns < self._next_ns.get(topic, 0):
+            return None
+        self._next_ns[topic] = t_ns + _INFO_PERIOD_NS
+        return camera
 
 
 def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:

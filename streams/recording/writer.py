@@ -18,26 +18,24 @@ from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import Layout
-from stridetwin.streams.recording.mcap_writer import McapWriter, message_rows
+from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter, message_rows
 from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, version_metadata
 from stridetwin.streams.recording.ros_images import (
     CAMERA_INFO,
     COMPRESSED,
     DEPTH_ENCODINGS,
     RAW,
+    CameraInfos,
     camera_info_message,
     depth_message,
     image_data,
     image_message,
 )
 from stridetwin.streams.recording.ros_samples import SMALL, block_of, fill
-from stridetwin.streams.recording.ros_types import definition
-from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
-_INFO_PERIOD_NS = 1_000_000_000
 _ENCODERS = 2
-_IMAGE_LANE = 1
 _IMAGES_IN_FLIGHT = 8
 _LATEST_NS = 2**31 * 1_000_000_000
 
@@ -72,16 +70,14 @@ class RecordingWriter:
         self._depth_encoding, self._quality = depth_encoding, jpeg_quality
         self._last: dict[str, int] = {}
         self._kinds: dict[str, type[Sample]] = {}
-        self._channels: dict[str, int] = {}
         self._templates: dict[str, tuple[bytes, Layout, Mapping[str, Any]]] = {}
-        self._next_info: dict[str, int] = {}
-        self._cameras = _by_image_topic(rig)
-        self._queue: deque[tuple[str, Future[bytes], int]] = deque()
+        self._infos = CameraInfos(rig)
+        self._queue: deque[tuple[str, str, Future[bytes], int]] = deque()
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
         self._pool = ThreadPoolExecutor(_ENCODERS)
         rig_yaml = rig_to_yaml(rig).encode()
         try:
-            self._file = McapWriter(partial_path(self.path), "stridetwin")
+            self._file = McapWriter(partial_path(self.path))
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
         self._file.metadata(VERSION_RECORD, version_metadata())
@@ -151,11 +147,6 @@ class RecordingWriter:
         self._last[topic] = int(t_ns[-1])
         return t_ns
 
-    def _channel(self, topic: str, typename: str) -> int:
-        if topic not in self._channels:
-            self._channels[topic] = self._file.channel(topic, typename, definition(typename))
-        return self._channels[topic]
-
     def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
         small = SMALL[block.kind]
         if block.topic not in self._templates:
@@ -164,14 +155,13 @@ class RecordingWriter:
         payload, layout, constants = self._templates[block.topic]
         if constants != dict(block.constants):
             raise RecordingError(f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}")
-        rows, payloads = message_rows(self._channel(block.topic, small.typename), payload, layout.dtype, log_ns)
+        channel = self._file.channel(block.topic, small.typename)
+        rows, payloads = message_rows(channel, payload, layout.dtype, log_ns)
         fill(payloads, small, block)
         self._file.messages(rows)
 
     def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
-        camera = self._cameras.get(sample.topic)
-        if camera and sample.t_ns >= self._next_info.get(sample.topic, 0):
-            self._next_info[sample.topic] = sample.t_ns + _INFO_PERIOD_NS
+        if (camera := self._infos.due(sample.topic, sample.t_ns)) is not None:
             info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
         if isinstance(sample, Image):
@@ -192,19 +182,11 @@ class RecordingWriter:
         return data
 
     def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
-        self._channel(topic, typename)
-        self._queue.append((topic, self._pool.submit(encode), log_ns))
+        self._file.channel(topic, typename)  # numbered in the order of arrival
+        self._queue.append((topic, typename, self._pool.submit(encode), log_ns))
 
     def _drain(self, leave: int) -> None:
         """Appends encoded images in order, until `leave` are left in the queue."""
         while len(self._queue) > leave:
-            topic, encoded, log_ns = self._queue.popleft()
-            payload = encoded.result()
-            layout = np.dtype(f"V{len(payload)}")
-            rows, _ = message_rows(self._channels[topic], payload, layout, np.array([log_ns], np.int64))
-            self._file.messages(rows, lane=_IMAGE_LANE)
-
-
-def _by_image_topic(rig: Rig) -> dict[str, CameraCalibration]:
-    cameras = dict(rig.cameras)
-    return cameras | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+            topic, typename, encoded, log_ns = self._queue.popleft()
+            self._file.message(topic, typename, encoded.result(), log_ns, lane=IMAGE_LANE)
