@@ -6,91 +6,57 @@ before each first step up and down, when the terrain change should be detected.
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import CAMERA_POSES
+from stridetwin.estimators.base import CAMERA_POSES, POSES
 from stridetwin.estimators.locomotion_mode import INSOLES
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.modes.scores import ModeScores, mode_figures
+from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.truth import true_footprints
-from stridetwin.sim.faults.sample_faults import Dropout
+from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Depth, Insole, Odometry
+from stridetwin.streams.samples import Odometry
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import InjectedFault, Samples, by_fault, changed, fault_table
+from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table
 from stridetwin.studies.walks import falls, fell_at_s
-from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp, trajectory
 
 WALKS = ("zhao_stair_15cm", "zhao_ramp_11_8")
 SEEDS = range(1000, 1004)
 BEFORE_S, LASTS_S = 3.0, 2.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, and lasts this long, s."""
-SEEN, SEEN_M = 0.20, 4.5
 SURE = 0.9
-_ROTATION_RAD, _TRANSLATION_M = 1.2, (3.0, -2.0, 0.5)
-"""From the odometry's old frame to its new one, at each restart."""
 
 
-def _restarted(begins_s: Sequence[float]) -> Callable[[Samples], Samples]:
-    """The odometry is lost at each instant for `LASTS_S`, then starts again in a frame of its own."""
-
-    def inject(samples: Samples) -> Samples:
-        for s in samples:
-            if isinstance(s, Odometry) and s.topic != CAMERA_POSES:
-                since = [s.t_ns * 1e-9 - begin for begin in begins_s if s.t_ns * 1e-9 >= begin]
-                if since and since[-1] < LASTS_S:
-                    continue
-                rotation = Rotation.from_rotvec([0.0, 0.0, len(since) * _ROTATION_RAD])
-                q = rotation * Rotation.from_quat(s.q_world_frame, scalar_first=True)
-                s = replace(
-                    s, p_frame_in_world=rotation.apply(s.p_frame_in_world) + len(since) * np.array(_TRANSLATION_M),
-                    q_world_frame=q.as_quat(scalar_first=True),
-                )  # fmt: skip
-            yield s
-
-    return inject
-
-
-def _no_force(s: Insole) -> Insole:
-    return replace(s, force=np.zeros_like(s.force))
-
-
-def _upper_part(s: Depth) -> Depth:
-    """The camera is pitched too high: only the upper part of the depth image shows ground within range."""
-    ground = ((s.depth > 0.0) & (s.depth < SEEN_M)).sum(axis=1).cumsum()
-    depth = s.depth.copy()
-    depth[int(np.searchsorted(ground, SEEN * ground[-1])) :] = 0.0
-    return replace(s, depth=depth)
-
-
-def faults(mount: str, begins_s: Sequence[float]) -> dict[str, InjectedFault]:
+def faults(begins_s: Sequence[float]) -> dict[str, FaultCase]:
     """By name; temporary faults begin at these instants, s."""
-    off = tuple(
-        Dropout(topic=f"/{mount}/depth", at_s=at, duration_s=LASTS_S, name=f"off {k}") for k, at in enumerate(begins_s)
-    )
+    brief = [{"at_s": begin, "duration_s": LASTS_S, "name": f"at {begin:.3f} s"} for begin in begins_s]
+    frame = {"topic": "/poses", "yaw_deg": 68.755, "translation_m": [3, -2, 0.5]}
     return {
-        "none": InjectedFault(words="no fault"),
-        "odometry_lost": InjectedFault(
-            words=f"odometry lost for {LASTS_S:g} s, then in another frame", samples=_restarted(begins_s)
+        "none": FaultCase.of("no fault"),
+        "odometry_lost": FaultCase.of(
+            f"odometry lost for {LASTS_S:g} s, then in another frame",
+            *({"kind": "restart", **frame, **when} for when in brief),
         ),
-        "depth_off": InjectedFault(words=f"no depth for {LASTS_S:g} s", faults=off),
-        "insole_dead": InjectedFault(
-            words="left insole dead", samples=changed(_no_force, kinds=Insole, topic="/foot_l/insole")
+        "depth_off": FaultCase.of(
+            f"no depth for {LASTS_S:g} s", *({"kind": "dropout", "topic": "/*/depth", **when} for when in brief)
         ),
-        "looks_up": InjectedFault(
-            words=f"{SEEN:.0%} of the terrain in view, the farthest", samples=changed(_upper_part, kinds=Depth)
+        "insole_dead": FaultCase.of(
+            "left insole dead", {"kind": "dead_cell", "topic": "/foot_l/insole", "cell": "all", "at_s": 0}
+        ),
+        "looks_up": FaultCase.of(
+            "20% of the terrain in view, the farthest",
+            {"kind": "high_view", "topic": "/*/depth", "share": 0.2, "range_m": 4.5, "at_s": 0},
         ),
     }
 
 
-NAMES = {name: fault.words for name, fault in faults("head", ()).items()}
+CASES = faults(())
 _COLUMNS = (
     ("steps", 6, "{steps}"),
     ("correct %", 11, "{accuracy_pct:.1f}"),
@@ -113,15 +79,17 @@ def run_case(case: Case) -> dict[str, Any]:
         `seed`, `physics`, `mount`, `fell`, and `faults`: name to the rows of each walk.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in NAMES}
+    found: dict[str, list[dict[str, Any]]] = {name: [] for name in CASES}
     fell = []
     for scenario, recording, sole_m in stair_and_ramp(case, WALKS, mount, SENSORS):
-        poses = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
-        for name, fault in faults(mount, begins_s(recording)).items():
-            others = recording.samples([*INSOLES, depth_calibration(recording.rig).depth_topic])
-            samples = heapq.merge(poses, others, key=lambda s: s.t_ns)
-            arriving = fault.inject(samples, recording.rig, case.seed, recording.duration)
-            found[name].append(scored(predict(arriving, recording), recording, sole_m)["proposed"].rows())
+        feed = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
+        poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
+        topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
+        for name, fault in faults(begins_s(recording)).items():
+            plan = fault.plan(recording.rig, case.seed, recording.duration)
+            samples = merge_poses(restart_poses(poses, plan.pose_restarts), recording, topics, camera)
+            predictions = predict(plan.samples(samples), recording)
+            found[name].append(scored(predictions, recording, sole_m)["proposed"].rows())
         if fell_at_s(recording) is not None:
             fell.append(scenario)
     return case.row(mount=mount, fell=fell, faults=found)
@@ -136,7 +104,7 @@ def begins_s(recording: Recording) -> list[float]:
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over all walks."""
-    return by_fault(NAMES, results, lambda cases: _figures([row for rows in cases for row in rows]))
+    return by_fault(CASES, results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -164,5 +132,5 @@ def table(result: dict[str, Any]) -> list[str]:
     return [
         f"{len(result['cases'])} walks each of {' and '.join(WALKS)}; p: probability of the predicted mode",
         falls(result["cases"]),
-        *fault_table(NAMES, result["summary"], _COLUMNS, 46),
+        *fault_table(CASES, result["summary"], _COLUMNS, 46),
     ]

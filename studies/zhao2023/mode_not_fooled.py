@@ -6,26 +6,22 @@ of 4 cm. Seeds alternate between head and chest.
 
 from __future__ import annotations
 
+import heapq
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
-from stridetwin.outputs.chosen_poses import given_poses
 from stridetwin.outputs.modes.scores import ScoredMode
-from stridetwin.outputs.truth import TruePath
 from stridetwin.sim.config import Gait, Gaze, Level, Person, Route, Segment, Stairs, Thing, TwinConfig
+from stridetwin.sim.faults.injection import FaultPlan
 from stridetwin.sim.wearer.body import wearer
-from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Array, Depth
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import Samples
+from stridetwin.studies.fault_injection import FaultCase, Samples
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import falls, fell_at_s, recorded
 from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored
@@ -34,9 +30,7 @@ SEEDS = range(1000, 1004)
 KERB_M = 0.04
 STOP_M = 0.45
 """Distance at which the walker stops before the obstacle."""
-HOLES, MIRRORED = 0.30, 0.12
-"""Shares of a mirror-like floor without depth, and with the depth of its mirror image."""
-CEILING_M, BLOTCH_M = 2.4, 0.12
+_MIRROR = {"kind": "mirror_floor", "topic": "/*/depth", "at_s": 0, "holes": 0.3, "mirrored": 0.12}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,52 +42,14 @@ class Trap:
         segments: Terrain segments.
         things: Objects on the ground.
         bystanders: Number of people walking about.
-        inject: From a recording to the change of its samples.
+        faults: As in the key `faults` of a scenario file.
     """
 
     words: str
     segments: tuple[Segment, ...] = (Level(length_m=6.0),)
     things: tuple[Thing, ...] = ()
     bystanders: int = 0
-    inject: Callable[[Recording], Callable[[Samples], Samples]] = lambda recording: lambda samples: samples
-
-
-def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
-    """A floor at height 0 with mirror-like patches: without depth, or with that of the mirrored ceiling."""
-    camera = depth_calibration(recording.rig)
-    topic, frame = given_poses(recording, camera)
-    T_frame_camera = camera_in_frame(recording.rig, camera, frame)
-    truth = TruePath.of(recording.block(topic))
-    fu, fv, pu, pv = camera.intrinsics
-    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1)
-    shine = cv2.GaussianBlur(np.random.default_rng(7).standard_normal((256, 256)), (0, 0), 1.0)
-    low, high = np.quantile(shine, [MIRRORED, 1.0 - HOLES])
-
-    def seen(image: Depth) -> Depth:
-        T = _matrix(truth, image.t_ns) @ T_frame_camera
-        eye, ahead = T[:3, 3], rays @ T[:3, :3].T
-        floor = np.where(ahead[..., 2] < -0.05, eye[2] / -np.minimum(ahead[..., 2], -0.05), np.inf)
-        xy = (eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * ahead[..., :2]) / (0.5 * BLOTCH_M)
-        here = shine[tuple(np.moveaxis(np.floor(xy).astype(int) % 256, -1, 0))]
-        on_floor = np.abs(image.depth - floor) < 0.05 * floor
-        depth = np.where(on_floor & (here > high), 0.0, image.depth)
-        depth = np.where(on_floor & (here < low), image.depth * (eye[2] + CEILING_M) / eye[2], depth)
-        return replace(image, depth=np.where(depth > 6.0, 0.0, depth).astype(np.float32))
-
-    def inject(samples: Samples) -> Samples:
-        there = range(int(truth.t_ns[0]), int(truth.t_ns[-1]) + 1)
-        return (seen(s) if isinstance(s, Depth) and s.t_ns in there else s for s in samples)
-
-    return inject
-
-
-def _matrix(truth: TruePath, t_ns: int) -> Array:
-    at = truth.at(np.array([t_ns], np.int64))
-    T = np.eye(4)
-    T[:3, 3] = at.p_frame_in_world[0]
-    T[:3, :3] = Rotation.from_quat(at.q_world_frame[0], scalar_first=True).as_matrix()
-    return T
+    faults: tuple[Mapping[str, Any], ...] = ()
 
 
 TRAPS = {
@@ -117,7 +73,7 @@ TRAPS = {
     ),
     "wall": Trap(words="a wall at the end of the way", things=(Thing(kind="wall", at_m=6.0 + STOP_M),)),
     "leg": Trap(words="legs of four bystanders", bystanders=4),
-    "mirror": Trap(words="a floor that mirrors in blotches", inject=_mirror),
+    "mirror": Trap(words="a floor that mirrors in blotches", faults=(_MIRROR,)),
 }  # fmt: skip
 
 
@@ -140,7 +96,9 @@ def run_case(case: Case) -> dict[str, Any]:
             gait=Gait(gaze=Gaze(kind="terrain")),
         )  # fmt: skip
         with recorded(config, case, name) as recording:
-            predictions = predict(posed(recording, mount, "dvio", trap.inject(recording)), recording)
+            plan = FaultCase.of(trap.words, *trap.faults).plan(recording.rig, case.seed, recording.duration)
+            inject = partial(_inject, plan, recording.samples([f"/truth/{mount}/imu/odometry"]))
+            predictions = predict(posed(recording, mount, "dvio", inject), recording)
             rows = scored(predictions, recording, sole_m)
             if fell_at_s(recording) is not None:
                 fell.append(name)
@@ -148,6 +106,11 @@ def run_case(case: Case) -> dict[str, Any]:
             m: {"steps": rows[m].rows()["steps"], "alarms_pct": _alarms(predictions.estimates[m])} for m in METHODS
         }
     return case.row(mount=mount, fell=fell, traps=found)
+
+
+def _inject(plan: FaultPlan, truth: Samples, samples: Samples) -> Samples:
+    """The samples with the faults, some of which need the true path."""
+    return plan.samples(heapq.merge(truth, samples, key=lambda s: s.t_ns))
 
 
 def _alarms(estimates: list[ModeEstimate]) -> float:
@@ -190,7 +153,10 @@ def table(result: dict[str, Any]) -> list[str]:
     """Predicted modes by trap, as lines of text; every true one is LG."""
     ours, published = (result["summary"][m] for m in METHODS)
     rows = [
-        (trap.words, {**ours[name], "none": ours[name]["predicted"][""], "published": published[name]["accuracy_pct"]})
+        (
+            trap.words,
+            {**ours[name], "none": ours[name]["predicted"][""], "published": published[name]["accuracy_pct"]},
+        )
         for name, trap in TRAPS.items()
     ]
     return [

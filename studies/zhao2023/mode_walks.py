@@ -239,7 +239,7 @@ def predict(
                 frame_ms[method].append(own)
             if estimate is not None:
                 estimates[method].append(estimate)
-    return Predictions(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses), camera=camera)
+    return Predictions(estimates=estimates, frame_ms=frame_ms, path=trajectory(poses), camera=camera)
 
 
 def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
@@ -293,7 +293,8 @@ def posed(
             yield sample
 
 
-def _trajectory(path: list[Odometry]) -> Trajectory:
+def trajectory(path: list[Odometry]) -> Trajectory:
+    """The path of samples in time order."""
     return Trajectory(
         t_ns=np.array([o.t_ns for o in path], np.int64),
         p_frame_in_world=np.array([o.p_frame_in_world for o in path]),
