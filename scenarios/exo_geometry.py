@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,8 +23,8 @@ from stridetwin.estimators.contact_terrain.geometry import (
     parse_exoskeleton,
     to_text,
 )
-from stridetwin.sim.faults.calibration_faults import NominalLinks
 from stridetwin.sim.faults.faults import Fault
+from stridetwin.sim.faults.miscalibration import Miscalibration
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
 from stridetwin.streams.errors import StrideTwinError
@@ -108,13 +109,13 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
         size: The wearer.
         rig: Nominal calibration; errors of the AHRS mounts pass on to the geometry.
         seed: Of the walk.
-        faults: Those of the walk; `NominalLinks` among them apply.
+        faults: Those of the walk; errors of links among them apply.
     """
     exo = measured(geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
     legs = dict(exo.legs)
     for fault in faults:
         for side, leg in legs.items():
-            if isinstance(fault, NominalLinks) and fault.concerns(leg.knee.topic):
+            if isinstance(fault, Miscalibration) and fnmatchcase(leg.knee.topic, fault.topic):
                 rows = list(leg.rows)
                 for i, error_m in ((_THIGH, fault.thigh_m), (_KNEE, fault.shank_m)):
                     rows[i] = replace(rows[i], a=rows[i].a + error_m)

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.metadata import fault_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
-from stridetwin.sim.faults.faults import check_times
-from stridetwin.sim.faults.injection import FaultPlan
+from stridetwin.sim.faults.faults import FaultPlan, check_times
 from stridetwin.sim.wearer.anthropometry import anthropometry
 from stridetwin.streams.errors import needing
-from stridetwin.streams.pose_restart import restart_metadata
 from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Block, Sample
 from stridetwin.streams.terrain_truth import terrain_metadata
@@ -70,7 +68,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
     else:
         metadata["fell_at_s"] = f"{twin.fell_at:g}"
     if plan.planned:
-        metadata |= fault_metadata(plan.planned) | restart_metadata(plan.pose_restarts)
+        metadata |= fault_metadata(plan.planned)
     with RecordingWriter(path, plan.rig, metadata) as writer:
         for arrival in plan.arrivals(_with_progress(twin, progress)):
             writer.write(arrival.item, arrival.log_ns)

@@ -72,7 +72,8 @@ def _data() -> dict[str, Path]:
 def _imported(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
-    A package counts if something is imported from it, not if it is only part of the path to a module.
+    A YAML file of the same name beside a module counts, too. A package counts if something is imported from it, not if
+    it is only part of the path to a module.
     """
     found: dict[str, Path] = {}
     left = [module]
@@ -81,6 +82,7 @@ def _imported(module: str) -> dict[str, Path]:
         file = None if name in found else _file(name)
         if file is not None:
             found[name] = file
+            found |= {f"{name}.yaml": data for data in [file.with_suffix(".yaml")] if data.is_file()}
             left += _imports(file.read_bytes())
     return found
 

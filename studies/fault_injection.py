@@ -1,17 +1,22 @@
-"""Fault studies: a recorded walk is replayed once per fault, and a table has one line per fault."""
+"""Fault studies: a recorded walk is replayed once per fault, and a table has one line per fault.
+
+A study's faults are in a YAML file beside its module: name to `label` and `faults`, as in a scenario file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from pathlib import Path
+from typing import Annotated, Any
 
 from stridetwin.scenarios.scenario_model import FaultList
-from stridetwin.sim.faults.faults import Fault, check_faults
-from stridetwin.sim.faults.injection import FaultPlan
+from stridetwin.sim.faults.faults import Fault, FaultPlan, check_faults
+from stridetwin.streams.fields import ReadAs, text
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.tables import Column, table_lines
 
 Samples = Iterator[Sample]
@@ -21,13 +26,8 @@ Samples = Iterator[Sample]
 class FaultCase:
     """One line of a study's table: its label, and the faults that are injected together."""
 
-    label: str
-    faults: tuple[Fault, ...]
-
-    @classmethod
-    def of(cls, label: str, *entries: Mapping[str, Any]) -> Self:
-        """A case with faults as in the key `faults` of a scenario file."""
-        return cls(label=label, faults=validated(FaultList, entries, label))
+    label: Annotated[str, text()]
+    faults: Annotated[tuple[Fault, ...], ReadAs(FaultList)] = ()
 
     def plan(self, rig: Rig, seed: int, duration_s: float) -> FaultPlan:
         """The faults in a walk.
@@ -37,6 +37,12 @@ class FaultCase:
         """
         check_faults(self.label, self.faults, rig)
         return FaultPlan.of(self.faults, rig, seed, duration_s)
+
+
+def read_cases(module: str) -> dict[str, FaultCase]:
+    """The fault cases of a study, by name, from the YAML file beside its module (`__file__`)."""
+    path = Path(module).with_suffix(".yaml")
+    return validated(dict[str, FaultCase], read_yaml(path), path)
 
 
 def by_fault(

@@ -15,13 +15,13 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from itertools import groupby
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import DEG, MM, number, text
-from stridetwin.streams.rig import Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor, Rig
 from stridetwin.streams.samples import (
     Actuator,
     Ahrs,
@@ -41,6 +41,7 @@ NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
 IMAGES = (Image, Depth)
 POSES = "/poses"
 """Stream of an odometry's poses on their way to estimators of terrain and modes; `estimators.base.POSES`."""
+C = TypeVar("C", ImuCalibration, CameraCalibration, OtherSensor)
 _LONGEST_S = 36_000
 
 
@@ -188,9 +189,9 @@ class Fault:
         """Whether it applies to a stream, if its topic matches."""
         return stream.kind in self.fits
 
-    def concerns(self, topic: str) -> bool:
-        """Whether a topic matches the fault's topic or pattern."""
-        return fnmatchcase(topic, self.topic)
+    def calibrate(self, sensor: C) -> C:
+        """The nominal calibration of one of its sensors, given the one without this fault."""
+        return sensor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,10 +286,9 @@ def _streams(rig: Rig) -> Iterator[Stream]:
         yield Stream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
 
 
-def affected(fault: Fault, rig: Rig) -> list[Stream]:
-    """The streams of a rig that a fault acts on."""
+def _affected(fault: Fault, rig: Rig) -> list[Stream]:
     streams = [s for s in _streams(rig) if fault.suits(s)]
-    named = [s for s in streams if fault.concerns(s.topic)]
+    named = [s for s in streams if fnmatchcase(s.topic, fault.topic)]
     if isinstance(fault, LooseStrap):
         cases = {s.housing for s in named}
         return [s for s in streams if s.housing in cases]
@@ -303,7 +303,7 @@ def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
     """
     names: list[str] = []
     for i, fault in enumerate(faults):
-        if not affected(fault, rig):
+        if not _affected(fault, rig):
             valid = ", ".join(sorted(s.topic for s in _streams(rig) if fault.suits(s)))
             raise ConfigError(source, f"faults[{i}].topic", fault.topic, f"{valid or 'none here'} ({fault.kind}), or *")
         if fault.own_name in names:
@@ -334,7 +334,7 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
     planned: list[tuple[Fault, Events]] = []
     for fault in faults:
         events: dict[str, EventsOfTopic] = {}
-        for stream in affected(fault, rig):
+        for stream in _affected(fault, rig):
             place = getattr(stream, fault.common_to)
             key = (_FAULTS, zlib.crc32(fault.own_name.encode()), zlib.crc32(place.encode()))
             own = tuple(_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
@@ -342,6 +342,40 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
                 events[stream.topic] = own
         planned.append((fault, events))
     return planned
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FaultPlan:
+    """All faults of one walk, ready to be injected: by the recorder, or into a recording that is replayed.
+
+    Attributes:
+        rig: The nominal calibration with the errors that the faults add to it.
+        planned: Each fault with its events by topic.
+    """
+
+    rig: Rig
+    planned: Sequence[tuple[Fault, Events]]
+
+    @classmethod
+    def of(cls, faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> Self:
+        """The plan for a walk of `duration_s` with a seed and the nominal calibration without these faults."""
+        planned = plan_faults(faults, rig, seed, duration_s)
+        for fault, events in planned:
+            sensors = {
+                group: {t: fault.calibrate(c) if t in events else c for t, c in getattr(rig, group).items()}
+                for group in ("imus", "cameras", "others")
+            }
+            rig = replace(rig, **sensors)
+        return cls(rig=rig, planned=planned)
+
+    def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Arrival]:
+        """Items that arrive at the recorder, given those that the sensors sent."""
+        return arrivals(items, self.planned)
+
+    def samples(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Sample]:
+        """Single samples that arrive at an estimator, in order of arrival, given those that the sensors sent."""
+        for arrival in self.arrivals(items):
+            yield from arrival.item if isinstance(arrival.item, Block) else (arrival.item,)
 
 
 def _events(fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_ns: int, rig: Rig) -> Iterator[Event]:

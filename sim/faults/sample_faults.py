@@ -1,4 +1,4 @@
-"""Faults of any stream and its values: lost, late, repeated, exchanged, frozen, NaN and clipped samples."""
+"""Faults of any stream and its values: lost, late, repeated, exchanged, frozen, NaN, clipped and shifted samples."""
 
 from __future__ import annotations
 
@@ -8,43 +8,35 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Memory, Stream, StreamFault, at
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.fields import DEG, flag, number, words
-from stridetwin.streams.samples import Array, Imu, Insole, Interaction
+from stridetwin.streams.samples import Ahrs, Array, Encoder, Imu, Insole, Interaction, Odometry
 
 RateRange = Annotated[float | None, number(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
+_Length = Annotated[float, number(-1000, 1000)]
 ForceRange = Annotated[float | None, number(0.1, 10_000)]
 CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dropout(StreamFault):
-    """Samples that never arrive."""
-
-    kind = "dropout"
-
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """Nothing."""
-        return ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Loss(StreamFault):
-    """Single samples that never arrive, at random; colour and depth of one frame are lost together.
+    """Samples that never arrive; those of one housing and instant, such as colour and depth, are lost together.
 
     Attributes:
-        share: Lost share of the samples.
+        share: Lost share of the samples, at random.
     """
 
-    kind = "loss"
+    kind = "dropout"
     common_to = "housing"
-    share: Annotated[float, number(0.001, 1)] = 0.1
+    share: Annotated[float, number(0.001, 1)] = 1.0
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample, or nothing."""
-        return () if event.rng(arrival.taken_ns).random() < self.share else (arrival,)
+        is_lost = self.share == 1.0 or event.rng(arrival.taken_ns).random() < self.share
+        return () if is_lost else (arrival,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +159,7 @@ class ClockJump(StreamFault):
 
 @dataclass(frozen=True, kw_only=True)
 class Saturation(StreamFault):
-    """A range that is smaller than the part's; the calibration does not say so (`NominalRange` does).
+    """A range that is smaller than the part's; `Miscalibration` lets the calibration say so.
 
     Attributes:
         fraction: Clipping level, as a share of the part's full scale, where no other level is given.
@@ -182,18 +174,70 @@ class Saturation(StreamFault):
     accelerometer_mps2: ForceRange = None
 
     def suits(self, stream: Stream) -> bool:
-        """Whether the full scale of the part is known, or the levels are those of an IMU."""
-        return stream.kind in self.fits and (stream.kind is Imu if self._levels else bool(full_scales(stream.part)))
-
-    @property
-    def _levels(self) -> dict[str, float]:
-        levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
-        return {name: level for name, level in levels.items() if level is not None}
+        """Whether the full scale of the part is known."""
+        return stream.kind in self.fits and bool(full_scales(stream.part))
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with clipped values."""
-        limits = self._levels or {name: self.fraction * scale for name, scale in full_scales(event.part).items()}
+        scales = full_scales(event.part)
+        levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
+        limits = {n: level for n, level in levels.items() if n in scales and level is not None}
+        limits = limits or {n: self.fraction * scale for n, scale in scales.items()}
         return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset(StreamFault):
+    """Values that are off, by more and more if they drift: insoles, angles of encoders, and headings of AHRSs.
+
+    Attributes:
+        offset_n: Offset of each cell of an insole when the event begins.
+        drift_n_per_s: Change of that offset.
+        offset_rad: Offset of an encoder's angle (flexion positive) or of an AHRS's heading (left positive).
+        drift_rad_s: Change of that offset.
+        drift_s: Time for which the offset drifts; it then stays.
+    """
+
+    kind = "offset"
+    fits = (Insole, Encoder, Ahrs)
+    offset_n: Annotated[float, number(-1000, 1000)] = 0.0
+    drift_n_per_s: Annotated[float, number(-1000, 1000)] = 0.0
+    offset_rad: Annotated[float, number(-180, 180, key="offset_deg", scale=DEG)] = 0.0
+    drift_rad_s: Annotated[float, number(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
+    drift_s: Annotated[float, number(0, 36_000)] = 36_000.0
+
+    def suits(self, stream: Stream) -> bool:
+        """Whether all offsets have the unit of the stream."""
+        others = (self.offset_rad, self.drift_rad_s) if stream.kind is Insole else (self.offset_n, self.drift_n_per_s)
+        return stream.kind in self.fits and not any(others)
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with the offset."""
+        item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
+        if isinstance(item, Insole):
+            return (arrival.but(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
+        angle = self.offset_rad + self.drift_rad_s * since_s
+        if isinstance(item, Ahrs):
+            q = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(item.q_world_sensor, scalar_first=True)
+            return (arrival.but(q_world_sensor=q.as_quat(scalar_first=True)),)
+        return (arrival.but(angle=item.angle + angle),) if isinstance(item, Encoder) else (arrival,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restart(StreamFault):
+    """An odometry that is lost during the event, and then starts again in another frame, permanently.
+
+    It acts when a recording is replayed (`streams.pose_restart`); a twin has no estimated poses.
+
+    Attributes:
+        yaw_rad: Rotation about the vertical from the old frame to the new one.
+        translation_m: Translation from the old frame to the new one, after the rotation.
+    """
+
+    kind = "restart"
+    fits = (Odometry,)
+    yaw_rad: Annotated[float, number(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
+    translation_m: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

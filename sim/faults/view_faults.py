@@ -24,6 +24,7 @@ from stridetwin.streams.samples import Array, Depth, Odometry
 _SLIM, _WAY = 0.5, 0.3  # a person's half width over half height; amplitude of the motion over the image's width
 _ROUND_M = 0.12  # depth of a body, from its middle to its outline
 _FLAT = 0.05  # share of its distance within which a depth pixel belongs to the floor
+_MEMORY = 1000  # true poses that are kept: 5 s, more than a chunk of the twin
 _LONGEST_M = 6.0  # beyond which the mirror image has no depth
 
 
@@ -47,8 +48,7 @@ class DepthNoise(StreamFault):
         """The depth image with added noise; pixels without depth stay without."""
         camera = part_described_by(event.part)
         assert isinstance(camera, RgbdPart)
-        assert isinstance(arrival.item, Depth)
-        depth, alike = arrival.item.depth, camera.depth.noise_px
+        depth, alike = image_of(arrival)[1], camera.depth.noise_px
         height, width = depth.shape
         coarse = (round(height / alike) + 1, round(width / alike) + 1)
         noise = event.rng(arrival.taken_ns).standard_normal(coarse, np.float32)
@@ -73,8 +73,7 @@ class HighView(StreamFault):
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The depth image without its lower rows."""
-        assert isinstance(arrival.item, Depth)
-        depth = arrival.item.depth.copy()
+        depth = image_of(arrival)[1].copy()
         ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
         depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
         return (arrival.but(depth=depth),)
@@ -105,24 +104,19 @@ class PasserBy(StreamFault):
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
         out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2
-        if is_depth(image):
-            person = (self.distance_m + _ROUND_M * out).astype(np.float32)
-        else:
-            person = np.roll(_clothes(event, image.shape), aside, axis=1)
+        clothes = np.roll(_clothes(event, image.shape), aside, axis=1)
+        person = (self.distance_m + _ROUND_M * out).astype(np.float32) if is_depth(image) else clothes
         cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))
         return (arrival.but(**{name: np.where(cover, person, image)}),)
 
 
 @lru_cache(maxsize=16)
 def _clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Coloured fields with finer patches on them."""
-    (height, width, *channels), rng = shape, event.rng()
-    fields, patches = (
-        cv2.resize(
-            rng.integers(*tones, (*cells, *channels), np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
-        )
-        for tones, cells in (((60, 180), (8, 8)), ((0, 75), (height // 6 + 1, width // 6 + 1)))
-    )
+    """Coloured patches on coloured fields."""
+    height, width, *channels = shape
+    cells = ((8, 8), (height // 6 + 1, width // 6 + 1))
+    coarse, fine = (event.rng().integers(30, 120, (*grid, *channels), np.uint8) for grid in cells)
+    fields, patches = (cv2.resize(x, (width, height), interpolation=cv2.INTER_NEAREST) for x in (coarse, fine))
     return np.asarray(fields + patches, np.uint8)
 
 
@@ -130,7 +124,7 @@ def _clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 class MirrorFloor(StreamFault):
     """A level floor at height 0 that mirrors in blotches: there depth is missing, or that of the mirrored ceiling.
 
-    It needs the true path of the camera's IMU, before each image or with its chunk.
+    It needs the true path of the camera's IMU among the items, before each image or with its chunk.
 
     Attributes:
         holes: Share of the floor without depth.
@@ -151,31 +145,28 @@ class MirrorFloor(StreamFault):
         return f"/truth{_camera(event).imu_topic}/odometry"
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `StreamFault.through`; images without a true pose before them pass unchanged."""
-        truth: list[Odometry] = memory.setdefault("truth", [])
+        """As `StreamFault.through`; images without a true pose pass unchanged."""
         for arrival in stream:
-            while len(truth) > 1 and truth[1].t_ns <= arrival.taken_ns:
-                truth.pop(0)
-            event = at(events, arrival)
-            if event is None or not truth or truth[0].t_ns > arrival.taken_ns:
+            event, truth = at(events, arrival), memory.get("truth")
+            if event is None or not truth:
                 yield arrival
-            else:
-                assert isinstance(arrival.item, Depth)
-                T_world_imu = _extrapolate(truth[0], 1e-9 * (arrival.taken_ns - truth[0].t_ns))
-                yield arrival.but(depth=self._mirror(arrival.item.depth, T_world_imu, event))
+                continue
+            del truth[:-_MEMORY]
+            pose = min(truth, key=lambda s: abs(s.t_ns - arrival.taken_ns))
+            yield arrival.but(depth=self._mirror(image_of(arrival)[1], pose, event))
 
-    def _mirror(self, depth: NDArray[np.float32], T_world_imu: Array, event: Event) -> NDArray[np.float32]:
+    def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
         camera = _camera(event)
-        T_body_imu = event.rig.imu(camera.imu_topic).mount.T_body_sensor
-        T = T_world_imu @ np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor
-        eye, ahead = T[:3, 3], _rays(camera.width, camera.height, camera.intrinsics) @ T[:3, :3].T
-        floor = np.where(ahead[..., 2] < -_FLAT, eye[2] / -np.minimum(ahead[..., 2], -_FLAT), np.inf)
-        xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * ahead[..., :2]
-        shine = _shine(event)
-        cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(shine)
-        rank, on_floor = shine[cells[..., 0], cells[..., 1]], np.abs(depth - floor) < _FLAT * floor
-        depth = np.where(on_floor & (rank > 1.0 - self.holes), 0.0, depth)
-        depth = np.where(on_floor & (rank < self.mirrored), depth * (eye[2] + self.ceiling_m) / eye[2], depth)
+        T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
+        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
+        eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
+        floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
+        xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
+        ranks = _shine(event)
+        cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(ranks)
+        rank, on_floor = ranks[cells[..., 0], cells[..., 1]], np.abs(depth - floor) < _FLAT * floor
+        mirrored = depth * (eye[2] + self.ceiling_m) / eye[2]
+        depth = np.select([on_floor & (rank > 1 - self.holes), on_floor & (rank < self.mirrored)], [0, mirrored], depth)
         return np.where(depth > _LONGEST_M, 0.0, depth).astype(np.float32)
 
 
@@ -183,21 +174,11 @@ def _camera(event: Event) -> CameraCalibration:
     return next(c for c in event.rig.cameras.values() if c.depth_topic == event.topic)
 
 
-def _extrapolate(pose: Odometry, dt_s: float) -> Array:
-    """(4, 4) pose a moment after a true one."""
-    T = np.eye(4)
-    rotation = Rotation.from_quat(pose.q_world_frame, scalar_first=True)
-    T[:3, :3] = (rotation * Rotation.from_rotvec(dt_s * pose.angular_rate)).as_matrix()
-    T[:3, 3] = pose.p_frame_in_world + dt_s * pose.v_frame_in_world
-    return T
-
-
 @lru_cache(maxsize=4)
-def _rays(width: int, height: int, intrinsics: tuple[float, float, float, float]) -> Array:
+def _rays(camera: CameraCalibration) -> Array:
     """(H, W, 3) ray of each pixel in the optical frame, of depth 1."""
-    fu, fv, pu, pv = intrinsics
-    u, v = np.meshgrid(np.arange(width), np.arange(height))
-    return np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1)
+    v, u = np.mgrid[: camera.height, : camera.width]
+    return np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T
 
 
 @lru_cache(maxsize=4)

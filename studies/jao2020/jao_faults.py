@@ -15,42 +15,14 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Imu
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table
+from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table, read_cases
 from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
 from stridetwin.studies.walks import RecordedWalk, recorded_walk
 
 SCENARIO = "jao_straight_53m"
 SEEDS = range(1000, 1003)
 _OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
-_ALWAYS, _LATER = {"at_s": 0}, {"at_s": 20}
-_CAMERAS = {"topic": "/foot_?/camera"}
-_RANGE = {"topic": "/foot_?/imu", "accelerometer_mps2": 25}  # half the range of the ADIS16485's accelerometer
-FAULTS = {
-    "none": FaultCase.of("no fault"),
-    "camera_covered": FaultCase.of(
-        "left camera covered", {"kind": "occlusion", "topic": "/foot_l/camera", "share": 1, **_ALWAYS}
-    ),
-    "half_seen": FaultCase.of("half of each image covered", {"kind": "occlusion", "share": 0.5, **_CAMERAS, **_ALWAYS}),
-    "lost_10s": FaultCase.of("no image for 10 s", {"kind": "dropout", "duration_s": 10, **_CAMERAS, **_LATER}),
-    "strikes_clip": FaultCase.of(
-        "heel strikes saturate the accelerometers",
-        {"kind": "saturation", **_RANGE, **_ALWAYS},
-        {"kind": "nominal_range", **_RANGE},
-    ),
-    "imu_dead": FaultCase.of("right IMU dead from 20 s on", {"kind": "dropout", "topic": "/foot_r/imu", **_LATER}),
-    "clock_10ms": FaultCase.of(
-        "cameras' stamps 10 ms late", {"kind": "clock_jump", "jump_s": 0.01, **_CAMERAS, **_ALWAYS}
-    ),
-    "turned_2deg": FaultCase.of(
-        "camera mounts 2° off in the calibration", {"kind": "nominal_mount", "rotation_deg": [2, 0, 0], **_CAMERAS}
-    ),
-    "shifted_5mm": FaultCase.of(
-        "camera mounts 5 mm off in the calibration", {"kind": "nominal_mount", "translation_mm": [5, 0, 0], **_CAMERAS}
-    ),
-    "shoes_exchanged": FaultCase.of("left and right exchanged", {"kind": "exchange", "topic": "/foot_?/*", **_ALWAYS}),
-    "cameras_exchanged": FaultCase.of("cameras exchanged", {"kind": "exchange", **_CAMERAS, **_ALWAYS}),
-    "imus_exchanged": FaultCase.of("IMUs exchanged", {"kind": "exchange", "topic": "/foot_?/imu", **_ALWAYS}),
-}
+FAULTS = read_cases(__file__)
 _COLUMNS = (
     ("covered %", 18, "{coverage_pct:.0f}"),
     ("end error m", 18, "{end_error_m:.3f}"),

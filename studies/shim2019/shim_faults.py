@@ -19,57 +19,13 @@ from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.samples import Footprint, Sample
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table
+from stridetwin.studies.fault_injection import by_fault, fault_table, read_cases
 from stridetwin.studies.shim2019.shim_table5 import SENSORS, subject, walked
 from stridetwin.studies.walks import falls
 
 WALKS = ("shim_stairs", "shim_ramp_6")
 SEEDS = range(1000, 1007)
-_ALWAYS, _LATER = {"at_s": 0}, {"at_s": 6}
-"""From the start, or from the approach to stair or ramp on."""
-_LEFT, _KNEE = {"topic": "/foot_l/insole"}, {"topic": "/exo/knee_l/encoder"}
-_YAW_DRIFT = {"back": 1.0, "thigh_l": -1.0, "thigh_r": 0.6, "foot_l": 0.8, "foot_r": -0.8}
-"""Degrees per minute: ten times the paper's, different for each AHRS."""
-FAULTS = {
-    "none": FaultCase.of("no fault"),
-    "heel_dead": FaultCase.of(
-        "heel cell of the left insole dead", {"kind": "dead_cell", "cell": "heel", **_LEFT, **_ALWAYS}
-    ),
-    "toe_stuck": FaultCase.of(
-        "toe cell of the left insole stuck", {"kind": "dead_cell", "cell": "toe", "stuck": True, **_LEFT, **_LATER}
-    ),
-    "insole_drift": FaultCase.of(
-        "left insole drifts 3 N/s, up to 60 N",
-        {"kind": "insole_offset", "drift_n_per_s": 3, "max_offset_n": 60, **_LEFT, **_ALWAYS},
-    ),
-    "insole_low": FaultCase.of(
-        "left insole's zero 3 N low", {"kind": "insole_offset", "offset_n": -3, **_LEFT, **_ALWAYS}
-    ),
-    "encoder_offset": FaultCase.of(
-        "left encoder 2° off", {"kind": "encoder_offset", "offset_deg": 2, **_KNEE, **_ALWAYS}
-    ),
-    "encoder_slip": FaultCase.of(
-        "left encoder slips 2° on the way", {"kind": "encoder_offset", "offset_deg": 2, **_KNEE, **_LATER}
-    ),
-    "yaw_drift": FaultCase.of(
-        "AHRS yaw drifts 1°/min",
-        *(
-            {"kind": "yaw_drift", "topic": f"/exo/{place}/ahrs", "rate_deg_per_min": rate, **_ALWAYS}
-            for place, rate in _YAW_DRIFT.items()
-        ),
-    ),
-    "mount_2deg": FaultCase.of(
-        "left foot's AHRS mount 2° off in the geometry",
-        {"kind": "nominal_mount", "topic": "/exo/foot_l/ahrs", "rotation_deg": [0, 2, 0]},
-    ),
-    "ahrs_dead": FaultCase.of("left thigh's AHRS dead", {"kind": "dropout", "topic": "/exo/thigh_l/ahrs", **_LATER}),
-    "link_10mm": FaultCase.of(
-        "left thigh 10 mm too long in the geometry", {"kind": "nominal_links", "thigh_mm": 10, **_KNEE}
-    ),
-    "lost_5pct": FaultCase.of("5 % of all packets lost", {"kind": "loss", "topic": "*", "share": 0.05, **_ALWAYS}),
-    "shuffle": FaultCase.of("shuffling gait"),
-    "mode_1": FaultCase.of("actuation modules of mode 1"),
-}
+FAULTS = read_cases(__file__)
 
 
 def walk_of(name: str, config: TwinConfig) -> TwinConfig:

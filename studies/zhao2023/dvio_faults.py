@@ -11,7 +11,7 @@ from typing import Any
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table
+from stridetwin.studies.fault_injection import by_fault, fault_table, read_cases
 from stridetwin.studies.walks import recorded
 from stridetwin.studies.zhao2023.odometry_walks import (
     FIGURES,
@@ -29,41 +29,7 @@ from stridetwin.studies.zhao2023.odometry_walks import (
 SCENARIO, MOUNT = "zhao_loop", "head"
 SEEDS = range(1000, 1003)
 DRIFT_RATIO = 3.0
-_BRIEF = {"at_s": 20}
-_ALWAYS = {"at_s": 0}
-_RANGE = {"topic": "/head/imu", "gyroscope_deg_s": 34.377, "accelerometer_mps2": 10}  # exceeded by turns and steps
-FAULTS = {
-    "none": FaultCase.of("no fault"),
-    "depth_noise": FaultCase.of(
-        "three times the noise of depth", {"kind": "depth_noise", "topic": "/head/depth", "factor": 3, **_ALWAYS}
-    ),
-    "depth_off_5s": FaultCase.of(
-        "no depth for 5 s", {"kind": "dropout", "topic": "/head/depth", "duration_s": 5, **_BRIEF}
-    ),
-    "covered_2s": FaultCase.of(
-        "camera covered for 2 s", {"kind": "occlusion", "topic": "/head/*", "duration_s": 2, "share": 1, **_BRIEF}
-    ),
-    "frames_dropped": FaultCase.of(
-        "20 % of the frames lost", {"kind": "loss", "topic": "/head/[cd]*", "share": 0.2, **_ALWAYS}
-    ),
-    "person": FaultCase.of(
-        "a person in 30 % of the view, 20 s",
-        {"kind": "passer_by", "topic": "/head/*", "at_s": 10, "duration_s": 20, "share": 0.3},
-    ),
-    "imu_clips": FaultCase.of(
-        "IMU clips at every step and turn",
-        {"kind": "saturation", **_RANGE, **_ALWAYS},
-        {"kind": "nominal_range", **_RANGE},
-    ),
-    "turned_2deg": FaultCase.of(
-        "camera mount 2° off in the calibration",
-        {"kind": "nominal_mount", "topic": "/head/color", "rotation_deg": [1.1547, 1.1547, 1.1547]},
-    ),
-    "clock_10ms": FaultCase.of(
-        "camera clock 10 ms off in the calibration",
-        {"kind": "nominal_clock", "topic": "/head/color", "offset_s": 0.01},
-    ),
-}
+FAULTS = read_cases(__file__)
 _COLUMNS = (
     ("loop drift m", 14, "{loop_drift_m:.3f}"),
     ("APE m", 9, "{ape_rmse_m:.3f}"),

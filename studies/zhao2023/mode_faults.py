@@ -7,6 +7,7 @@ before each first step up and down, when the terrain change should be detected.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -18,45 +19,23 @@ from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.modes.scores import ModeScores, mode_figures
 from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.truth import true_footprints
+from stridetwin.scenarios.metadata import fault_metadata
 from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Odometry
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table
+from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table, read_cases
 from stridetwin.studies.walks import falls, fell_at_s
 from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp, trajectory
 
 WALKS = ("zhao_stair_15cm", "zhao_ramp_11_8")
 SEEDS = range(1000, 1004)
-BEFORE_S, LASTS_S = 3.0, 2.0
-"""A temporary fault begins this long before a foot first lands beyond a terrain change, and lasts this long, s."""
+BEFORE_S = 3.0
+"""A temporary fault begins this long before a foot first lands beyond a terrain change, s."""
 SURE = 0.9
 
 
-def faults(begins_s: Sequence[float]) -> dict[str, FaultCase]:
-    """By name; temporary faults begin at these instants, s."""
-    brief = [{"at_s": begin, "duration_s": LASTS_S, "name": f"at {begin:.3f} s"} for begin in begins_s]
-    frame = {"topic": "/poses", "yaw_deg": 68.755, "translation_m": [3, -2, 0.5]}
-    return {
-        "none": FaultCase.of("no fault"),
-        "odometry_lost": FaultCase.of(
-            f"odometry lost for {LASTS_S:g} s, then in another frame",
-            *({"kind": "restart", **frame, **when} for when in brief),
-        ),
-        "depth_off": FaultCase.of(
-            f"no depth for {LASTS_S:g} s", *({"kind": "dropout", "topic": "/*/depth", **when} for when in brief)
-        ),
-        "insole_dead": FaultCase.of(
-            "left insole dead", {"kind": "dead_cell", "topic": "/foot_l/insole", "cell": "all", "at_s": 0}
-        ),
-        "looks_up": FaultCase.of(
-            "20% of the terrain in view, the farthest",
-            {"kind": "high_view", "topic": "/*/depth", "share": 0.2, "range_m": 4.5, "at_s": 0},
-        ),
-    }
-
-
-CASES = faults(())
+FAULTS = read_cases(__file__)
 _COLUMNS = (
     ("steps", 6, "{steps}"),
     ("correct %", 11, "{accuracy_pct:.1f}"),
@@ -79,20 +58,30 @@ def run_case(case: Case) -> dict[str, Any]:
         `seed`, `physics`, `mount`, `fell`, and `faults`: name to the rows of each walk.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in CASES}
+    found: dict[str, list[dict[str, Any]]] = {name: [] for name in FAULTS}
     fell = []
     for scenario, recording, sole_m in stair_and_ramp(case, WALKS, mount, SENSORS):
         feed = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
         poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
         topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
-        for name, fault in faults(begins_s(recording)).items():
-            plan = fault.plan(recording.rig, case.seed, recording.duration)
-            samples = merge_poses(restart_poses(poses, plan.pose_restarts), recording, topics, camera)
+        for name, fault in FAULTS.items():
+            plan = repeat(fault, begins_s(recording)).plan(recording.rig, case.seed, recording.duration)
+            samples = merge_poses(restart_poses(poses, fault_metadata(plan.planned)), recording, topics, camera)
             predictions = predict(plan.samples(samples), recording)
             found[name].append(scored(predictions, recording, sole_m)["proposed"].rows())
         if fell_at_s(recording) is not None:
             fell.append(scenario)
     return case.row(mount=mount, fell=fell, faults=found)
+
+
+def repeat(case: FaultCase, begins_s: Sequence[float]) -> FaultCase:
+    """The case with its temporary faults at each of these instants, s."""
+    faults = [
+        replace(fault, at_s=begin_s, name=f"{fault.own_name} {begin_s:.3f}") if fault.duration_s else fault
+        for fault in case.faults
+        for begin_s in (begins_s if fault.duration_s else [0.0])
+    ]
+    return replace(case, faults=tuple(faults))
 
 
 def begins_s(recording: Recording) -> list[float]:
@@ -104,7 +93,7 @@ def begins_s(recording: Recording) -> list[float]:
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over all walks."""
-    return by_fault(CASES, results, lambda cases: _figures([row for rows in cases for row in rows]))
+    return by_fault(FAULTS, results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -132,5 +121,5 @@ def table(result: dict[str, Any]) -> list[str]:
     return [
         f"{len(result['cases'])} walks each of {' and '.join(WALKS)}; p: probability of the predicted mode",
         falls(result["cases"]),
-        *fault_table(CASES, result["summary"], _COLUMNS, 46),
+        *fault_table(FAULTS, result["summary"], _COLUMNS, 46),
     ]
