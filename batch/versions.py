@@ -104,8 +104,9 @@ def _data() -> dict[str, Path]:
 def _imported(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
-    A package counts if something is imported from it, not if it is only part of the path to a module. A registry counts
-    as an import of everything in its package, because it loads modules by entry points.
+    A YAML file of the same name beside a module counts, too. A package counts if something is imported from it, not if
+    it is only part of the path to a module. A registry counts as an import of everything in its package, because it
+    loads modules by entry points.
     """
     files: dict[str, Path] = {}
     remaining = [module]
@@ -114,6 +115,7 @@ def _imported(module: str) -> dict[str, Path]:
         file = None if name in files else _file(name)
         if file is not None:
             files[name] = file
+            files |= {f"{name}.yaml": data for data in [file.with_suffix(".yaml")] if data.is_file()}
             remaining += _imports(file.read_bytes())
             if file.name == "registry.py" and name in _REGISTRIES:
                 remaining += _modules(name.rpartition(".")[0])

@@ -28,7 +28,17 @@ from benchmarks.real_walks import MarkerWalk, data_folder, imu_block, load_loop,
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.gait_phase import GaitPhase, GaitPhaseParameters, PhaseEstimate
 from stridetwin.outputs.gait_phase.run import as_series
-from stridetwin.outputs.gait_phase.scores import PhaseSeries, Stride, phase_errors, phase_scores, true_strides
+from stridetwin.outputs.gait_phase.scores import (
+    LONGEST_STRIDE_S,
+    LONGEST_STRIDE_SHARE,
+    PhaseSeries,
+    Stride,
+    detected_touch_downs,
+    match_touch_downs,
+    phase_errors,
+    phase_scores,
+    true_strides,
+)
 from stridetwin.scenarios.scenario_file import scenario_of
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError

@@ -14,6 +14,7 @@ import numpy as np
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.alignment import MovingAlignment, YawAlignment
 from stridetwin.outputs.truth import FOOTPRINTS, along_way, true_footprints, true_path
+from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
 from stridetwin.streams.terrain_truth import Layout, terrain_layout
@@ -83,7 +84,8 @@ def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
     assert layout is not None, "odometry_of has checked it"
     truth, path = true_path(recording, odometry.frame), odometry.path
     keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
-    poses = path[keep if odometry.healthy is None else keep & odometry.healthy]
+    healthy = path[keep if odometry.healthy is None else keep & odometry.healthy]
+    poses = restart_poses(healthy, recording.metadata)
     true_poses = truth.at(poses.t_ns)
     footprints = true_footprints(recording)
     return AlignedWalk(

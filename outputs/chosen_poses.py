@@ -14,6 +14,7 @@ from stridetwin.outputs.pose_feed import default_odometry
 from stridetwin.outputs.upright_poses import upright
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Odometry
@@ -64,7 +65,8 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
     for output in (o for i in runnable_instances(odometry, recording) for o in run_paths(i, recording)):
         estimate = output.estimates
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
-            path, description = estimate.path[reliable(estimate)], f"poses estimated by {estimate.name}"
+            path = restart_poses(estimate.path[reliable(estimate)], recording.metadata)
+            description = f"poses estimated by {estimate.name}"
             return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
     if (recorded := _recorded(recording, body)) is not None:
         return recorded

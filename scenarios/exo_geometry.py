@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,6 +23,8 @@ from stridetwin.estimators.contact_terrain.geometry import (
     parse_exoskeleton,
     to_text,
 )
+from stridetwin.sim.faults.faults import Fault
+from stridetwin.sim.faults.miscalibration import Miscalibration
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
 from stridetwin.streams.errors import StrideTwinError
@@ -89,14 +93,34 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
     return low, high
 
 
-def metadata(size: Wearer, rig: Rig, seed: int) -> dict[str, str]:
-    """Nominal geometry for a recording's metadata; empty for a walk without the exoskeleton or its sensors.
-
-    It is `measured`, with errors that the walk's seed determines: the true geometry is known to the simulation alone.
-    """
+def metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
+    """`nominal_geometry` for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}
-    return {METADATA_KEY: to_text(measured(geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT])))}
+    return {METADATA_KEY: to_text(nominal_geometry(size, rig, seed, faults))}
+
+
+def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> Exoskeleton:
+    """Geometry of the exoskeleton that an estimator gets: `measured`, with errors that the walk's seed determines.
+
+    The true geometry is known to the simulation alone.
+
+    Args:
+        size: The wearer.
+        rig: Nominal calibration; errors of the AHRS mounts pass on to the geometry.
+        seed: Of the walk.
+        faults: Those of the walk; errors of links among them apply.
+    """
+    exo = measured(geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
+    legs = dict(exo.legs)
+    for fault in faults:
+        for side, leg in legs.items():
+            if isinstance(fault, Miscalibration) and fnmatchcase(leg.knee.topic, fault.topic):
+                rows = list(leg.rows)
+                for i, error_m in ((_THIGH, fault.thigh_m), (_KNEE, fault.shank_m)):
+                    rows[i] = replace(rows[i], a=rows[i].a + error_m)
+                legs[side] = replace(leg, rows=tuple(rows))
+    return replace(exo, legs=legs)
 
 
 def of_recording(recording: Recording) -> Exoskeleton:

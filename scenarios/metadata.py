@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from stridetwin.sim.faults.faults import Events, Fault
+from stridetwin.sim.faults.faults import POSES, Events, Fault
+from stridetwin.sim.faults.sample_faults import Restart
 from stridetwin.streams.errors import invalid_metadata
+from stridetwin.streams.pose_restart import RESTARTS
 
 _FAULTS = "faults"
 
@@ -22,12 +24,18 @@ class InjectedFault:
     until_s: float
 
 
-def fault_metadata(planned: Iterable[tuple[Fault, Events]]) -> dict[str, str]:
-    """The events of planned faults as metadata, in time order."""
+def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
+    """The events of planned faults as metadata, in time order; also the restarts of an odometry for `pose_restart`."""
     events = [event for _, by_topic in planned for own in by_topic.values() for event in own]
     events.sort(key=lambda e: (e.from_ns, e.topic, e.kind))
     rows = [{"kind": e.kind, "topic": e.topic, "from_s": e.from_ns / 1e9, "until_s": e.until_ns / 1e9} for e in events]
-    return {_FAULTS: json.dumps(rows)}
+    restarts = [
+        (e.from_ns, e.until_ns, fault.yaw_rad, *fault.translation_m)
+        for fault, by_topic in planned
+        if isinstance(fault, Restart)
+        for e in by_topic.get(POSES, ())
+    ]
+    return {_FAULTS: json.dumps(rows)} | ({RESTARTS: json.dumps(sorted(restarts))} if restarts else {})
 
 
 def injected_faults(metadata: Mapping[str, str]) -> list[InjectedFault]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.metadata import fault_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
-from stridetwin.sim.faults.faults import arrivals, check_times, plan_faults
+from stridetwin.sim.faults.faults import FaultPlan, check_times
 from stridetwin.sim.wearer.anthropometry import anthropometry
 from stridetwin.streams.errors import needing
 from stridetwin.streams.recording.reader import RecordingWriter
@@ -52,6 +52,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         ConfigError: A fault begins after the walk's end.
     """
     config = twin.config
+    plan = FaultPlan.of(config.faults, twin.rig, twin.seed, twin.duration_s)
     metadata = {
         "scenario": config.name,
         "seed": str(twin.seed),
@@ -60,17 +61,16 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         "person_mass_kg": f"{config.person.mass_kg:g}",
         "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
         **terrain_metadata(twin.terrain.layout),
-        **exo_geometry.metadata(twin.size, twin.rig, twin.seed),
+        **exo_geometry.metadata(twin.size, plan.rig, twin.seed, config.faults),
     }
     if twin.fell_at is None:
         check_times(config.name, config.faults, twin.duration_s)
     else:
         metadata["fell_at_s"] = f"{twin.fell_at:g}"
-    planned = plan_faults(config.faults, twin.rig, twin.seed, twin.duration_s)
-    if planned:
-        metadata |= fault_metadata(planned)
-    with RecordingWriter(path, twin.rig, metadata) as writer:
-        for arrival in arrivals(_with_progress(twin, progress), planned):
+    if plan.planned:
+        metadata |= fault_metadata(plan.planned)
+    with RecordingWriter(path, plan.rig, metadata) as writer:
+        for arrival in plan.arrivals(_with_progress(twin, progress)):
             writer.write(arrival.item, arrival.log_ns)
 
 

@@ -36,7 +36,7 @@ from stridetwin.sim.config import (
     Turn,
 )
 from stridetwin.sim.faults.catalogue import FAULTS
-from stridetwin.sim.faults.faults import Fault
+from stridetwin.sim.faults.faults import Fault, StreamFault
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
@@ -222,13 +222,19 @@ _Thing = OneKey(
 
 
 def _when(fault: Fault) -> Fault:
-    """Checks that a fault has either a time or a rate."""
+    """Checks that a fault of a stream has either a time or a rate."""
+    if not isinstance(fault, StreamFault):
+        return fault
     given = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
     if len(given) != 1:
         raise refused(list(given), "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
         raise refused(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault
+
+
+FaultList = tuple[Annotated[Any, OneKind(FAULTS), AfterValidator(_when)], ...]
+"""Type of a list of faults in a file."""
 
 
 class ScenarioFile(_Model):
@@ -252,7 +258,7 @@ class ScenarioFile(_Model):
         rig_mount: Mount of the RGB-D camera.
         ideal: Sensors without errors, on rigid shoes.
         shock: Heel-strike vibration and rocking of the shoes' uppers; never with ideal sensors.
-        faults: Faults between sensors and recorder, and of the sensors' mounts.
+        faults: Faults between sensors and recorder, of the sensors' mounts, and of the calibration.
     """
 
     description: Annotated[str, text()]
@@ -272,4 +278,4 @@ class ScenarioFile(_Model):
     rig_mount: Annotated[str, words(("head", "chest"), key="camera_mount")] = "head"
     ideal: Annotated[bool, flag(key="ideal_sensors")] = False
     shock: Annotated[bool, flag()] = True
-    faults: Annotated[tuple[Annotated[Any, OneKind(FAULTS), AfterValidator(_when)], ...], Field(min_length=1)] = ()
+    faults: Annotated[FaultList, Field(min_length=1)] = ()

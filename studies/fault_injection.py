@@ -1,90 +1,48 @@
-"""Fault studies: a recorded walk is replayed once per fault; one table with a line per fault.
+"""Fault studies: a recorded walk is replayed once per fault, and a table has one line per fault.
 
-A study lists its faults (`FAULTS`) and the columns of its table. Sample faults are those of `sim.faults.faults`;
-other faults change samples, the calibration that the estimator reads, or the walk itself.
+A study's faults are in a YAML file beside its module: name to `label` and `faults`, as in a scenario file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
-from stridetwin.streams.rig import Mount, Rig
-from stridetwin.streams.samples import Array, Block, Sample
+from stridetwin.scenarios.scenario_model import FaultList
+from stridetwin.sim.faults.faults import Fault, FaultPlan, check_faults
+from stridetwin.streams.fields import ReadAs, text
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
+from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.tables import Column, table_lines
 
 Samples = Iterator[Sample]
-SampleType = type[Sample] | tuple[type[Sample], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class InjectedFault:
-    """One fault of a study.
+class FaultCase:
+    """One line of a study's table: its label, and the faults that are injected together."""
 
-    Attributes:
-        words: Its line of the table.
-        faults: Sample faults of the twin.
-        samples: Changes the samples further.
-        calibration: Changes what the estimator reads as calibration: the rig, or the exoskeleton's geometry.
-        walk: Changes the walk; one that differs is simulated on its own.
-    """
+    label: Annotated[str, text()]
+    faults: Annotated[tuple[Fault, ...], ReadAs(FaultList)] = ()
 
-    words: str
-    faults: tuple[Fault, ...] = ()
-    samples: Callable[[Samples], Samples] = lambda samples: samples
-    calibration: Callable[[Any], Any] = lambda calibration: calibration
-    walk: Callable[[TwinConfig], TwinConfig] = lambda config: config
+    def plan(self, rig: Rig, seed: int, duration_s: float) -> FaultPlan:
+        """The faults in a walk.
 
-    def inject(self, samples: Iterable[Sample], rig: Rig, seed: int, duration_s: float) -> Samples:
-        """The samples of a walk, in time order, as they reach the estimator with this rig."""
-        planned = plan_faults(self.faults, rig, seed, duration_s)
-        return self.samples(_one_by_one(a.item for a in arrivals(samples, planned)))
+        Raises:
+            ConfigError: A fault matches no sensor of the rig.
+        """
+        check_faults(self.label, self.faults, rig)
+        return FaultPlan.of(self.faults, rig, seed, duration_s)
 
 
-def _one_by_one(items: Iterable[Block[Any] | Sample]) -> Samples:
-    for item in items:
-        yield from item if isinstance(item, Block) else (item,)
-
-
-def changed(change: Callable[[Any], Sample], *, kinds: SampleType, topic: str = "") -> Callable[[Samples], Samples]:
-    """A fault that changes the samples of some kinds, of one topic where one is given, and passes on all others."""
-
-    def inject(samples: Samples) -> Samples:
-        for s in samples:
-            yield change(s) if isinstance(s, kinds) and topic in ("", s.topic) else s
-
-    return inject
-
-
-def camera_offset(
-    rotvec_deg: Sequence[float], translation_m: Sequence[float] = (0.0, 0.0, 0.0)
-) -> Callable[[Rig], Rig]:
-    """A calibration error of the cameras' mounts: rotation vector and translation, in the camera's frame."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(rotvec_deg, degrees=True).as_matrix()
-    T[:3, 3] = translation_m
-
-    def calibration(rig: Rig) -> Rig:
-        mounts = {t: Mount(body=c.mount.body, T_body_sensor=c.mount.T_body_sensor @ T) for t, c in rig.cameras.items()}
-        return replace(rig, cameras={t: replace(c, mount=mounts[t]) for t, c in rig.cameras.items()})
-
-    return calibration
-
-
-def imu_range(**ranges: Any) -> Callable[[Rig], Rig]:
-    """The IMUs' ranges (`gyroscope_range`, `accelerometer_range`) in the calibration."""
-    return lambda rig: replace(rig, imus={t: replace(c, **ranges) for t, c in rig.imus.items()})
-
-
-def clip(values: Array, limit: float) -> Array:
-    """Values limited to ± `limit`."""
-    return np.clip(values, -limit, limit)
+def read_cases(module: str) -> dict[str, FaultCase]:
+    """The fault cases of a study, by name, from the YAML file beside its module (`__file__`)."""
+    path = Path(module).with_suffix(".yaml")
+    return validated(dict[str, FaultCase], read_yaml(path), path)
 
 
 def by_fault(
@@ -95,7 +53,7 @@ def by_fault(
 
 
 def fault_table(
-    faults: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], columns: Sequence[Column], width: int
+    faults: Mapping[str, FaultCase], summary: Mapping[str, Mapping[str, Any]], columns: Sequence[Column], width: int
 ) -> list[str]:
-    """Lines of text from the description of each fault and the summary of `by_fault`: one line per fault."""
-    return table_lines(columns, [(words, summary[name]) for name, words in faults.items()], width)
+    """Lines of text from the cases and the summary of `by_fault`: one line per case."""
+    return table_lines(columns, [(case.label, summary[name]) for name, case in faults.items()], width)

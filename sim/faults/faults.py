@@ -13,14 +13,15 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from itertools import groupby
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import DEG, MM, number, text
-from stridetwin.streams.rig import Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor, Rig
 from stridetwin.streams.samples import (
     Actuator,
     Ahrs,
@@ -31,12 +32,16 @@ from stridetwin.streams.samples import (
     Imu,
     Insole,
     Interaction,
+    Odometry,
     Range,
     Sample,
 )
 
 NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
 IMAGES = (Image, Depth)
+POSES = "/poses"
+"""Stream of an odometry's poses on their way to estimators of terrain and modes; `estimators.base.POSES`."""
+C = TypeVar("C", ImuCalibration, CameraCalibration, OtherSensor)
 _LONGEST_S = 36_000
 
 
@@ -48,6 +53,7 @@ class Event:
         from_ns, until_ns: First instant, and first instant after the event.
         part: Part name of the sensor.
         entropy, key: Seed of the walk, and child stream of this event's own random choices.
+        rig: The nominal calibration.
     """
 
     kind: str
@@ -57,10 +63,11 @@ class Event:
     part: str = ""
     entropy: int = 0
     key: tuple[int, ...] = ()
+    rig: Rig = field(default_factory=Rig, compare=False, repr=False)
 
-    def rng(self) -> np.random.Generator:
-        """Source of this event's random choices, the same at each call."""
-        return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=self.key))
+    def rng(self, *instant_ns: int) -> np.random.Generator:
+        """Source of this event's random choices, or of those at one instant; the same at each call."""
+        return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=(*self.key, *instant_ns)))
 
 
 EventsOfTopic = tuple[Event, ...]
@@ -97,11 +104,16 @@ class Arrival:
 def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
     """Items that arrive at the recorder, given those that the sensors sent; faults are applied in their order."""
     lines: dict[str, list[_Stage]] = {}
+    truth_readers: dict[str, list[_Stage]] = {}
     for fault, events in faults:
         for topic in events:
-            if not isinstance(fault, LooseStrap):
-                lines.setdefault(topic, []).append(_Stage(fault, events[topic]))
+            if isinstance(fault, StreamFault) and not isinstance(fault, LooseStrap):
+                stage = _Stage(fault, events[topic])
+                lines.setdefault(topic, []).append(stage)
+                truth_readers.setdefault(fault.truth_topic(events[topic][0]), []).append(stage)
     for item in items:
+        for stage in truth_readers.get(item.topic, ()):
+            stage.memory.setdefault("truth", []).extend(item if isinstance(item, Block) else [item])
         if item.topic not in lines:
             yield Arrival(item=item)
             continue
@@ -120,7 +132,7 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
 class _Stage:
     """A fault on one stream, its events there in time order, and its state between samples."""
 
-    fault: Fault
+    fault: StreamFault
     events: EventsOfTopic
     memory: Memory = field(default_factory=dict)
 
@@ -140,11 +152,12 @@ def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
 
 
 def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
-    """Combines samples of one topic to a block, but keeps images one by one."""
-    some = list(stream)
-    if some and isinstance(some[0].item, IMAGES):
-        yield from some
-    elif some:
+    """Combines consecutive samples of one topic to a block, but keeps images one by one."""
+    for _, group in groupby(stream, key=attrgetter("topic")):
+        some = list(group)
+        if isinstance(some[0].item, IMAGES):
+            yield from some
+            continue
         # imported late, so that a scenario is read without it
         from stridetwin.streams.recording.ros_samples import block_of
 
@@ -154,13 +167,10 @@ def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """A fault of some streams, at a given time or at random times.
+    """A fault of some sensors: of their streams (`StreamFault`) or of their calibration (`CalibrationFault`).
 
     Attributes:
         topic: Topic, or a pattern of topics such as `/foot_*/imu`.
-        at_s: Start time; None if `rate_per_min` gives the frequency.
-        duration_s: Duration; None = to the end of the walk.
-        rate_per_min: Mean number of events per minute of walk without the fault, at random times.
         name: Seeds its random times and choices; unique within a walk.
     """
 
@@ -168,9 +178,6 @@ class Fault:
     fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
     topic: Annotated[str, text()]
-    at_s: Annotated[float | None, number(0, _LONGEST_S)] = None
-    duration_s: Annotated[float | None, number(0.001, _LONGEST_S)] = None
-    rate_per_min: Annotated[float | None, number(0.001, 600)] = None
     name: Annotated[str, text()] = ""
 
     @property
@@ -178,9 +185,32 @@ class Fault:
         """Its name, or the default name."""
         return self.name or f"{self.kind} {self.topic}"
 
-    def suits(self, sample: type[Sample], part: str) -> bool:
-        """Whether it applies to samples of this type from this part."""
-        return sample in self.fits
+    def suits(self, stream: Stream) -> bool:
+        """Whether it applies to a stream, if its topic matches."""
+        return stream.kind in self.fits
+
+    def calibrate(self, sensor: C) -> C:
+        """The nominal calibration of one of its sensors, given the one without this fault."""
+        return sensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamFault(Fault):
+    """A fault of some streams, at a given time or at random times.
+
+    Attributes:
+        at_s: Start time; None if `rate_per_min` gives the frequency.
+        duration_s: Duration; None = to the end of the walk.
+        rate_per_min: Mean number of events per minute of walk without the fault, at random times.
+    """
+
+    at_s: Annotated[float | None, number(0, _LONGEST_S)] = None
+    duration_s: Annotated[float | None, number(0.001, _LONGEST_S)] = None
+    rate_per_min: Annotated[float | None, number(0.001, 600)] = None
+
+    def truth_topic(self, event: Event) -> str:
+        """Stream of the truth that it needs, which `arrivals` collects in its memory under `truth`; "" for none."""
+        return ""
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """Output for a chunk of one topic's stream."""
@@ -204,7 +234,7 @@ def at(events: EventsOfTopic, arrival: Arrival) -> Event | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LooseStrap(Fault):
+class LooseStrap(StreamFault):
     """A strap that slips: the sensors on it rotate and move on their body, permanently.
 
     It acts in the twin (`sim.sensors.mount_slip`), not on samples. Sensors on one body that match one pattern hang on
@@ -230,7 +260,7 @@ _FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensor
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Stream:
+class Stream:
     """A stream of a rig, the part that sends it, and the body that carries it; streams of one case share `housing`."""
 
     topic: str
@@ -240,22 +270,24 @@ class _Stream:
     housing: str
 
 
-def _streams(rig: Rig) -> Iterator[_Stream]:
+def _streams(rig: Rig) -> Iterator[Stream]:
     case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
     case |= {t.replace("/ahrs", "/imu"): t for t, other in rig.others.items() if other.kind == "ahrs"}
     for t, c in rig.imus.items():
-        yield _Stream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
+        yield Stream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
     for t, camera in rig.cameras.items():
-        yield _Stream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
+        yield Stream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
         if camera.depth_topic:
             depth = camera.depth_topic
-            yield _Stream(topic=depth, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
+            yield Stream(topic=depth, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
     for t, other in rig.others.items():
-        yield _Stream(topic=t, kind=_OTHERS[other.kind], part=other.part, body=other.mount.body, housing=t)
+        yield Stream(topic=t, kind=_OTHERS[other.kind], part=other.part, body=other.mount.body, housing=t)
+    for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:
+        yield Stream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
 
 
-def _affected(fault: Fault, rig: Rig) -> list[_Stream]:
-    streams = [s for s in _streams(rig) if fault.suits(s.kind, s.part)]
+def _affected(fault: Fault, rig: Rig) -> list[Stream]:
+    streams = [s for s in _streams(rig) if fault.suits(s)]
     named = [s for s in streams if fnmatchcase(s.topic, fault.topic)]
     if isinstance(fault, LooseStrap):
         cases = {s.housing for s in named}
@@ -272,7 +304,7 @@ def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
     names: list[str] = []
     for i, fault in enumerate(faults):
         if not _affected(fault, rig):
-            valid = ", ".join(sorted(s.topic for s in _streams(rig) if fault.suits(s.kind, s.part)))
+            valid = ", ".join(sorted(s.topic for s in _streams(rig) if fault.suits(s)))
             raise ConfigError(source, f"faults[{i}].topic", fault.topic, f"{valid or 'none here'} ({fault.kind}), or *")
         if fault.own_name in names:
             raise ConfigError(source, f"faults[{i}].name", fault.own_name, "a name of its own for each fault")
@@ -286,12 +318,14 @@ def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> N
         ConfigError: Names the fault, its time and the length of the walk.
     """
     for i, fault in enumerate(faults):
-        if fault.at_s is not None and fault.at_s >= duration_s:
+        if isinstance(fault, StreamFault) and fault.at_s is not None and fault.at_s >= duration_s:
             raise ConfigError(source, f"faults[{i}].at_s", fault.at_s, f"0-{duration_s:.1f}, the length of the walk")
 
 
 def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> list[tuple[Fault, Events]]:
     """All events of all faults in a walk of `duration_s`, each fault with its events by topic, in time order.
+
+    A fault of the calibration is one event that lasts the whole walk.
 
     Random times depend on the walk's seed, the fault's name and the stream alone, so that adding or removing a fault or
     a sensor does not change the other events. Sensors on one strap slip together; occlusions cover colour and depth.
@@ -303,14 +337,48 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
         for stream in _affected(fault, rig):
             place = getattr(stream, fault.common_to)
             key = (_FAULTS, zlib.crc32(fault.own_name.encode()), zlib.crc32(place.encode()))
-            own = tuple(_events(fault, stream, seed, key, round(duration_s * 1e9)))
+            own = tuple(_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
             if own:
                 events[stream.topic] = own
         planned.append((fault, events))
     return planned
 
 
-def _events(fault: Fault, stream: _Stream, seed: int, key: tuple[int, ...], end_ns: int) -> Iterator[Event]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FaultPlan:
+    """All faults of one walk, ready to be injected: by the recorder, or into a recording that is replayed.
+
+    Attributes:
+        rig: The nominal calibration with the errors that the faults add to it.
+        planned: Each fault with its events by topic.
+    """
+
+    rig: Rig
+    planned: Sequence[tuple[Fault, Events]]
+
+    @classmethod
+    def of(cls, faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> Self:
+        """The plan for a walk of `duration_s` with a seed and the nominal calibration without these faults."""
+        planned = plan_faults(faults, rig, seed, duration_s)
+        for fault, events in planned:
+            sensors = {
+                group: {t: fault.calibrate(c) if t in events else c for t, c in getattr(rig, group).items()}
+                for group in ("imus", "cameras", "others")
+            }
+            rig = replace(rig, **sensors)
+        return cls(rig=rig, planned=planned)
+
+    def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Arrival]:
+        """Items that arrive at the recorder, given those that the sensors sent."""
+        return arrivals(items, self.planned)
+
+    def samples(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Sample]:
+        """Single samples that arrive at an estimator, in order of arrival, given those that the sensors sent."""
+        for arrival in self.arrivals(items):
+            yield from arrival.item if isinstance(arrival.item, Block) else (arrival.item,)
+
+
+def _events(fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_ns: int, rig: Rig) -> Iterator[Event]:
     for count, (from_s, until_s) in enumerate(_spans(fault, seed, key)):
         from_ns = round(from_s * 1e9)
         if from_ns >= end_ns:
@@ -320,12 +388,15 @@ def _events(fault: Fault, stream: _Stream, seed: int, key: tuple[int, ...], end_
         until_ns = end_ns + 1 if until_s * 1e9 > end_ns else round(until_s * 1e9)
         yield Event(
             kind=fault.kind, topic=stream.topic, from_ns=from_ns, until_ns=until_ns, part=stream.part,
-            entropy=seed, key=(*key, count),
+            entropy=seed, key=(*key, count), rig=rig,
         )  # fmt: skip
 
 
 def _spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
     """Begin and end of each event, s; the end is None for the rest of the walk."""
+    if not isinstance(fault, StreamFault):
+        yield 0.0, None
+        return
     if fault.at_s is not None:
         yield fault.at_s, None if fault.duration_s is None else fault.at_s + fault.duration_s
         return

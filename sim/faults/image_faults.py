@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Fault, Memory, at
+from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, StreamFault, at
 from stridetwin.streams.fields import number, whole
 from stridetwin.streams.samples import Depth, Image
 
@@ -23,7 +23,7 @@ _HOLE = 0.5  # opacity of dirt from which depth has no reading
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ImageFault(Fault):
+class _ImageFault(StreamFault):
     """Something between a scene and its images that does not change during an event."""
 
     fits = IMAGES
@@ -36,7 +36,7 @@ class _ImageFault(Fault):
             if event is None:
                 yield arrival
                 continue
-            name, image = _image_of(arrival)
+            name, image = image_of(arrival)
             if image.flags.writeable:
                 yield arrival.but(**{name: self.seen(image, event)})
                 continue
@@ -68,7 +68,7 @@ class Occlusion(_ImageFault):
         covered = image.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
-        across[slice(width) if side < 2 else slice(-width, None)] = 0 if _is_depth(image) else _CLOTH
+        across[slice(width) if side < 2 else slice(-width, None)] = 0 if is_depth(image) else _CLOTH
         return covered
 
 
@@ -89,7 +89,7 @@ class LensDirt(_ImageFault):
         """The image through the dirty lens."""
         height, width = image.shape[:2]
         dirt, corrupted = _dirt(event, self.spots, self.size, height, width), image.copy()
-        if _is_depth(image):
+        if is_depth(image):
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
             blurred = _blurred(image, _coarse(self.size, height), self.size * height / 2)
@@ -100,7 +100,8 @@ class LensDirt(_ImageFault):
         return corrupted
 
 
-def _image_of(arrival: Arrival) -> tuple[str, NDArray]:
+def image_of(arrival: Arrival) -> tuple[str, NDArray]:
+    """Name and value of the image in a sample of a camera."""
     item = arrival.item
     if isinstance(item, Image):
         return "pixels", item.pixels
@@ -109,7 +110,8 @@ def _image_of(arrival: Arrival) -> tuple[str, NDArray]:
     raise TypeError(f"{arrival.topic} carries no images")
 
 
-def _is_depth(image: NDArray) -> bool:
+def is_depth(image: NDArray) -> bool:
+    """Whether an image holds depth, not light."""
     return image.dtype == np.float32
 
 

@@ -1,40 +1,71 @@
-"""Faults of any stream and its values: lost, late, repeated, frozen, NaN and clipped samples."""
+"""Faults of any stream and its values: lost, late, repeated, exchanged, frozen, NaN, clipped and shifted samples."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Fault, Memory, at
+from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Memory, Stream, StreamFault, at
 from stridetwin.sim.parts.library import full_scales
-from stridetwin.streams.fields import flag, number, words
-from stridetwin.streams.samples import Array, Imu, Insole, Interaction, Sample
+from stridetwin.streams.fields import DEG, flag, number, words
+from stridetwin.streams.samples import Ahrs, Array, Encoder, Imu, Insole, Interaction, Odometry
 
+RateRange = Annotated[float | None, number(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
+_Length = Annotated[float, number(-1000, 1000)]
+ForceRange = Annotated[float | None, number(0.1, 10_000)]
 CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dropout(Fault):
-    """Samples that never arrive."""
+class Dropout(StreamFault):
+    """Samples that never arrive; those of one housing and instant, such as colour and depth, are lost together.
+
+    Attributes:
+        share: Lost share of the samples, at random.
+    """
 
     kind = "dropout"
+    common_to = "housing"
+    share: Annotated[float, number(0.001, 1)] = 1.0
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """Nothing."""
-        return ()
+        """The sample, or nothing."""
+        is_lost = self.share == 1.0 or event.rng(arrival.taken_ns).random() < self.share
+        return () if is_lost else (arrival,)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Freeze(Fault):
+class Exchange(StreamFault):
+    """Samples that arrive under the topic of the other side, as if left and right were exchanged."""
+
+    kind = "exchange"
+
+    def suits(self, stream: Stream) -> bool:
+        """Whether the stream belongs to a side."""
+        return stream.kind in self.fits and _other_side(stream.topic) != stream.topic
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample under the other topic."""
+        return (arrival.but(topic=_other_side(arrival.topic)),)
+
+
+def _other_side(topic: str) -> str:
+    return re.sub("_([lr])(?=/)", lambda side: "_r" if side[1] == "l" else "_l", topic)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freeze(StreamFault):
     """Repeats the last value before the event, with new stamps."""
 
     kind = "freeze"
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`; a stream that begins frozen repeats its first value."""
+        """As `StreamFault.through`; a stream that begins frozen repeats its first value."""
         for arrival in stream:
             if at(events, arrival) is None:
                 memory["last"] = arrival.item
@@ -45,7 +76,7 @@ class Freeze(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Repeat(Fault):
+class Repeat(StreamFault):
     """Each sample twice, with the same stamp."""
 
     kind = "repeat"
@@ -56,7 +87,7 @@ class Repeat(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nan(Fault):
+class Nan(StreamFault):
     """NaN values."""
 
     kind = "nan"
@@ -69,7 +100,7 @@ class Nan(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Late(Fault):
+class Late(StreamFault):
     """Samples that arrive late but in order; those measured after the event wait for them.
 
     Attributes:
@@ -80,7 +111,7 @@ class Late(Fault):
     delay_s: Annotated[float, number(0.001, 60)] = 0.25
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`: stamps do not change, arrival times do."""
+        """As `StreamFault.through`: stamps do not change, arrival times do."""
         for arrival in stream:
             late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
@@ -88,13 +119,13 @@ class Late(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutOfOrder(Fault):
+class OutOfOrder(StreamFault):
     """Samples that arrive out of order: of every two, the later arrives first."""
 
     kind = "out_of_order"
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`; an overtaken sample arrives together with the one that overtook it."""
+        """As `StreamFault.through`; an overtaken sample arrives together with the one that overtook it."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
             if overtaken is not None:
@@ -111,7 +142,7 @@ class OutOfOrder(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockJump(Fault):
+class ClockJump(StreamFault):
     """A sensor clock with an offset during the event; arrival times are unaffected.
 
     Attributes:
@@ -127,48 +158,109 @@ class ClockJump(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Saturation(Fault):
-    """A range that is smaller than the part's.
+class Saturation(StreamFault):
+    """A range that is smaller than the part's; `Miscalibration` lets the calibration say so.
 
     Attributes:
-        fraction: Clipping level, as a share of the part's full scale.
+        fraction: Clipping level, as a share of the part's full scale, where no other level is given.
+        gyroscope_rad_s: Clipping level of an IMU's rates; with it or the next one, only what they name is clipped.
+        accelerometer_mps2: Clipping level of an IMU's specific force.
     """
 
     kind = "saturation"
     fits = (Imu, Insole, Interaction)
     fraction: Annotated[float, number(0.001, 1)] = 0.5
+    gyroscope_rad_s: RateRange = None
+    accelerometer_mps2: ForceRange = None
 
-    def suits(self, sample: type[Sample], part: str) -> bool:
+    def suits(self, stream: Stream) -> bool:
         """Whether the full scale of the part is known."""
-        return sample in self.fits and bool(full_scales(part))
+        return stream.kind in self.fits and bool(full_scales(stream.part))
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with clipped values."""
-        limits = {name: self.fraction * scale for name, scale in full_scales(event.part).items()}
+        scales = full_scales(event.part)
+        levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
+        limits = {n: level for n, level in levels.items() if n in scales and level is not None}
+        limits = limits or {n: self.fraction * scale for n, scale in scales.items()}
         return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeadCell(Fault):
-    """One cell of an insole that no longer measures its load.
+class Offset(StreamFault):
+    """Values that are off, by more and more if they drift: insoles, angles of encoders, and headings of AHRSs.
 
     Attributes:
-        cell: One of `CELLS`.
+        offset_n: Offset of each cell of an insole when the event begins.
+        drift_n_per_s: Change of that offset.
+        offset_rad: Offset of an encoder's angle (flexion positive) or of an AHRS's heading (left positive).
+        drift_rad_s: Change of that offset.
+        drift_s: Time for which the offset drifts; it then stays.
+    """
+
+    kind = "offset"
+    fits = (Insole, Encoder, Ahrs)
+    offset_n: Annotated[float, number(-1000, 1000)] = 0.0
+    drift_n_per_s: Annotated[float, number(-1000, 1000)] = 0.0
+    offset_rad: Annotated[float, number(-180, 180, key="offset_deg", scale=DEG)] = 0.0
+    drift_rad_s: Annotated[float, number(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
+    drift_s: Annotated[float, number(0, 36_000)] = 36_000.0
+
+    def suits(self, stream: Stream) -> bool:
+        """Whether all offsets have the unit of the stream."""
+        others = (self.offset_rad, self.drift_rad_s) if stream.kind is Insole else (self.offset_n, self.drift_n_per_s)
+        return stream.kind in self.fits and not any(others)
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with the offset."""
+        item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
+        if isinstance(item, Insole):
+            return (arrival.but(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
+        angle = self.offset_rad + self.drift_rad_s * since_s
+        if isinstance(item, Ahrs):
+            q = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(item.q_world_sensor, scalar_first=True)
+            return (arrival.but(q_world_sensor=q.as_quat(scalar_first=True)),)
+        return (arrival.but(angle=item.angle + angle),) if isinstance(item, Encoder) else (arrival,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restart(StreamFault):
+    """An odometry that is lost during the event, and then starts again in another frame, permanently.
+
+    It acts when a recording is replayed (`streams.pose_restart`); a twin has no estimated poses.
+
+    Attributes:
+        yaw_rad: Rotation about the vertical from the old frame to the new one.
+        translation_m: Translation from the old frame to the new one, after the rotation.
+    """
+
+    kind = "restart"
+    fits = (Odometry,)
+    yaw_rad: Annotated[float, number(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
+    translation_m: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadCell(StreamFault):
+    """One cell of an insole that no longer measures its load, or all cells.
+
+    Attributes:
+        cell: One of `CELLS`, or `all`.
         stuck: Whether it keeps its value from the start of the event; otherwise it reads 0.
     """
 
     kind = "dead_cell"
     fits = (Insole,)
-    cell: Annotated[str, words(CELLS)] = "heel"
+    cell: Annotated[str, words((*CELLS, "all"))] = "heel"
     stuck: Annotated[bool, flag()] = False
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`."""
-        number = CELLS.index(self.cell)
+        """As `StreamFault.through`."""
+        cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
         for arrival in stream:
             event = at(events, arrival)
             if event is not None and isinstance(arrival.item, Insole):
                 force: Array = arrival.item.force.copy()
-                force[number] = memory.setdefault(event, float(force[number])) if self.stuck else 0.0
+                force[cells] = memory.setdefault(event, force[cells]) if self.stuck else 0.0
                 arrival = arrival.but(force=force)
             yield arrival

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,76 +11,18 @@ import numpy as np
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, follow
 from stridetwin.outputs.truth import TruePath
-from stridetwin.sim.faults.image_faults import Occlusion
-from stridetwin.sim.faults.sample_faults import ClockJump, Dropout
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Image, Imu, Sample
+from stridetwin.streams.samples import Array, Image, Imu
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import (
-    InjectedFault,
-    by_fault,
-    camera_offset,
-    changed,
-    clip,
-    fault_table,
-    imu_range,
-)
+from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table, read_cases
 from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
 from stridetwin.studies.walks import RecordedWalk, recorded_walk
 
 SCENARIO = "jao_straight_53m"
 SEEDS = range(1000, 1003)
-AT_S, LOST_S = 20.0, 10.0
-STRIKE_RANGE = 25.0  # m/s², half the range of the ADIS16485's accelerometer
-
-
-def _clipped(s: Imu) -> Imu:
-    return replace(s, specific_force=clip(s.specific_force, STRIKE_RANGE))
-
-
-def _exchanged(s: Sample) -> Sample:
-    """The sample under the topic of the other foot."""
-    topic = s.topic.replace("foot_l", "foot_?").replace("foot_r", "foot_l").replace("foot_?", "foot_r")
-    return replace(s, topic=topic)
-
-
 _OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
-
-BOTH = "/foot_?/camera"
-FAULTS = {
-    "none": InjectedFault(words="no fault"),
-    "camera_covered": InjectedFault(
-        words="left camera covered", faults=(Occlusion(topic="/foot_l/camera", at_s=0.0, share=1.0),)
-    ),
-    "half_seen": InjectedFault(
-        words="half of each image covered", faults=(Occlusion(topic=BOTH, at_s=0.0, share=0.5),)
-    ),
-    "lost_10s": InjectedFault(
-        words="no image for 10 s",
-        faults=(Dropout(topic=BOTH, at_s=AT_S, duration_s=LOST_S),),
-    ),
-    "strikes_clip": InjectedFault(
-        words="heel strikes saturate the accelerometers",
-        samples=changed(_clipped, kinds=Imu),
-        calibration=imu_range(accelerometer_range=STRIKE_RANGE),
-    ),
-    "imu_dead": InjectedFault(words="right IMU dead from 20 s on", faults=(Dropout(topic="/foot_r/imu", at_s=AT_S),)),
-    "clock_10ms": InjectedFault(
-        words="cameras' stamps 10 ms late", faults=(ClockJump(topic=BOTH, at_s=0.0, jump_s=0.010),)
-    ),
-    "turned_2deg": InjectedFault(
-        words="camera mounts 2° off in the calibration", calibration=camera_offset((2.0, 0.0, 0.0))
-    ),
-    "shifted_5mm": InjectedFault(
-        words="camera mounts 5 mm off in the calibration", calibration=camera_offset((0.0, 0.0, 0.0), (0.005, 0.0, 0.0))
-    ),
-    "shoes_exchanged": InjectedFault(words="left and right exchanged", samples=changed(_exchanged, kinds=Sample)),
-    "cameras_exchanged": InjectedFault(words="cameras exchanged", samples=changed(_exchanged, kinds=Image)),
-    "imus_exchanged": InjectedFault(words="IMUs exchanged", samples=changed(_exchanged, kinds=Imu)),
-}
-
-
+FAULTS = read_cases(__file__)
 _COLUMNS = (
     ("covered %", 18, "{coverage_pct:.0f}"),
     ("end error m", 18, "{end_error_m:.3f}"),
@@ -127,15 +68,15 @@ def run_case(case: Case) -> dict[str, Any]:
     return case.row(faults=found)
 
 
-def _result(fault: InjectedFault, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
+def _result(fault: FaultCase, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
     """Figures of one fault, or `error`, the message with which the filter refuses.
 
     `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each other).
     """
-    rig = fault.calibration(walk.shoes.rig)
-    estimator = _UncertaintyLog(rig, true_start(truth))
+    plan = fault.plan(walk.shoes.rig, seed, walk.shoes.duration)
+    estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:
-        paths = follow(estimator, fault.inject(walk.samples(), rig, seed, walk.shoes.duration))
+        paths = follow(estimator, plan.samples(walk.samples()))
     except StrideTwinError as error:
         return {"error": str(error)}
     ground = [paths[f].trajectory.covariance for f in FEET]
@@ -167,5 +108,4 @@ def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text; pairs are left and right. The end error is that at the last estimate."""
-    words = {name: fault.words for name, fault in FAULTS.items()}
-    return [f"{len(result['cases'])} walks of {SCENARIO}", *fault_table(words, result["summary"], _COLUMNS, 43)]
+    return [f"{len(result['cases'])} walks of {SCENARIO}", *fault_table(FAULTS, result["summary"], _COLUMNS, 43)]

@@ -30,7 +30,6 @@ from stridetwin.sim.config import (
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.sim.parts.sensor_config import SensorConfig
-from stridetwin.studies.zhao2023.mode_not_fooled import STOP_M
 from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS
 
 Rng = np.random.Generator
@@ -41,6 +40,7 @@ CALIBRATED = CalibrationSd(
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
 _BMI = (19.0, 30.0)
+_STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -380,7 +380,7 @@ def clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Level ground with things that resemble steps."""
     width_m = float(rng.uniform(2.0, 2.4))
     length_m = 9.0
-    things = (*_clutter(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + STOP_M))
+    things = (*_clutter(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
     route = replace(config.route, segments=(Level(length_m=length_m),), things=things, width_m=width_m)
     return replace(config, route=replace(route, scenery="outdoor"))
 

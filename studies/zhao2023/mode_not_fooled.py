@@ -7,118 +7,26 @@ of 4 cm. Seeds alternate between head and chest.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
-from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
-from stridetwin.outputs.chosen_poses import given_poses
 from stridetwin.outputs.modes.scores import ScoredMode
-from stridetwin.outputs.truth import TruePath
-from stridetwin.sim.config import Gait, Gaze, Level, Person, Route, Segment, Stairs, Thing, TwinConfig
+from stridetwin.scenarios.scenario_file import scenario_of
+from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.wearer.body import wearer
-from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.samples import Array, Depth
+from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import Samples
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import falls, fell_at_s, recorded
 from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored
 
 SEEDS = range(1000, 1004)
-KERB_M = 0.04
-STOP_M = 0.45
-"""Distance at which the walker stops before the obstacle."""
-HOLES, MIRRORED = 0.30, 0.12
-"""Shares of a mirror-like floor without depth, and with the depth of its mirror image."""
-CEILING_M, BLOTCH_M = 2.4, 0.12
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trap:
-    """One trap.
-
-    Attributes:
-        words: Description.
-        segments: Terrain segments.
-        things: Objects on the ground.
-        bystanders: Number of people walking about.
-        inject: From a recording to the change of its samples.
-    """
-
-    words: str
-    segments: tuple[Segment, ...] = (Level(length_m=6.0),)
-    things: tuple[Thing, ...] = ()
-    bystanders: int = 0
-    inject: Callable[[Recording], Callable[[Samples], Samples]] = lambda recording: lambda samples: samples
-
-
-def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
-    """A floor at height 0 with mirror-like patches: without depth, or with that of the mirrored ceiling."""
-    camera = depth_calibration(recording.rig)
-    topic, frame = given_poses(recording, camera)
-    T_frame_camera = camera_in_frame(recording.rig, camera, frame)
-    truth = TruePath.of(recording.block(topic))
-    fu, fv, pu, pv = camera.intrinsics
-    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1)
-    shine = cv2.GaussianBlur(np.random.default_rng(7).standard_normal((256, 256)), (0, 0), 1.0)
-    low, high = np.quantile(shine, [MIRRORED, 1.0 - HOLES])
-
-    def seen(image: Depth) -> Depth:
-        T = _matrix(truth, image.t_ns) @ T_frame_camera
-        eye, ahead = T[:3, 3], rays @ T[:3, :3].T
-        floor = np.where(ahead[..., 2] < -0.05, eye[2] / -np.minimum(ahead[..., 2], -0.05), np.inf)
-        xy = (eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * ahead[..., :2]) / (0.5 * BLOTCH_M)
-        here = shine[tuple(np.moveaxis(np.floor(xy).astype(int) % 256, -1, 0))]
-        on_floor = np.abs(image.depth - floor) < 0.05 * floor
-        depth = np.where(on_floor & (here > high), 0.0, image.depth)
-        depth = np.where(on_floor & (here < low), image.depth * (eye[2] + CEILING_M) / eye[2], depth)
-        return replace(image, depth=np.where(depth > 6.0, 0.0, depth).astype(np.float32))
-
-    def inject(samples: Samples) -> Samples:
-        there = range(int(truth.t_ns[0]), int(truth.t_ns[-1]) + 1)
-        return (seen(s) if isinstance(s, Depth) and s.t_ns in there else s for s in samples)
-
-    return inject
-
-
-def _matrix(truth: TruePath, t_ns: int) -> Array:
-    at = truth.at(np.array([t_ns], np.int64))
-    T = np.eye(4)
-    T[:3, 3] = at.p_frame_in_world[0]
-    T[:3, :3] = Rotation.from_quat(at.q_world_frame[0], scalar_first=True).as_matrix()
-    return T
-
-
-TRAPS = {
-    "stripe": Trap(
-        words="painted stripes, half of them black without depth",
-        things=(Thing(kind="stripe", at_m=2.5), Thing(kind="stripe", at_m=4.2)),
-    ),
-    "shadow": Trap(
-        words="shadows", things=(Thing(kind="shadow", at_m=2.0), Thing(kind="shadow", at_m=4.2)),
-    ),
-    "kerb": Trap(
-        words="a kerb of 4 cm, up and down",
-        segments=(
-            Level(length_m=3.0), Stairs(risers=1, riser_m=KERB_M), Level(length_m=2.0),
-            Stairs(risers=1, riser_m=KERB_M, down=True), Level(length_m=2.5),
-        ),
-    ),
-    "table": Trap(
-        words="a table beside the way, and one at its end",
-        things=(Thing(kind="table", at_m=2.0, left_m=1.15), Thing(kind="table", at_m=6.0 + STOP_M)),
-    ),
-    "wall": Trap(words="a wall at the end of the way", things=(Thing(kind="wall", at_m=6.0 + STOP_M),)),
-    "leg": Trap(words="legs of four bystanders", bystanders=4),
-    "mirror": Trap(words="a floor that mirrors in blotches", inject=_mirror),
-}  # fmt: skip
+_FILE = Path(__file__).with_suffix(".yaml")
+TRAPS = {name: scenario_of(node, _FILE.with_stem(name)) for name, node in read_yaml(_FILE).items()}
 
 
 def run_case(case: Case) -> dict[str, Any]:
@@ -129,18 +37,20 @@ def run_case(case: Case) -> dict[str, Any]:
         `alarms_pct`, the share of the estimates that predict any other mode than LG.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
-    person = Person()
-    sole_m = wearer(person, with_exo=False).body.shoe_length_m
     found: dict[str, dict[str, Any]] = {}
     fell = []
     for name, trap in TRAPS.items():
-        route = Route(segments=trap.segments, things=trap.things, bystanders=trap.bystanders)
-        config = TwinConfig(
-            name=name, route=route, person=person, exo=None, sensors=SENSORS, rig_mount=mount, physics=case.physics,
+        config = replace(
+            trap.config,
+            exo=None,
+            sensors=SENSORS,
+            rig_mount=mount,
+            physics=case.physics,
             gait=Gait(gaze=Gaze(kind="terrain")),
-        )  # fmt: skip
+        )
         with recorded(config, case, name) as recording:
-            predictions = predict(posed(recording, mount, "dvio", trap.inject(recording)), recording)
+            predictions = predict(posed(recording, mount, "dvio"), recording)
+            sole_m = wearer(config.person, with_exo=False).body.shoe_length_m
             rows = scored(predictions, recording, sole_m)
             if fell_at_s(recording) is not None:
                 fell.append(name)
@@ -190,7 +100,10 @@ def table(result: dict[str, Any]) -> list[str]:
     """Predicted modes by trap, as lines of text; every true one is LG."""
     ours, published = (result["summary"][m] for m in METHODS)
     rows = [
-        (trap.words, {**ours[name], "none": ours[name]["predicted"][""], "published": published[name]["accuracy_pct"]})
+        (
+            trap.description,
+            {**ours[name], "none": ours[name]["predicted"][""], "published": published[name]["accuracy_pct"]},
+        )
         for name, trap in TRAPS.items()
     ]
     return [

@@ -239,7 +239,7 @@ def predict(
                 frame_ms[method].append(own)
             if estimate is not None:
                 estimates[method].append(estimate)
-    return Predictions(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses), camera=camera)
+    return Predictions(estimates=estimates, frame_ms=frame_ms, path=trajectory(poses), camera=camera)
 
 
 def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
@@ -264,7 +264,6 @@ def posed(
     recording: Recording,
     mount: str,
     poses: str,
-    inject: Callable[[Samples], Samples] = lambda samples: samples,
     seen: Callable[[Pose], None] = lambda pose: None,
 ) -> Samples:
     """Poses of the camera's IMU and of the camera on it, depth and insoles in time order.
@@ -273,17 +272,15 @@ def posed(
         recording: Of the walk.
         mount: Mount of the camera.
         poses: Of `POSES`.
-        inject: Fault of the samples, before any estimator reads them.
         seen: Gets every valid pose of the odometry, with its covariance.
     """
     camera = depth_calibration(recording.rig)
     if poses == "given":
         topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
-        yield from inject(iter(recording.samples(topics)))
+        yield from recording.samples(topics)
         return
     odometry, pose_feed = odometer("proposed", recording.rig, mount), PoseFeed()
-    arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
-    for sample in inject(arriving):
+    for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometry.update(sample)
             if (pose := pose_of(estimate)) is not None and pose.valid:
@@ -293,7 +290,8 @@ def posed(
             yield sample
 
 
-def _trajectory(path: list[Odometry]) -> Trajectory:
+def trajectory(path: list[Odometry]) -> Trajectory:
+    """The path of samples in time order."""
     return Trajectory(
         t_ns=np.array([o.t_ns for o in path], np.int64),
         p_frame_in_world=np.array([o.p_frame_in_world for o in path]),

@@ -10,28 +10,35 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.faults.faults import LooseStrap, arrivals, check_faults, plan_faults
+from stridetwin.estimators import base
+from stridetwin.sim.faults.faults import POSES, FaultPlan, LooseStrap, arrivals, check_faults, plan_faults
 from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
+from stridetwin.sim.faults.miscalibration import Miscalibration
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,
     Dropout,
+    Exchange,
     Freeze,
     Late,
     Nan,
+    Offset,
     OutOfOrder,
     Repeat,
+    Restart,
     Saturation,
 )
+from stridetwin.sim.faults.view_faults import DepthNoise, HighView, MirrorFloor, PasserBy
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import full_scales, part
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
-from stridetwin.streams.samples import Block, Depth, Image, Imu, Insole
+from stridetwin.streams.samples import Ahrs, Block, Depth, Encoder, Image, Imu, Insole, Odometry, Sample
 
 RATE_HZ, DURATION_S = 100.0, 10.0
 LEFT, RIGHT, INSOLE, COLOR, DEPTH = "/foot_l/imu", "/foot_r/imu", "/foot_l/insole", "/head/color", "/head/depth"
+KNEE, BACK = "/exo/knee_l/encoder", "/exo/back/ahrs"
 
 
 def _imu(topic: str, part: str, body: str) -> ImuCalibration:
@@ -52,8 +59,11 @@ RIG = Rig(
         )
     },
     others={
-        INSOLE: OtherSensor(
-            topic=INSOLE, kind="insole", part="FlexiForce A401", rate_hz=RATE_HZ, mount=Mount(body="foot_l"),
+        topic: OtherSensor(topic=topic, kind=kind, part=part, rate_hz=RATE_HZ, mount=Mount(body=body))
+        for topic, kind, part, body in (
+            (INSOLE, "insole", "FlexiForce A401", "foot_l"),
+            (KNEE, "encoder", "AMT203", "exo_shank_l"),
+            (BACK, "ahrs", "MW-AHRSv1", "exo_back"),
         )
     },
 )  # fmt: skip
@@ -210,6 +220,160 @@ def test_images_that_share_their_pixels_share_them_behind_dirt() -> None:
     assert not first.flags.writeable
     np.testing.assert_array_equal(first, second)
     assert (own == 90).all()
+
+
+def replayed(items: list[Sample], *faults, seed: int = 1) -> list[Sample]:
+    return list(FaultPlan.of(faults, RIG, seed, DURATION_S).samples(items))
+
+
+def frames(count: int, depth_m: float = 3.0) -> list[Sample]:
+    """Colour and depth of a camera at 10 Hz."""
+    return [
+        sample
+        for t_ns in range(0, count * 100_000_000, 100_000_000)
+        for sample in (
+            Image(topic=COLOR, t_ns=t_ns, pixels=np.full((48, 64, 3), 250, np.uint8)),
+            Depth(topic=DEPTH, t_ns=t_ns, depth=np.full((48, 64), depth_m, np.float32)),
+        )
+    ]
+
+
+def depths(samples: list[Sample]) -> np.ndarray:
+    return np.array([s.depth for s in samples if isinstance(s, Depth)])
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Dropout(topic="/head/*", at_s=0, share=0.3),
+        PasserBy(topic="/head/*", at_s=0),
+        DepthNoise(topic=DEPTH, at_s=0),
+    ],
+    ids=lambda f: f.kind,
+)
+def test_random_choices_depend_on_seed_and_instant_alone(fault) -> None:
+    def content(samples: list[Sample]) -> list[tuple]:
+        return [(s.topic, s.t_ns, (s.pixels if isinstance(s, Image) else s.depth).tobytes()) for s in samples]
+
+    whole = content(replayed(frames(20), fault))
+    assert content(replayed(frames(20)[20:], fault)) == [c for c in whole if c[1] >= 1_000_000_000]
+    assert content(replayed(frames(20), fault, seed=2)) != whole
+    assert content(replayed(frames(20), replace(fault, name="other"))) != whole
+
+
+def test_a_share_of_the_frames_is_lost_with_their_depth() -> None:
+    samples = replayed(frames(100), Dropout(topic="/head/*", at_s=0, share=0.2))
+    colour, depth = ({s.t_ns for s in samples if isinstance(s, kind)} for kind in (Image, Depth))
+    assert colour == depth
+    assert 0.1 < 1 - len(colour) / 100 < 0.3
+
+
+def test_exchanged_streams_arrive_under_the_other_topic_and_in_order() -> None:
+    planned = plan_faults([Exchange(topic="/foot_*/imu", at_s=1, duration_s=1)], RIG, 0, DURATION_S)
+    got = list(arrivals([imu_block(LEFT), imu_block(RIGHT)], planned))
+    assert [(a.topic, len(a.item)) for a in got] == [
+        (LEFT, 100), (RIGHT, 100), (LEFT, 800), (RIGHT, 100), (LEFT, 100), (RIGHT, 800)
+    ]  # fmt: skip
+    np.testing.assert_array_equal(got[1].item.columns["angular_rate"], imu_block(LEFT).columns["angular_rate"][100:200])
+
+
+def test_a_level_of_clipping_concerns_only_what_it_names() -> None:
+    block = imu_block()
+    _, _, columns = corrupted(block, Saturation(topic=LEFT, at_s=0, accelerometer_mps2=20.0))
+    np.testing.assert_array_equal(columns["angular_rate"], block.columns["angular_rate"])
+    np.testing.assert_array_equal(columns["specific_force"], np.clip(block.columns["specific_force"], -20, 20))
+
+
+def test_all_cells_of_an_insole_are_dead() -> None:
+    _, _, columns = corrupted(insole_block(), DeadCell(topic=INSOLE, at_s=3, cell="all"))
+    assert (columns["force"][300:] == 0).all()
+    _, _, stuck = corrupted(insole_block(), DeadCell(topic=INSOLE, at_s=3, cell="all", stuck=True))
+    assert (stuck["force"][300:] == insole_block().columns["force"][300]).all()
+
+
+def test_the_zero_of_an_insole_drifts_and_stays() -> None:
+    block = insole_block()
+    _, _, columns = corrupted(block, Offset(topic=INSOLE, at_s=2, offset_n=-3, drift_n_per_s=3, drift_s=4))
+    since_s = block.t_ns * 1e-9 - 2
+    offset_n = np.where(since_s < 0, 0, -3 + 3 * np.clip(since_s, 0, 4))
+    np.testing.assert_allclose(columns["force"] - block.columns["force"], np.outer(offset_n, np.ones(4)), atol=1e-9)
+
+
+def test_an_encoder_slips_and_a_heading_drifts_without_tilt() -> None:
+    angles = [Encoder(topic=KNEE, t_ns=t * 10**9, angle=0.5) for t in (1, 9)]
+    slipped = replayed(angles, Offset(topic=KNEE, at_s=6, offset_rad=np.radians(2)))
+    assert [s.angle for s in slipped] == pytest.approx([0.5, 0.5 + np.radians(2)])
+    level = Ahrs(topic=BACK, t_ns=9 * 10**9, q_world_sensor=np.array([1.0, 0, 0, 0]), angular_rate=np.zeros(3))
+    (drifted,) = replayed([level], Offset(topic=BACK, at_s=3, drift_rad_s=np.radians(1 / 60)))
+    w, x, y, z = drifted.q_world_sensor
+    assert 2 * np.degrees(np.arctan2(z, w)) == pytest.approx(0.1)
+    assert (x, y) == pytest.approx((0.0, 0.0))
+
+
+def test_depth_gets_its_factor_of_noise_and_nothing_stays_nothing() -> None:
+    items = [replace(s, depth=np.where(np.arange(64) < 8, 0, s.depth)) for s in frames(40) if isinstance(s, Depth)]
+    noisy = depths(replayed(items, DepthNoise(topic=DEPTH, at_s=0, factor=3)))
+    assert np.std(noisy[:, :, 8:] - 3) == pytest.approx(np.sqrt(8) * part("D455").depth.noise * 9.0, rel=0.05)
+    assert (noisy[:, :, :8] == 0).all()
+    assert noisy.dtype == np.float32
+
+
+def test_a_view_that_is_too_high_keeps_its_share_of_the_ground() -> None:
+    (depth,) = depths(replayed(frames(1), HighView(topic=DEPTH, at_s=0, share=0.25)))
+    assert (depth[:11] == 3).all()
+    assert (depth[12:] == 0).all()
+
+
+def test_a_passer_by_covers_the_share_in_colour_and_depth_and_moves() -> None:
+    samples = replayed(frames(90), PasserBy(topic="/head/*", at_s=0, share=0.3, distance_m=1.2))
+    near = depths(samples) < 2.0
+    assert near.mean(axis=(1, 2)).max() == pytest.approx(0.3, abs=0.03)
+    columns = [np.flatnonzero(frame.any(axis=0)).mean() for frame in near]
+    assert max(columns) - min(columns) > 15
+    pixels = np.array([s.pixels for s in samples if isinstance(s, Image)])
+    np.testing.assert_array_equal((pixels != 250).any(axis=3), near)
+    grey = [Image(topic=COLOR, t_ns=0, pixels=np.full((48, 64), 250, np.uint8))]
+    assert replayed(grey, PasserBy(topic=COLOR, at_s=0))[0].pixels.shape == (48, 64)
+
+
+def test_a_floor_that_mirrors_loses_depth_or_shows_the_ceiling() -> None:
+    down = np.array([0.0, 1.0, 0.0, 0.0])  # the optical axis points down: x forward, y right
+    eye = Odometry(
+        topic="/truth/head/imu/odometry", t_ns=0, p_frame_in_world=np.array([0.0, 0, 1.5]), q_world_frame=down,
+        v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
+    )  # fmt: skip
+    fault = MirrorFloor(topic=DEPTH, at_s=0, holes=0.3, mirrored=0.2)
+    first, _, depth = replayed([eye, *frames(1, 1.5)], fault)
+    assert first is eye
+    assert set(np.unique(depth.depth)) == {np.float32(x) for x in (0.0, 1.5, 3.9)}
+    assert (depth.depth == 0).mean() == pytest.approx(0.3, abs=0.15)
+    assert (depth.depth > 3).mean() == pytest.approx(0.2, abs=0.12)
+    assert (depths(replayed([eye, *frames(1, 1.0)], fault)) == 1.0).all()  # no floor at this distance
+    assert (depths(replayed(frames(1, 1.5), fault)) == 1.5).all()  # where it is unknown
+
+
+def test_errors_of_the_calibration_are_where_the_fault_says() -> None:
+    faults = (
+        Miscalibration(topic=COLOR, rotation_rad=(0.02, 0, 0), translation_m=(0, 0.01, 0), clock_offset_s=0.01),
+        Miscalibration(topic="/foot_*/imu", gyroscope_rad_s=5.0),
+    )
+    plan = FaultPlan.of(faults, RIG, 0, DURATION_S)
+    T = plan.rig.cameras[COLOR].mount.T_body_sensor
+    assert np.arccos((np.trace(T[:3, :3]) - 1) / 2) == pytest.approx(0.02)
+    np.testing.assert_allclose(T[:3, 3], [0, 0.01, 0])
+    assert plan.rig.cameras[COLOR].timeshift_cam_imu_s == 0.01
+    assert [plan.rig.imus[t].gyroscope_range for t in (LEFT, RIGHT, "/head/imu")] == [5.0, 5.0, 0.0]
+    assert plan.rig.imus[LEFT].accelerometer_range == 0.0
+    assert [(e.from_ns, e.until_ns) for e in plan.planned[0][1][COLOR]] == [(0, 10_000_000_001)]
+    items = [imu_block(LEFT)]
+    assert [a.item for a in plan.arrivals(items)] == items
+
+
+def test_poses_have_the_topic_of_the_estimators() -> None:
+    assert base.POSES == POSES
+    ((_, events),) = plan_faults([Restart(topic="/poses", at_s=3, duration_s=2)], RIG, 0, DURATION_S)
+    assert set(events) == {POSES}
+    assert POSES not in plan_faults([Dropout(topic="*", at_s=0)], RIG, 0, DURATION_S)[0][1]
 
 
 def test_what_is_overtaken_last_still_arrives_through_the_faults_after_it() -> None:

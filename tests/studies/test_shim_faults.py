@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.samples import Ahrs, Encoder, Insole
 from stridetwin.studies.case import Case
 from stridetwin.studies.shim2019 import shim_faults
-from stridetwin.studies.shim2019.shim_faults import FAULTS
+from stridetwin.studies.shim2019.shim_faults import FAULTS, walk_of
 from stridetwin.studies.shim2019.shim_table5 import SENSORS
 
 pytest.importorskip("mujoco")
@@ -24,52 +23,30 @@ gait: {stand_s: 1}
 """
 
 
-def encoder(t_s, side="l"):
-    return Encoder(topic=f"/exo/knee_{side}/encoder", t_ns=int(t_s * 1e9), angle=0.5)
-
-
-def test_an_encoder_slips_on_one_side_from_an_instant_on():
-    measured = list(FAULTS["encoder_slip"].samples(iter([encoder(1), encoder(9), encoder(9, "r")])))
-    assert [s.angle for s in measured] == pytest.approx([0.5, 0.5 + np.radians(2), 0.5])
-
-
-def test_an_insole_creeps_up_to_its_most():
-    cells = [Insole(topic="/foot_l/insole", t_ns=int(t * 1e9), force=np.zeros(4)) for t in (0, 10, 90)]
-    measured = [s.force.tolist() for s in FAULTS["insole_drift"].samples(cells)]
-    np.testing.assert_allclose(measured, np.outer([0.0, 30.0, 60.0], np.ones(4)))
-
-
-def test_a_low_zero_gives_a_negative_force_in_the_air():
-    cells = [Insole(topic=f"/foot_{side}/insole", t_ns=0, force=np.zeros(4)) for side in "lr"]
-    measured = [s.force.tolist() for s in FAULTS["insole_low"].samples(cells)]
-    assert measured == [[-3.0] * 4, [0.0] * 4]
-
-
 def test_geometry_errors_are_where_the_fault_says():
     config = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)), sensors=SENSORS)
     twin = Twin(config, 0)
-    exo = geometry(twin.size, twin.rig)
-    long, turned = FAULTS["link_10mm"].calibration(exo), FAULTS["mount_2deg"].calibration(exo)
+
+    def geometry_of(name):
+        plan = FAULTS[name].plan(twin.rig, 0, 10.0)
+        return nominal_geometry(twin.size, plan.rig, 0, FAULTS[name].faults)
+
+    exo, long, rotated = (geometry_of(name) for name in ("none", "link_10mm", "mount_2deg"))
     apart = [b.a - a.a for a, b in zip(exo.legs["l"].rows, long.legs["l"].rows, strict=True)]
-    assert sorted(apart)[-1] == pytest.approx(0.010)
+    assert apart[exo.legs["l"].knee.frame - 1] == max(apart) == pytest.approx(0.010)
     assert np.count_nonzero(apart) == 1
-    R = turned.legs["l"].foot.R_frame_sensor @ exo.legs["l"].foot.R_frame_sensor.T
+    R = exo.legs["l"].foot.R_frame_sensor.T @ rotated.legs["l"].foot.R_frame_sensor
     assert np.arccos((np.trace(R) - 1) / 2) == pytest.approx(np.radians(2.0))
-    assert long.legs["r"] is turned.legs["r"] is exo.legs["r"]
-
-
-def test_yaw_drifts_and_tilt_does_not():
-    level = Ahrs(
-        topic="/exo/back/ahrs", t_ns=60_000_000_000, q_world_sensor=np.array([1.0, 0, 0, 0]), angular_rate=np.zeros(3)
-    )
-    w, x, y, z = next(iter(FAULTS["yaw_drift"].samples([level]))).q_world_sensor
-    assert 2 * np.degrees(np.arctan2(z, w)) == pytest.approx(1.0)
-    assert (x, y) == pytest.approx((0.0, 0.0))
+    lateral = exo.legs["l"].sole.T_foot_sole[:3, 1]
+    assert np.linalg.norm(rotated.legs["l"].foot.R_frame_sensor @ [0, 1, 0] - lateral) < 0.02
+    for other in (long, rotated):
+        np.testing.assert_array_equal(other.legs["r"].foot.R_frame_sensor, exo.legs["r"].foot.R_frame_sensor)
+        assert other.legs["r"].rows == exo.legs["r"].rows
 
 
 def test_walks_that_differ_are_walked_anew():
     plain = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)))
-    other = {name for name, fault in FAULTS.items() if fault.walk(plain) != plain}
+    other = {name for name in FAULTS if walk_of(name, plain) != plain}
     assert other == {"shuffle", "mode_1"}
 
 
