@@ -10,6 +10,7 @@ A class is an estimator when it has a `declaration`, the class method `streams`,
 | `steps` | `contact_terrain.StepEstimate` |
 | `terrain` | `terrain_map.TerrainEstimate`; the estimator has the methods of `TerrainMap` |
 | `modes` | `locomotion_mode.ModeEstimate` |
+| `gait_phase` | `gait_phase.PhaseEstimate` |
 
 How outputs of a kind are written, scored and drawn is in `outputs`, one folder per kind; packages may add kinds.
 
