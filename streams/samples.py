@@ -244,8 +244,8 @@ S = TypeVar("S", bound=Sample)
 def copy_sample(sample: S) -> S:
     """A sample with arrays of its own, for an estimator that keeps it: a caller may reuse the arrays after `update`."""
     values = ((f.name, getattr(sample, f.name)) for f in fields(sample))
-    arrays: dict[str, Any] = {name: value.copy() for name, value in values if isinstance(value, np.ndarray)}
-    return replace(sample, **arrays)
+    copies: dict[str, Any] = {name: value.copy() for name, value in values if isinstance(value, np.ndarray)}
+    return replace(sample, **copies)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
