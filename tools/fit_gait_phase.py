@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.gait_phase import TERRAINS, FootWalk, simulate
 from stridetwin.estimators.gait_phase.template import BINS, DOWN, LANDINGS, LEVEL, UP
-from stridetwin.evaluation.phase_scores import Stride
+from stridetwin.outputs.gait_phase.scores import Stride
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 

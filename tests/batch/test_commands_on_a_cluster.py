@@ -13,8 +13,8 @@ import yaml
 
 from stridetwin.batch.executors import BatchOptions
 from stridetwin.cli.main import main
-from stridetwin.evaluation.gate import walk_scores
-from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
+from stridetwin.gate import walk_scores
+from stridetwin.gate.walk_scores import jobs_of, score_walks
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.studies import catalogue
 from stridetwin.studies.case import Case

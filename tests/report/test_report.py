@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from stridetwin.outputs.path.evaluate import evaluate
-from stridetwin.outputs.path.run import all_paths
+from stridetwin.outputs.path.report import describe_distance
 from stridetwin.pages.plot import library
 from stridetwin.reference.norms import level_norm, reference, speed_group
 from stridetwin.report.figures_gait import level_strides
 from stridetwin.report.images import colour_of_depth, make_film, rendered_part
 from stridetwin.report.rerun_file import recording_id, write_rerun
-from stridetwin.report.run_report import travelled
+from stridetwin.run.recording import evaluate_recording
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
@@ -130,7 +129,7 @@ def test_a_film_has_equal_bytes_few_bits_and_its_frames():
 def test_the_rerun_file_is_small_and_whole(walk, tmp_path):
     recording = Recording(walk / "recording.mcap")
     path = tmp_path / "walk.rrd"
-    write_rerun(path, recording, evaluate(recording, all_paths(recording)))
+    write_rerun(path, recording, list(evaluate_recording(recording)))
     assert path.read_bytes()[:4] == b"RRF2"
     assert path.stat().st_size < 3_000_000
 
@@ -165,6 +164,5 @@ def test_who_travelled_is_said():
         return SimpleNamespace(estimate=SimpleNamespace(frame=frame), scores={"distance_m": distance_m})
 
     camera, feet = result("head/imu", 21.5), [result("foot_l/imu", 20.1), result("foot_r/imu", 20.3)]
-    assert travelled([]) == []
-    assert travelled([camera]) == ["21.5 m travelled by the camera"]
-    assert travelled([*feet, camera]) == ["20.3 m travelled by a foot"]
+    assert describe_distance([camera]) == "21.5 m travelled by the camera"
+    assert describe_distance([*feet, camera]) == "20.3 m travelled by a foot"
