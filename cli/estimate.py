@@ -137,7 +137,7 @@ def _run(
 ) -> tuple[list[Output[Any]], _Notes]:
     """The outputs of the estimator on what the arguments name."""
     from stridetwin.outputs.chosen_poses import choose_poses
-    from stridetwin.outputs.feeding import instance_for
+    from stridetwin.outputs.feeding import check_topics, instance_for
     from stridetwin.outputs.pose_feed import replay
 
     if (from_table := _run_on_table(arguments, estimator_class, options)) is not None:
@@ -149,6 +149,7 @@ def _run(
     instance = instance_for(estimator_class, recording, options)
     if not kind.takes_poses:
         return kind.run(instance, recording, progress), _Notes()
+    check_topics(instance, recording)
     poses = choose_poses(recording, arguments.poses)
     instances = [(kind, instance.with_poses_of(poses.frame))]
     ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
