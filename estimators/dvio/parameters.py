@@ -63,8 +63,8 @@ class DvioParameters:
     noise are larger than at one instant: errors of one source (a patch, an axis of the IMU) are correlated in time, and
     the window treats them as independent.
 
-    "Doubled" is the change of the mean APE, 7.3 mm, of two such walks (`dvio_walk`, seed 3; `dvio_stairs`, seed 4) with twice
-    the value: two walks resolve only large effects. "None" is less than 1 %.
+    "Doubled" is the change of the mean APE, 7.3 mm, of two such walks (`dvio_walk`, seed 3; `dvio_stairs`, seed 4) with
+    twice the value: two walks resolve only large effects. "None" is less than 1 %.
     """
 
     pixel_noise_px: float = 0.35
