@@ -197,7 +197,7 @@ def score_walks(
 
 
 def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
-    """Versions of the code that determine the scores that a module makes of some estimators and their kinds of output."""
+    """Versions of the code behind the scores that a module makes of some estimators and their kinds of output."""
     classes = {name: registry.estimator(name) for name in estimators}
     kinds = [kind_of(c.declaration) for c in classes.values()]
     of_kinds = {type(kind).__module__: class_version(type(kind)) for kind in kinds}
