@@ -149,18 +149,6 @@ class OtherSensor:
     mount: Mount
     parameters: Mapping[str, float | list[float] | list[list[float]]] = field(default_factory=dict)
 
-    def number(self, name: str) -> float:
-        """A numeric parameter.
-
-        Raises:
-            StrideTwinError: The sensor has no such number; the message lists the existing ones.
-        """
-        value = self.parameters.get(name)
-        if not isinstance(value, int | float):
-            numbers = sorted(k for k, v in self.parameters.items() if isinstance(v, int | float))
-            raise StrideTwinError(f"{self.topic} has no number {name!r}; it has {', '.join(numbers) or 'none'}")
-        return float(value)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:

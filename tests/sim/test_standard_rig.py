@@ -8,7 +8,7 @@ from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
 from stridetwin.sim.wearer.sensor_bodies import add_rig, visible
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError
 
 CONFIG = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))
 RIG = standard_rig(CONFIG)
@@ -148,10 +148,3 @@ def test_what_is_seen_of_the_rig_sits_at_its_mounts_and_weighs_nothing():
     np.testing.assert_allclose(
         data.xmat[boards[0]].reshape(3, 3), RIG.boards["foot_l"].mount.T_body_sensor[:3, :3], atol=1e-9
     )
-
-
-def test_a_number_is_found_by_its_name():
-    insole = RIG.others["/foot_l/insole"]
-    assert insole.number("force_max_n") == pytest.approx(20 * 9.80665)
-    with pytest.raises(StrideTwinError, match="force_sd_n"):
-        insole.number("cells_m")
