@@ -31,7 +31,6 @@ _WHOLE = (
     ("stridetwin.scenarios", "catalogue"),
     ("stridetwin.reference", ""),
 )
-_REGISTRIES = ("stridetwin.outputs.registry", "stridetwin.estimators.registry")
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
 _NAMED = ("mujoco", "numpy", "scipy")
 
@@ -105,8 +104,7 @@ def _imported(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
     A YAML file of the same name beside a module counts, too. A package counts if something is imported from it, not if
-    it is only part of the path to a module. A registry counts as an import of everything in its package, because it
-    loads modules by entry points.
+    it is only part of the path to a module. What is loaded by entry points counts by itself: `class_version`.
     """
     files: dict[str, Path] = {}
     remaining = [module]
@@ -117,16 +115,7 @@ def _imported(module: str) -> dict[str, Path]:
             files[name] = file
             files |= {f"{name}.yaml": data for data in [file.with_suffix(".yaml")] if data.is_file()}
             remaining += _imports(file.read_bytes())
-            if file.name == "registry.py" and name in _REGISTRIES:
-                remaining += _modules(name.rpartition(".")[0])
     return files
-
-
-def _modules(package: str) -> list[str]:
-    """Names of all modules of a package."""
-    root = _root(package)
-    files = (file.relative_to(root).with_suffix("") for file in root.rglob("*.py"))
-    return [".".join((package, *file.parts)).removesuffix(".__init__") for file in files]
 
 
 def _file(name: str) -> Path | None:

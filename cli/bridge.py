@@ -170,7 +170,13 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
     wanted = None
     if name is not None:
-        options = options_of(arguments, registry.estimator(name).declaration)
+        options = options_of(
+            registry.estimator(name).declaration,
+            foot=arguments.foot,
+            method=arguments.method,
+            backend=arguments.backend,
+            exoskeleton=arguments.exoskeleton,
+        )
         wanted = Request(estimator=name, options=options, output=arguments.output)
     address = parse_address(arguments.listen, "--listen")
     if not _is_loopback(address[0]):

@@ -11,7 +11,6 @@ import typer
 
 from stridetwin.cli.options import (
     BackendOption,
-    EstimatorArguments,
     ImportableOptions,
     Outcome,
     Progress,
@@ -94,7 +93,14 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     estimator_class = registry.estimator(arguments.estimator)
     kind = kind_of(estimator_class.declaration)
     _check_kind_options(arguments, kind)
-    options = options_of(arguments, estimator_class.declaration)
+    options = options_of(
+        estimator_class.declaration,
+        foot=arguments.foot,
+        lag_s=arguments.lag,
+        method=arguments.method,
+        backend=arguments.backend,
+        exoskeleton=arguments.exoskeleton,
+    )
     outputs, notes = _run(arguments, estimator_class, kind, options, progress)
     file_options = FileOptions(mesh=arguments.mesh, dead_reckoning=arguments.dead_reckoning)
     written = [kind.write(output, part_file(arguments.output, output.part), file_options) for output in outputs]
@@ -137,7 +143,7 @@ def _run(
 ) -> tuple[list[Output[Any]], _Notes]:
     """The outputs of the estimator on what the arguments name."""
     from stridetwin.outputs.chosen_poses import choose_poses
-    from stridetwin.outputs.feeding import instance_for
+    from stridetwin.outputs.feeding import check_topics, instance_for
     from stridetwin.outputs.pose_feed import replay
 
     if (from_table := _run_on_table(arguments, estimator_class, options)) is not None:
@@ -149,33 +155,53 @@ def _run(
     instance = instance_for(estimator_class, recording, options)
     if not kind.takes_poses:
         return kind.run(instance, recording, progress), _Notes()
+    check_topics(instance, recording)
     poses = choose_poses(recording, arguments.poses)
     instances = [(kind, instance.with_poses_of(poses.frame))]
     ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
     return outputs, _Notes(poses=poses.description)
 
 
-def options_of(arguments: EstimatorArguments, declaration: Declaration) -> Options:
-    """The request of the arguments of `estimate` or `live`.
+def options_of(
+    declaration: Declaration,
+    *,
+    foot: str | None,
+    method: str | None,
+    backend: str | None,
+    exoskeleton: Path | None,
+    lag_s: float | None = None,
+) -> Options:
+    """The options of an estimator for the arguments of `estimate` or `live`; None for one that is not given.
+
+    Args:
+        declaration: The estimator's.
+        foot: Foot of an estimator that runs per foot.
+        method: Name of an algorithm.
+        backend: Library of the terrain map.
+        exoskeleton: File with the exoskeleton's geometry.
+        lag_s: Seconds of the future that smooth each pose.
 
     Raises:
         StrideTwinError: The estimator has no such option or method.
     """
-    lag_s = getattr(arguments, "lag", None)
-    if arguments.foot and not declaration.per_foot:
+    if foot and not declaration.per_foot:
         raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
     if lag_s is not None and not declaration.smooths:
         raise StrideTwinError(f"--lag goes with {goes_with(lambda d: d.smooths)}")
-    if arguments.method is not None and arguments.method not in declaration.methods:
-        words = goes_with(lambda d: arguments.method in d.methods)
-        where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
+    if method is not None and method not in declaration.methods:
+        words = goes_with(lambda d: method in d.methods)
+        where = f"--method {method} goes with {words}" if words else f"invalid --method {method}"
         valid = ", ".join(declaration.methods)
         raise StrideTwinError(f"{where}: expected {valid}")
-    if arguments.backend is not None and arguments.backend not in declaration.backends:
-        raise StrideTwinError(f"--backend goes with {goes_with(lambda d: arguments.backend in d.backends)}")
-    method, foot = arguments.method or declaration.methods[0], arguments.foot or "l"
-    backend = arguments.backend or ""
-    return Options(method=method, foot=foot, lag_s=lag_s, backend=backend, exoskeleton=arguments.exoskeleton)
+    if backend is not None and backend not in declaration.backends:
+        raise StrideTwinError(f"--backend goes with {goes_with(lambda d: backend in d.backends)}")
+    return Options(
+        method=method or declaration.methods[0],
+        foot=foot or "l",
+        lag_s=lag_s,
+        backend=backend or "",
+        exoskeleton=exoskeleton,
+    )
 
 
 def goes_with(choose: Callable[[Declaration], bool]) -> str:

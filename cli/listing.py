@@ -19,8 +19,7 @@ class ListOptions(Options):
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
-    from stridetwin.estimators.registry import descriptions
-    from stridetwin.outputs.registry import kinds
+    from stridetwin.estimators.registry import descriptions, output_descriptions
     from stridetwin.scenarios.built_in import campaigns, catalogue, problems
     from stridetwin.sim.config import PHYSICS, TwinConfig
     from stridetwin.sim.faults.catalogue import FAULTS
@@ -36,7 +35,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "campaigns": {name: read_yaml(path)["campaign"] for name, path in campaigns().items()},
         "placements": {name: read_yaml(path)["placement"] for name, path in problems().items()},
         "sensors": list(KIND),
-        "outputs": {name: kind.title for name, kind in kinds().items()},
+        "outputs": output_descriptions(),
         "estimators": descriptions(),
         "experiments": {name: study.description for name, study in STUDIES.items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -143,26 +143,6 @@ class Options:
     """Options of every command."""
 
     json: Annotated[bool, switch("--json", "Print one JSON object on stdout and nothing else there.")] = False
-
-
-class EstimatorArguments(Protocol):
-    """Arguments that `estimate` and `live` share, from which they build an estimator's options."""
-
-    @property
-    def foot(self) -> str | None:
-        """Foot of an estimator that runs per foot."""
-
-    @property
-    def method(self) -> str | None:
-        """Name of an algorithm."""
-
-    @property
-    def backend(self) -> str | None:
-        """Library of the terrain map."""
-
-    @property
-    def exoskeleton(self) -> Path | None:
-        """File with the exoskeleton's geometry."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -233,10 +233,10 @@ def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
     """The main scores, one row per output, one table per kind of output."""
     from stridetwin.outputs.registry import kind_with_scores, kinds
 
-    of_kinds: dict[str, dict[str, Scores]] = {kind.title: {} for kind in kinds().values()}
+    of_kinds: dict[AnyKind, dict[str, Scores]] = {kind: {} for kind in kinds().values()}
     for name, values in scores.items():
-        of_kinds[kind_with_scores(values).title][name] = values
-    blocks = [_score_table(of_kinds[kind.title], kind) for kind in kinds().values() if of_kinds[kind.title]]
+        of_kinds[kind_with_scores(values)][name] = values
+    blocks = [_score_table(of_kind, kind) for kind, of_kind in of_kinds.items() if of_kind]
     return [line for block in blocks for line in ("", block)][1:]
 
 

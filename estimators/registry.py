@@ -34,6 +34,12 @@ def descriptions() -> dict[str, str]:
     return {name: _summary(point) or estimator(name).declaration.description for name, point in _points().items()}
 
 
+def output_descriptions() -> dict[str, str]:
+    """One line about each kind of output, by name: the first of its module's docstring, read without importing it."""
+    points = sorted(entry_points(group=OUTPUT_GROUP), key=lambda p: p.name)
+    return {point.name: _summary(point) for point in points}
+
+
 def estimator(name: str) -> type[Estimator]:
     """The class of one estimator.
 

@@ -21,7 +21,7 @@ from stridetwin.gate.own_estimators import OwnEstimator
 from stridetwin.gate.score_table import EVERY
 from stridetwin.outputs.base import Scores, scores_by_output
 from stridetwin.outputs.path.evaluate import evaluate
-from stridetwin.outputs.registry import estimators
+from stridetwin.outputs.registry import estimators, kind_of
 from stridetwin.run.recording import Selection, evaluate_recording
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
@@ -197,8 +197,11 @@ def score_walks(
 
 
 def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
-    """Versions of the code that determine the scores that a module makes of some estimators."""
-    return code_versions(module) | {name: class_version(registry.estimator(name)) for name in estimators}
+    """Versions of the code behind the scores that a module makes of some estimators and their kinds of output."""
+    classes = {name: registry.estimator(name) for name in estimators}
+    kinds = [kind_of(c.declaration) for c in classes.values()]
+    of_kinds = {type(kind).__module__: class_version(type(kind)) for kind in kinds}
+    return code_versions(module) | of_kinds | {name: class_version(c) for name, c in classes.items()}
 
 
 def _key(job: Job, versions: Mapping[str, str]) -> str:

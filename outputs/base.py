@@ -154,10 +154,9 @@ class ReportParts:
 
 
 class OutputKind(ABC, Generic[E, V]):
-    """A kind of output.
+    """A kind of output. `list` shows the first line of the docstring of its module.
 
     Attributes:
-        title: What it is, in a few words.
         order: Place among the kinds in scores, reports and lists.
         scores: Its scores, in the order in which tables show them.
         takes_poses: Its estimators are fed with the poses of an odometry (`POSES`).
@@ -166,7 +165,6 @@ class OutputKind(ABC, Generic[E, V]):
         suffix: Suffix of the file that `run` writes.
     """
 
-    title: ClassVar[str]
     order: ClassVar[int] = 100
     scores: ClassVar[tuple[Score, ...]] = ()
     takes_poses: ClassVar[bool] = False

@@ -57,15 +57,13 @@ def rig_of(recording: Recording) -> Rig:
 
 
 def instance_for(estimator_class: EstimatorClass, recording: Recording, options: Options | None = None) -> Instance:
-    """The instance that the user's options select on a recording.
+    """The instance that the user's options select on a recording, whether that can feed it or not (`check_topics`).
 
     Raises:
-        RecordingError: The recording lacks a stream that it requires.
         StrideTwinError: Rig or metadata do not say which streams it takes.
     """
     options = with_metadata(estimator_class, options, recording)
     streams = estimator_class.streams(rig_of(recording), options)
-    check_topics(estimator_class, streams, recording)
     return Instance(estimator_class=estimator_class, options=options, streams=streams)
 
 
@@ -112,15 +110,14 @@ def missing_topics(streams: Iterable[Stream], available_topics: Container[str]) 
     return [" or ".join(topics) for topics in roles.values() if not any(t in available_topics for t in topics)]
 
 
-def check_topics(estimator_class: EstimatorClass, streams: Iterable[Stream], recording: Recording) -> None:
-    """Raises RecordingError if a recording lacks a stream that an estimator requires."""
-    if missing := missing_topics(streams, recording.topics):
-        name = estimator_class.declaration.name
-        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {name} needs it")
+def check_topics(instance: Instance, recording: Recording) -> None:
+    """Raises RecordingError if a recording lacks a stream that an instance requires."""
+    if missing := missing_topics(instance.streams, recording.topics):
+        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {instance.declaration.name} needs it")
 
 
 def start(instance: Instance, recording: Recording) -> tuple[Estimator, Iterator[Sample]]:
     """An estimator, and the samples from a recording that its `update` takes, in time order."""
-    check_topics(instance.estimator_class, instance.streams, recording)
+    check_topics(instance, recording)
     topics = [s.topic for s in instance.streams if s.live and s.topic in recording.topics]
     return instance.build(rig_of(recording)), iter(recording.samples(topics))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,31 +46,31 @@ class Curves:
     labels: tuple[str, ...]
 
 
+_XYZ = ("x", "y", "z")
+_CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[str, ...]], ...]] = {
+    Imu: (
+        ("angular rate, °/s", ("angular_rate",), _DEG, _XYZ),
+        ("specific force, m/s²", ("specific_force",), 1.0, _XYZ),
+    ),
+    Insole: (("force, N", ("force",), 1.0, ("heel", "lateral", "medial", "toe")),),
+    Interaction: (("force, N", ("force",), 1.0, ("front", "back")),),
+    Range: (("range, m", ("distance",), 1.0, ("",)),),
+    Encoder: (("angle, °", ("angle",), _DEG, ("",)),),
+    Actuator: (("torque, N m", ("torque_command", "torque"), 1.0, ("command", "measured")),),
+}
+"""Quantity and unit, columns, factor to the unit, and labels of each figure, by kind of sample."""
+
+
 def curves_of(block: Block[Sample]) -> list[Curves]:
     """The curves of one stream, in the units of a report; none for images."""
     name, c = block.topic.strip("/"), block.columns
-    xyz = ("x", "y", "z")
-    kind = block.kind
-    if kind is Imu:
-        return [
-            Curves(title=f"{name}: angular rate, °/s", values=c["angular_rate"] * _DEG, labels=xyz),
-            Curves(title=f"{name}: specific force, m/s²", values=c["specific_force"], labels=xyz),
-        ]
-    if kind is Ahrs:
+    if block.kind is Ahrs:
         euler = Rotation.from_quat(c["q_world_sensor"], scalar_first=True).as_euler("ZYX", degrees=True)
         return [Curves(title=f"{name}: attitude, °", values=euler, labels=("yaw", "pitch", "roll"))]
-    if kind is Insole:
-        return [Curves(title=f"{name}: force, N", values=c["force"], labels=("heel", "lateral", "medial", "toe"))]
-    if kind is Interaction:
-        return [Curves(title=f"{name}: force, N", values=c["force"], labels=("front", "back"))]
-    if kind is Range:
-        return [Curves(title=f"{name}: range, m", values=c["distance"][:, None], labels=("",))]
-    if kind is Encoder:
-        return [Curves(title=f"{name}: angle, °", values=c["angle"][:, None] * _DEG, labels=("",))]
-    if kind is Actuator:
-        torques = np.column_stack([c["torque_command"], c["torque"]])
-        return [Curves(title=f"{name}: torque, N m", values=torques, labels=("command", "measured"))]
-    return []
+    return [
+        Curves(title=f"{name}: {quantity}", values=np.column_stack([c[n] for n in columns]) * factor, labels=labels)
+        for quantity, columns, factor, labels in _CURVES.get(block.kind, ())
+    ]
 
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[Markup]:

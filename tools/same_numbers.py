@@ -2,7 +2,8 @@
 
 `python tools/same_numbers.py record FOLDER [--only NAME ...]` runs the jobs below with the installed version and writes
 one JSON file per job; an existing file is kept. `python tools/same_numbers.py compare BEFORE AFTER` prints one line per
-job and exits with 1 where a figure differs. Timings are left out, and `RENAMED` maps the keys of older versions.
+job and exits with 1 where a figure differs. A figure that only AFTER has is counted as new. Timings are left out, and
+`RENAMED` maps the keys of older versions.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from typing import Any
 
 BIN = Path(sys.executable).parent
 STRIDETWIN = (str(BIN / "stridetwin"),)
-EXPERIMENTS = {"shim_table5": 6, "jao_simulation": 100, "zhao_closed_loop": 2, "zhao_generality": 6}
-DEMO_SEEDS = range(1, 6)
+EXPERIMENTS = {"shim_table5": 6, "jao_simulation": 100, "zhao_closed_loop": 2, "zhao_generality": 6, "terrain_zoo": 4}
+DEMO_SEEDS = range(1, 4)
 TIMINGS = ("_ms", "real_time", "_s_per", "seconds", "cpu", "rate_x", "latency")  # parts of the names of timings
 RENAMED = {
     "stridetwin": "proposed", "told_rmse": "all_rmse", "told": "predicted",
@@ -101,9 +102,12 @@ def compare(before: Path, after: Path) -> bool:
             same = False
             continue
         old, new = (dict(figures_of(json.loads(f.read_text(encoding="utf-8")))) for f in (file, other))
-        unequal = [path for path in old.keys() | new.keys() if old.get(path, ...) != new.get(path, ...)]
+        unequal = [path for path in old if old[path] != new.get(path, ...)]
         largest = max((_relative(old.get(path), new.get(path)) for path in unequal), default=0.0)
-        print(f"{file.stem}: {len(old)} figures, {len(unequal)} differ, by {largest:.1e} of the larger value at most")
+        print(
+            f"{file.stem}: {len(old)} figures, {len(unequal)} differ, by {largest:.1e} of the larger value at most; "
+            f"{len(new.keys() - old.keys())} are new"
+        )
         for path in sorted(unequal)[:10]:
             print(f"  {'.'.join(path)}: {old.get(path, 'missing')} -> {new.get(path, 'missing')}")
         same = same and not unequal

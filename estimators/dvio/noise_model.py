@@ -14,12 +14,16 @@ from stridetwin.streams.samples import Array
 # Least noise of a data sheet, where it states none: densities of white noise, then of the biases' random walk.
 _MIN_RATE_NOISE, _MIN_FORCE_NOISE = 1e-5, 1e-4
 _MIN_RATE_WALK, _MIN_FORCE_WALK = 1e-6, 1e-5
-_BIAS_WALK_FACTOR = 4.2  # random walk of the IMU's biases, in multiples of the data sheet's; hand-chosen
-# Least turn-on biases; the calibration may give larger ones. Hand-chosen.
+# "Doubled" is as in `DvioParameters`; all of these are hand-chosen.
+# Random walk of the IMU's biases, in multiples of the data sheet's. Doubled: none; biases follow faster.
+_BIAS_WALK_FACTOR = 4.2
+# Turn-on biases, unless the calibration has larger ones. Doubled: none by the first, + 4 % by the second; the vertical
+# of a start is less certain.
 _MIN_RATE_BIAS_SD_RADPS, _MIN_FORCE_BIAS_SD_MPS2 = 0.01, 0.1
-# Errors of a camera that is not mounted as calibrated; then, relative, of the depth camera's scale and of the focal
-# lengths. Hand-chosen.
+# Errors of a camera that is not mounted as calibrated. Doubled: - 2 % by the first, none by the second with a mount as
+# calibrated.
 _SLIPPED_POSITION_SD_M, _SLIPPED_ROTATION_SD_RAD = 0.03, 0.04
+# Relative errors of the depth camera's scale and of the focal lengths. Doubled: + 20 %, + 24 %.
 _DEPTH_SCALE_SD, _FOCAL_SD = 6e-3, 2e-3
 # Scale and axis errors of a gyroscope, as noise proportional to the rate: 0.56 % over a second.
 _RATE_SHARE_RTS = 5.6e-3

@@ -45,8 +45,10 @@ _COST_TOLERANCE = 1e-3  # relative decrease of the cost at which it stops
 # keyframe's points are still tracked, or after this time.
 _KEYFRAME_PARALLAX_PX, _MIN_TRACKED_SHARE, _MAX_KEYFRAME_S = 18.0, 0.6, 0.4
 _MAX_DEPTH_ERROR_SD = 5.0  # a point is dropped if its measured depth is farther from the prediction
-_GATE_PX = 3.0  # a point is dropped if it is observed farther from its prediction
-_CULL_SD = 3.5  # observations beyond this are removed after the optimisation
+# A point farther from its prediction is dropped; the prediction's uncertainty is added. Twice this: no difference where
+# nothing else moves, but passers-by are followed more often.
+_GATE_PX = 3.0
+_CULL_SD = 3.5  # observations farther off after the optimisation are removed; twice this: 60 % larger errors
 _UNMEASURED_GATE_PX = 10.0  # added to the gate, with its motion, for a point whose depth is not measured
 _MIN_PREDICTED_SHARE = 0.5  # if fewer points are where they were predicted, all are searched for
 _MAX_PNP_ERROR_PX = 3.0  # of an inlier of the pose that decides where most points are mispredicted

@@ -121,4 +121,4 @@ class ContactDetector:
         self._swing_rate, self._swing_rad = -pitch_rate, 0.0
         missed = self.is_swing and stride.begin_ns >= 0
         self.is_swing, self._is_pushing, self._reversal_ns = True, False, t_ns
-        return t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s) if missed else None
+        return max(t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s), last_ns) if missed else None

@@ -43,6 +43,7 @@ _SAMPLES = int(LONGEST_S / _SAMPLE_S) + 2
 _MEASUREMENT_SD = 0.03  # of a stride's logarithm about the person's mean, beyond the drift
 _OUTLIER = 9.0  # squared normalised innovation, beyond which a stride counts this much less
 _CERTAIN = 0.8  # probability of a landing whose template is learned
+_LEAST_PROBABILITY = 1e-12  # of two landings in a row, so that none is impossible
 _BIN_CENTERS = (np.arange(BINS) + 0.5) / BINS
 
 
@@ -124,7 +125,7 @@ class StrideFilter:
         landing = np.exp(column - column.max())
         landing *= self._landing @ self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         landing /= landing.sum()
-        joint = self._landing[:, None] * self._transition * landing
+        joint = self._landing[:, None] * self._transition * landing + _LEAST_PROBABILITY
         joint /= joint.sum()
         ratio_variance = float((joint * self._ratios.variance).sum())
         innovation = math.log(stride_s) - float((joint * self._ratios.log_mean).sum()) - self._log_stride

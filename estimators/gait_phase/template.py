@@ -1,7 +1,7 @@
 """Pitch of everybody's feet over a stride, and stride times on stairs.
 
-`python -m tools.fit_gait_phase` prints these tables, from kinematic twin walks of seeds 0 to 99: people of 1.52 to
-1.93 m, 0.5 to 1.9 m/s, level ground, turns, stairs and ramps.
+From kinematic twin walks of seeds 0 to 99: people of 1.52 to 1.93 m, 0.5 to 1.9 m/s, level ground, turns, stairs and
+ramps. `python -m tools.fit_gait_phase` fits them again; it differs in the last digit of some values.
 """
 
 from __future__ import annotations

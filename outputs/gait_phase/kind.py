@@ -1,4 +1,4 @@
-"""The kind of output `gait_phase`: where in its cycle each leg is."""
+"""Gait phase of each leg: 0 % at its touch-down, 100 % at the next one."""
 
 from __future__ import annotations
 
@@ -49,7 +49,6 @@ class EvaluatedPhases:
 class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     """Gait phases of the legs, one table per leg."""
 
-    title: ClassVar[str] = "gait phase of each leg"
     order: ClassVar[int] = 50
     scores: ClassVar[tuple[Score, ...]] = SCORES
 

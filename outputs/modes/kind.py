@@ -1,4 +1,4 @@
-"""The kind of output `modes`: mode, place and time of the coming steps."""
+"""Mode, place and time of the coming steps."""
 
 from __future__ import annotations
 
@@ -50,7 +50,6 @@ class EvaluatedModes:
 class Modes(OutputKind[ModeRun, EvaluatedModes]):
     """Modes, places and times of coming steps, one table row per step."""
 
-    title: ClassVar[str] = "mode, place and time of the coming steps"
     order: ClassVar[int] = 40
     scores: ClassVar[tuple[Score, ...]] = SCORES
     takes_poses: ClassVar[bool] = True

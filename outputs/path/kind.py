@@ -1,4 +1,4 @@
-"""The kind of output `path`: poses of one frame over a walk."""
+"""Path of a foot or a camera: poses of one frame over a walk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from stridetwin.streams.recording.reader import Recording
 class Paths(OutputKind[PathEstimate, Result]):
     """Paths of a foot or of a camera, one TUM trajectory each."""
 
-    title: ClassVar[str] = "path of a foot or a camera"
     order: ClassVar[int] = 10
     scores: ClassVar[tuple[Score, ...]] = SCORES
     options: ClassVar[frozenset[str]] = frozenset({"imu"})

@@ -1,4 +1,4 @@
-"""The kind of output `steps`: slope, height and class of each step."""
+"""Slope, height and class of each step."""
 
 from __future__ import annotations
 
@@ -48,7 +48,6 @@ class EvaluatedSteps:
 class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
     """Steps estimated from the legs, one table of them."""
 
-    title: ClassVar[str] = "slope, height and class of each step"
     order: ClassVar[int] = 20
     scores: ClassVar[tuple[Score, ...]] = SCORES
     options: ClassVar[frozenset[str]] = frozenset({"exoskeleton"})

@@ -1,4 +1,4 @@
-"""The kind of output `terrain`: planes, ramps and stairs around the walker."""
+"""Planes, ramps and stairs around the walker."""
 
 from __future__ import annotations
 
@@ -46,7 +46,6 @@ class EvaluatedMap:
 class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     """Maps of the ground, each with planes, ramps and stairs."""
 
-    title: ClassVar[str] = "planes, ramps and stairs"
     order: ClassVar[int] = 30
     scores: ClassVar[tuple[Score, ...]] = SCORES
     takes_poses: ClassVar[bool] = True

@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, Stream, StreamFault, at
+from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, StreamFault, at
 from stridetwin.sim.faults.image_faults import image_of, is_depth
-from stridetwin.sim.parts.kinds import RgbdPart
-from stridetwin.sim.parts.library import part_described_by
 from stridetwin.streams.fields import number
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Odometry
@@ -30,31 +28,27 @@ _LONGEST_M = 6.0  # beyond which the mirror image has no depth
 
 @dataclass(frozen=True, kw_only=True)
 class DepthNoise(StreamFault):
-    """Depth with more noise than the part's, correlated between pixels like the part's.
+    """Noise of depth beside the part's own.
 
     Attributes:
-        factor: Standard deviation of the noise over the part's.
+        noise_per_m: Standard deviation over the square of the depth.
+        noise_correlation_px: Its correlation length.
     """
 
     kind = "depth_noise"
     fits = (Depth,)
-    factor: Annotated[float, number(1, 20)] = 3.0
-
-    def suits(self, stream: Stream) -> bool:
-        """Whether the noise of the part is known."""
-        return stream.kind in self.fits and isinstance(part_described_by(stream.part), RgbdPart)
+    noise_per_m: Annotated[float, number(0, 0.2)] = 0.01
+    noise_correlation_px: Annotated[float, number(1, 32)] = 4.0
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The depth image with added noise; pixels without depth stay without."""
-        camera = part_described_by(event.part)
-        assert isinstance(camera, RgbdPart)
-        depth, alike = image_of(arrival)[1], camera.depth.noise_px
+        depth = image_of(arrival)[1]
         height, width = depth.shape
-        coarse = (round(height / alike) + 1, round(width / alike) + 1)
-        noise = event.rng(arrival.taken_ns).standard_normal(coarse, np.float32)
-        noise = cv2.resize(noise, (width, height), interpolation=cv2.INTER_LINEAR)
-        sd = np.float32(math.sqrt(self.factor**2 - 1) * camera.depth.noise / noise.std())
-        return (arrival.but(depth=np.maximum(depth + sd * depth**2 * noise, 0.0).astype(np.float32)),)
+        grid = (round(height / self.noise_correlation_px) + 1, round(width / self.noise_correlation_px) + 1)
+        coarse = event.rng(arrival.taken_ns).standard_normal(grid, np.float32)
+        noise = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+        noisy = depth + np.float32(self.noise_per_m) / noise.std() * depth**2 * noise
+        return (arrival.but(depth=np.maximum(noisy, 0.0).astype(np.float32)),)
 
 
 @dataclass(frozen=True, kw_only=True)

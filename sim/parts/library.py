@@ -71,7 +71,7 @@ def full_scales(text: str) -> Mapping[str, float]:
     Args:
         text: Description of the part in the rig: that in the library, or any text that contains its name.
     """
-    match part_described_by(text):
+    match _described_by(text):
         case ImuPart() as imu:
             return {"angular_rate": imu.gyroscope.range, "specific_force": imu.accelerometer.range}
         case ForceCellPart() as cell:
@@ -79,9 +79,8 @@ def full_scales(text: str) -> Mapping[str, float]:
     return {}
 
 
-@cache
-def part_described_by(text: str) -> Part | None:
-    """The part with this description in a rig, otherwise the one with the longest name in the text."""
+def _described_by(text: str) -> Part | None:
+    """The part with this description, otherwise the one with the longest name in the text."""
     plain = text.replace("-", " ")
     parts = [part(name) for name in library()]
     named = [p for p in parts if p.name.replace("-", " ") in plain]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -159,13 +158,11 @@ class SolidSet:
         self._half = np.stack([column["length"], column["width"]], axis=-1) / 2
         cos, sin = np.cos(column["yaw"]), np.sin(column["yaw"])
         self._axes = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=-2)  # rows: own x, y
-        self._plan = np.array([corners(s)[:4, :2] for s in solids])
         self._bottom = column["bottom"]
         self._mid = (column["start"] + column["end"]) / 2
         along = (column["end"] - column["start"]) / column["length"]
         self._slope = np.stack([along, column["cross"]], axis=-1)  # along its own x and y axes
         self._ground = ground
-        self.edges = self._find_edges()
 
     def top_facet(self, xy: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
         """(...) height of the surface at (..., 2) points, m, and (...) index of its solid, -1 for the ground plane.
@@ -187,14 +184,6 @@ class SolidSet:
         normal = np.concatenate([-gradient, np.ones((len(gradient), 1))], axis=-1)
         normal = np.concatenate([normal, [[0.0, 0.0, 1.0]]])  # index -1
         return normal[which] / np.linalg.norm(normal[which], axis=-1, keepdims=True)
-
-    def edge_distance(self, xy: ArrayLike) -> Array:
-        """Horizontal distance from (..., 2) points to the nearest edge of the surface, m, (...)."""
-        points = np.asarray(xy, dtype=float)[..., None, :]
-        start, run = self.edges[:, 0], self.edges[:, 1] - self.edges[:, 0]
-        share = np.sum((points - start) * run, axis=-1) / np.sum(run * run, axis=-1)
-        nearest = start + np.clip(share, 0.0, 1.0)[..., None] * run
-        return np.min(np.linalg.norm(points - nearest, axis=-1), axis=-1)
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """Nearest intersections of rays with the surface, from (N, 3) origins along (N, 3) directions of any length.
@@ -222,42 +211,3 @@ class SolidSet:
             np.concatenate([sides, down, up], axis=1),
             np.concatenate([side_offsets, -self._bottom[:, None], up_offset], axis=1),
         )
-
-    def _find_edges(self) -> Array:
-        """Segments (E, 2, 2) where the surface jumps or bends.
-
-        Every border of a footprint is cut at its intersections with other borders; a part is an edge if the planes on
-        its two sides differ. Tops that intersect each other inside both footprints do not occur in terrain.
-        """
-        a = self._plan.reshape(-1, 2)
-        b = np.roll(self._plan, -1, axis=1).reshape(-1, 2)
-        cut = []
-        for p, q in zip(a, b):
-            cuts = np.unique(np.round([0.0, *_crossings(p, q, a, b), 1.0], 9))
-            cut += [(p + s * (q - p), p + t * (q - p)) for s, t in pairwise(cuts)]
-        segments = np.array(cut)
-        run = segments[:, 1] - segments[:, 0]
-        across = np.stack([-run[:, 1], run[:, 0]], -1) / np.linalg.norm(run, axis=-1, keepdims=True)
-        middle = segments.mean(axis=1)
-        left, right = self._plane_at(middle, 1e-6 * across), self._plane_at(middle, -1e-6 * across)
-        return segments[np.any(np.abs(left - right) > 1e-9, axis=-1)]
-
-    def _plane_at(self, xy: Array, beside: Array) -> Array:
-        """Height at `xy` and gradient (N, 3) of the topmost plane at `xy + beside`."""
-        _, which = self.top_facet(xy + beside)
-        gradient = np.einsum("na,nai->ni", self._slope[which], self._axes[which])
-        gradient = np.where(which[:, None] >= 0, gradient, 0.0)
-        z = self._mid[which] + np.sum(gradient * (xy - self._centre[which]), axis=-1)
-        return np.concatenate([np.where(which >= 0, z, self._ground)[:, None], gradient], axis=-1)
-
-
-def _crossings(p: Array, q: Array, a: Array, b: Array) -> Array:
-    """Positions from p to q, as shares in (0, 1), where the segments (a, b) or their ends meet the line."""
-    run, other = q - p, b - a
-    cross = run[0] * other[:, 1] - run[1] * other[:, 0]
-    to = a - p
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = (to[:, 0] * other[:, 1] - to[:, 1] * other[:, 0]) / cross
-        t = (to[:, 0] * run[1] - to[:, 1] * run[0]) / cross
-    meets = (np.abs(cross) > 1e-12) & (t > -1e-9) & (t < 1 + 1e-9) & (s > 0) & (s < 1)
-    return s[meets]

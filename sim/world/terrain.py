@@ -114,10 +114,6 @@ class Terrain:
         names = np.array([s.terrain for s in self.solids] + ["level"])  # index -1 is the ground plane
         return names[self._set.top_facet(xy)[1]]
 
-    def edge_distance(self, xy: ArrayLike) -> Array:
-        """Horizontal distance, m, (...), from (..., 2) points to the nearest jump or bend of the surface."""
-        return self._set.edge_distance(xy)
-
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> Array:
         """(N,) distance, m, along rays to the surface or a landmark, as for `SolidSet.ray_cast`."""
         return self.ray_hit(origins, directions)[0]

@@ -1,6 +1,6 @@
 """Which columns of a table are time, specific force and angular rate, and in which units, by the table's header.
 
-Units in the header count before those that are usual for a kind of file (`DIALECTS`). A mapping names the columns of
+Units in the header count before those that are usual for a kind of file (`Dialect`). A mapping names the columns of
 any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`.
 """
 
@@ -20,27 +20,15 @@ EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
 _NAMES = {ACCEL: ("accel_{}", "a{}", "acc_{}"), GYRO: ("gyro_{}", "g{}", "w{}")}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Dialect:
-    """The units that a kind of file leaves out of its header.
-
-    Attributes:
-        time: Unit of time; "" is found from the rate.
-        accel: Unit of the specific force; "" must be in the header.
-        gyro: Unit of the angular rate; likewise.
-    """
-
-    time: str = ""
-    accel: str = ""
-    gyro: str = ""
-
-
-OURS = Dialect(time="s", accel="m/s²", gyro="rad/s")
-XSENS = Dialect(accel="m/s²", gyro="rad/s")
-SENSOR_LOGGER = Dialect(time="s", accel="m/s²", gyro="rad/s")
-MOVESENSE = Dialect(time="ms", accel="m/s²", gyro="deg/s")
-GAITMAP = Dialect(accel="m/s²", gyro="deg/s")
-UNKNOWN = Dialect()
+Dialect = Mapping[str, str]
+"""The units by quantity that a kind of file leaves out of its header. Without one for time it is found from the rate;
+one for force or rate must then be in the header."""
+OURS: Dialect = {TIME: "s", ACCEL: "m/s²", GYRO: "rad/s"}
+XSENS: Dialect = {ACCEL: "m/s²", GYRO: "rad/s"}
+SENSOR_LOGGER: Dialect = {TIME: "s", ACCEL: "m/s²", GYRO: "rad/s"}
+MOVESENSE: Dialect = {TIME: "ms", ACCEL: "m/s²", GYRO: "deg/s"}
+GAITMAP: Dialect = {ACCEL: "m/s²", GYRO: "deg/s"}
+UNKNOWN: Dialect = {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +103,7 @@ def columns_of(path: Path, header: Sequence[str], sensors: Sequence[str] = (), q
     if time is None and sensors and words[0] in ("", "axis"):
         time = 0
     known = unit_of(named[time][1]) if time is not None else None
-    time_unit = known[1] if known is not None and known[0] == TIME else dialect.time
+    time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
     return Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
 
 
@@ -229,7 +217,7 @@ def _signal(
         raise missing_axis(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)
     known = {unit_of(named[at][1]) for at in (x, y, z)}
-    units = {unit[1] for unit in known if unit is not None} or {getattr(dialect, kind)}
+    units = {unit[1] for unit in known if unit is not None} or {dialect.get(kind, "")}
     if len(units) != 1 or not (unit := units.pop()):
         valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
         raise ConfigError(path, f"header, unit of {header[x]}", named[x][1] or None, valid)

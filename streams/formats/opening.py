@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest
 from stridetwin.streams.formats.record3d import is_record3d, read_record3d
-from stridetwin.streams.formats.stray_scanner import PER_METRE, is_stray_scanner, read_stray_scanner
+from stridetwin.streams.formats.stray_scanner import is_stray_scanner, read_stray_scanner
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recording.imported import ImportedContents, Source
@@ -41,7 +41,27 @@ TABLE_TOPIC = "/foot_l/imu"
 _BAGS = ("mcap", "rosbag1", "rosbag2")
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
 _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
-_SQLITE = b"SQLite format 3\0"
+_HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
+"""First bytes of a file of each kind."""
+_LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
+    "euroc": lambda path: euroc.euroc_root(path) is not None,
+    "tum": tum_rgbd.is_tum_rgbd,
+    "7scenes": lambda path: seven_scenes.frames_folder(path) is not None,
+    "strayscanner": is_stray_scanner,
+    "record3d": is_record3d,
+    "table": is_imu_folder,
+}
+"""Whether a folder has the layout of each kind."""
+_READERS: Mapping[str, Callable[[Path, Notes], Source]] = {
+    "euroc": euroc.read_euroc,
+    "record3d": read_record3d,
+    "vrs": read_aria_vrs,
+}
+_READERS_WITH_DEPTH_SCALE: Mapping[str, Callable[..., Source]] = {
+    "tum": tum_rgbd.read_tum_rgbd,
+    "7scenes": seven_scenes.read_seven_scenes,
+    "strayscanner": read_stray_scanner,
+}
 _EVENTS = (Footprint, Point)  # irregular events
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
@@ -81,12 +101,9 @@ def recognise(path: Path) -> str:
         raise unreadable(path, error) from error
     if not head:
         raise StrideTwinError(f"{path}: the file is empty")
-    if head.startswith(MAGIC[:5]):
-        return "mcap"
-    if head.startswith(b"#ROSBAG"):
-        return "rosbag1"
-    if head == _SQLITE:
-        return "rosbag2"
+    for first_bytes, kind in _HEADS.items():
+        if head.startswith(first_bytes):
+            return kind
     if path.suffix == ".vrs":
         return "vrs"
     if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or head.startswith((b"//", b"PacketCounter"))):
@@ -167,19 +184,10 @@ def warn_of(path: Path, warnings: Iterable[str]) -> None:
 def _folder_kind(path: Path) -> str:
     if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
         return "rosbag2"
-    if euroc.euroc_root(path) is not None:
-        return "euroc"
-    if tum_rgbd.is_tum_rgbd(path):
-        return "tum"
-    if seven_scenes.frames_folder(path) is not None:
-        return "7scenes"
-    if is_stray_scanner(path):
-        return "strayscanner"
-    if is_record3d(path):
-        return "record3d"
-    if is_imu_folder(path):
-        return "table"
-    kinds = ", ".join(kind for kind in FILE_FORMATS[2:] if kind != "vrs")
+    for kind, has_layout in _LAYOUTS.items():
+        if has_layout(path):
+            return kind
+    kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")
     raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
 
 
@@ -195,18 +203,11 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
         names = {name: imu_topic(name) for name in imus if name}
         blocks: dict[str, Block[Any]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
-    if kind == "euroc":
-        return euroc.read_euroc(path, notes)
-    if kind == "tum":
-        return tum_rgbd.read_tum_rgbd(path, notes, options.depth_scale or tum_rgbd.PER_METRE)
-    if kind == "7scenes":
-        return seven_scenes.read_seven_scenes(path, notes, options.depth_scale or seven_scenes.PER_METRE)
-    if kind == "strayscanner":
-        return read_stray_scanner(path, notes, options.depth_scale or PER_METRE)
-    if kind == "record3d":
-        return read_record3d(path, notes)
-    if kind == "vrs":
-        return read_aria_vrs(path, notes)
+    if kind in _READERS:
+        return _READERS[kind](path, notes)
+    if kind in _READERS_WITH_DEPTH_SCALE:
+        scale = {"per_metre": options.depth_scale} if options.depth_scale else {}
+        return _READERS_WITH_DEPTH_SCALE[kind](path, notes, **scale)
     return read_bag(_bag(path, kind, notes), kind, notes)
 
 

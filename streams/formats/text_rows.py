@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,28 +74,18 @@ def numbers(
     Raises:
         ConfigError: A word is not a number, or there is no row, unless lenient.
     """
-    places = [at for _, at in columns]
-    try:
-        whole, times = np.empty((len(rows), len(places))), np.empty(len(rows), np.int64)
-        for i, row in enumerate(rows):
-            words = row.words
-            times[i], whole[i] = stamp(words[0]), [float(words[at]) for at in places]
-        if rows and np.isfinite(whole).all():
-            return times, whole
-    except (ValueError, IndexError, OverflowError):
-        pass  # something is invalid: the row-by-row pass below locates it
-    stamps: list[int] = []
-    table: list[list[float]] = []
+    stamps, table = array("q"), array("d")
     for row in rows:
+        words = row.words
         try:
-            values = [_number(path, row, name, at) for name, at in columns]
+            values = [_number(path, row, name, words[at] if at < len(words) else None) for name, at in columns]
             stamps.append(row_stamp(path, row, stamp))
-            table.append(values)
+            table.extend(values)
         except ConfigError as error:
             notes.invalid(error)
     if not table:
         notes.invalid(ConfigError(path, "rows", 0, "at least one that is valid"))
-    return np.array(stamps, np.int64), np.array(table, np.float64).reshape(-1, len(columns))
+    return np.array(stamps), np.array(table).reshape(len(stamps), len(columns))
 
 
 def row_stamp(path: Path, row: Row, stamp: Callable[[str], int]) -> int:
@@ -117,10 +108,9 @@ def integer_nanoseconds(word: str) -> int:
     return value
 
 
-def _number(path: Path, row: Row, name: str, at: int) -> float:
-    word = row.words[at] if at < len(row.words) else None
+def _number(path: Path, row: Row, name: str, word: str | None) -> float:
     try:
-        value = float(word) if word is not None else math.nan
+        value = float(word or "nan")
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.recording.imported import ImportedContents
 from stridetwin.streams.recording.index import Problem, TopicInfo
 from stridetwin.streams.recording.mcap_contents import McapContents, Message
 from stridetwin.streams.recording.recording_schema import RIG_NAME
@@ -28,41 +29,8 @@ __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
 
 
 _COMPONENTS = {1: ("",), 3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
-
-
-class Contents(Protocol):
-    """Source of a recording's samples: an MCAP file, or the files of another tool.
-
-    Attributes:
-        topics: Contents by topic.
-        metadata: Texts stored with it.
-        problems: Problems that would corrupt an estimate.
-        warnings: Assumptions.
-        unread: Type of the messages of every topic that is not read.
-        rig: The calibration, None if there is none.
-    """
-
-    topics: dict[str, TopicInfo]
-    metadata: dict[str, str]
-    problems: list[Problem]
-    warnings: list[str]
-    unread: dict[str, str]
-    rig: Rig | None
-
-    def samples(self, topics: list[str]) -> Iterator[Sample]:
-        """Samples of the topics in time order, images last at equal stamps."""
-
-    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
-        """All samples of some topics without images, in one pass."""
-
-    def times(self, topic: str) -> NDArray[np.int64]:
-        """(N,) ns, stamps of any topic, without decoding its samples."""
-
-    def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
-        """The requested images that exist, by number."""
-
-    def image_times(self, topic: str) -> NDArray[np.int64] | None:
-        """(N,) ns, None for a topic without images."""
+Contents = McapContents | ImportedContents
+"""Source of a recording's samples: an MCAP file, or the files of another tool."""
 
 
 class Recording:

@@ -55,7 +55,7 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
         "estimators/dvio/solver.py",
         "estimators/locomotion_mode/rollout.py",
         "outputs/modes/scores.py",
-        "outputs/modes/change_scores.py",
+        "outputs/modes/approaches.py",
         "scenarios/record.py",
         "studies/zhao2023/mode_walks.py",
         "studies/zhao2023/zhao_walks.py",

@@ -37,7 +37,7 @@ COMMANDS = (
     "view",
 )
 FILES = {"recording.mcap", "scores.json", "report.html", "run.rrd", "foot_ins_l.txt", "foot_ins_r.txt"}
-FILES |= {"foot_to_foot_l.txt", "foot_to_foot_r.txt"}
+FILES |= {"foot_to_foot_l.txt", "foot_to_foot_r.txt", "gait_phase_l.csv", "gait_phase_r.csv"}
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,9 @@ def test_the_version_is_that_of_the_package(capsys):
 def test_run_leaves_every_file_and_says_where_the_report_is(walk):
     assert {p.name for p in walk.iterdir()} == FILES
     scores = json.loads((walk / "scores.json").read_text())
-    assert set(scores["estimators"]) == {"foot_ins_l", "foot_ins_r", "foot_to_foot_l", "foot_to_foot_r"}
+    assert set(scores["estimators"]) == {
+        f"{name}_{side}" for name in ("foot_ins", "foot_to_foot", "gait_phase") for side in "lr"
+    }
     assert scores["estimators"]["foot_ins_l"]["end_error_m"] < 0.1
     metadata = Recording(walk / "recording.mcap").metadata
     assert (metadata["scenario"], metadata["seed"]) == ("level_20m", "3")

@@ -66,7 +66,7 @@ def test_it_is_listed_estimated_and_live(installed, scenario, tmp_path, capsys):
     recording = tmp_path / "steps.mcap"
     printed(capsys, "generate", scenario, "-o", recording)
     listed = printed(capsys, "list")
-    assert listed["outputs"]["simple_phase"] == "gait phase by time"
+    assert listed["outputs"]["simple_phase"] == "Gait phase by time alone"
     assert listed["estimators"]["phase_by_time"].startswith("Gait phase by time alone")
     file = tmp_path / "phases.csv"
     printed(capsys, "estimate", "phase_by_time", recording, "--foot", "r", "-o", file)

@@ -310,10 +310,10 @@ def test_an_encoder_slips_and_a_heading_drifts_without_tilt() -> None:
     assert (x, y) == pytest.approx((0.0, 0.0))
 
 
-def test_depth_gets_its_factor_of_noise_and_nothing_stays_nothing() -> None:
+def test_depth_gets_its_noise_and_nothing_stays_nothing() -> None:
     items = [replace(s, depth=np.where(np.arange(64) < 8, 0, s.depth)) for s in frames(40) if isinstance(s, Depth)]
-    noisy = depths(replayed(items, DepthNoise(topic=DEPTH, at_s=0, factor=3)))
-    assert np.std(noisy[:, :, 8:] - 3) == pytest.approx(np.sqrt(8) * part("D455").depth.noise * 9.0, rel=0.05)
+    noisy = depths(replayed(items, DepthNoise(topic=DEPTH, at_s=0, noise_per_m=0.01)))
+    assert np.std(noisy[:, :, 8:] - 3) == pytest.approx(0.01 * 9.0, rel=0.05)
     assert (noisy[:, :, :8] == 0).all()
     assert noisy.dtype == np.float32
 

@@ -69,22 +69,6 @@ def test_a_riser_belongs_to_its_upper_side():
     assert TERRAIN.height([3.0, 0.0]) == pytest.approx(0.17)
 
 
-def test_edge_distance():
-    # Middle of the first tread, near the side of the way, on the ground outside, and far from any edge.
-    xy = [[3.14, 0.0], [1.0, 1.15], [0.0, 1.7], [0.5, 0.0]]
-    np.testing.assert_allclose(TERRAIN.edge_distance(xy), [0.14, 0.05, 0.5, 1.2], atol=1e-9)
-
-
-def test_coplanar_neighbours_make_no_edge_but_a_bend_does():
-    flat = Terrain.from_route(Route(segments=(Level(length_m=1.0), Level(length_m=1.0)), width_m=10.0))
-    assert flat.edge_distance([1.0, 0.0]) == pytest.approx(3.0)
-    a = Solid.box(x=0, y=0, length=2, width=4, bottom=-1, top=0.0)
-    b = Solid.box(x=2, y=0, length=2, width=4, bottom=-1, top=0.0)
-    assert SolidSet([a, b], -0.5).edge_distance([1.0, 0.0]) == pytest.approx(2.0)
-    c = Solid(x=2, y=0, length=2, width=4, bottom=-1, start=0.0, end=0.2)
-    assert SolidSet([a, c], -0.5).edge_distance([1.0, 0.0]) == pytest.approx(0.0)
-
-
 @settings(max_examples=40, deadline=None)
 @given(route=routes, seed=st.integers(0, 2**31))
 def test_queries_agree_with_the_profile(route, seed):
@@ -99,10 +83,6 @@ def test_queries_agree_with_the_profile(route, seed):
             terrain.height(xy), np.interp(x, [strip.s0, strip.s1], [strip.z0, strip.z1]), atol=1e-9
         )
         assert set(terrain.terrain_class(xy)) == {strip.terrain}
-        to_end = np.minimum(x - strip.s0, strip.s1 - x)
-        to_side = 1.2 - np.abs(xy[:, 1])
-        # Every strip of these routes ends at a jump or a bend.
-        np.testing.assert_allclose(terrain.edge_distance(xy), np.minimum(to_end, to_side), atol=1e-8)
 
 
 @settings(max_examples=25, deadline=None)
@@ -170,8 +150,6 @@ def test_edges_of_a_winding_stair_are_radial(turn_deg, down):
     last = terrain.profile[-1]
     assert (last.s0, last.z0) == pytest.approx((2.0 + 8 * 0.27, (-1 if down else 1) * 9 * 0.17))
     assert float(terrain.layout.way.heading(last.s0)) == pytest.approx(turn)
-    middle = terrain.layout.way.point(2.0 + 0.27 * np.arange(risers))
-    assert terrain.edge_distance(middle) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +239,6 @@ def test_rotated_solids_give_the_same_answers(yaw, seed):
     rotated = SolidSet([Solid(**{**b, "x": c[0], "y": c[1], "yaw": yaw}) for b, c in zip(boxes, centres)], -0.2)
     xy = rng.uniform([-1.5, -0.8], [3.0, 0.8], (60, 2))
     np.testing.assert_allclose(rotated.top_facet(xy @ turn.T)[0], straight.top_facet(xy)[0], atol=1e-9)
-    np.testing.assert_allclose(rotated.edge_distance(xy @ turn.T), straight.edge_distance(xy), atol=1e-7)
     rays = rng.standard_normal((60, 3))
     origins = np.column_stack([xy, np.full(60, 1.0)])
     rotated_rays = np.column_stack([rays[:, :2] @ turn.T, rays[:, 2]])

@@ -11,9 +11,9 @@ from stridetwin.estimators import registry
 from stridetwin.testing import conformance_cases
 from stridetwin.testing.cases import CHECKS
 
-OURS = ("foot_ins", "foot_to_foot", "contact_terrain", "dvio", "terrain_map", "locomotion_mode")
+OURS = ("foot_ins", "foot_to_foot", "contact_terrain", "dvio", "terrain_map", "locomotion_mode", "gait_phase")
 
-sys.path.append(str(Path(__file__).parents[1] / "pipeline" / "example_package"))
+sys.path.append(str(Path(__file__).parents[1] / "run" / "example_package"))
 from stridetwin_example import GravityFoot  # noqa: E402
 from stridetwin_example_ground import FlatGround, SteadySteps  # noqa: E402
 

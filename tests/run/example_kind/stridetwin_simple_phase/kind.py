@@ -1,4 +1,4 @@
-"""The kind of output: its run, scores, files, figure and live row."""
+"""Gait phase by time alone."""
 
 from __future__ import annotations
 
@@ -96,7 +96,6 @@ class LivePhases(LiveOutput):
 class SimplePhases(OutputKind[FootPhases, EvaluatedPhases]):
     """Gait phases of the legs."""
 
-    title: ClassVar[str] = "gait phase by time"
     order: ClassVar[int] = 900
     scores: ClassVar[tuple[Score, ...]] = (
         Score(name="simple_phase_rmse_pct", heading="phase RMS %", label="Phase, RMS error", unit="%"),
