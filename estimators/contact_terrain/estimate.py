@@ -13,13 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters, PublishedParameters
+from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
 MODES = ("LG", "SA", "SD", "RA", "RD")
 """Level ground, stair ascent and descent, ramp ascent and descent."""
 UNKNOWN = "unknown"
+# Penalty C of the published support vector machine, and width γ of its radial basis function per squared share of the
+# largest slope and elevation; the paper does not give them, hand-chosen. Doubled: its boundaries follow single training
+# steps more closely.
+_SVM_C, _SVM_GAMMA = 100.0, 10.0
+# Slope above which the ground beyond a riser is a ramp: most such ground is a tread. Doubled: landings on a ramp of
+# less than 10° beyond a riser are on stairs.
+_TREAD_RAMP_RAD = 2.0 * math.radians(2.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,19 +70,12 @@ class TerrainSvm:
         slope: (N,) rad of the training steps.
         elevation: (N,) m.
         modes: (N,) their modes.
-        parameters: Of the support vector machine.
 
     Raises:
         StrideTwinError: scikit-learn is not installed, or there are fewer than two modes.
     """
 
-    def __init__(
-        self,
-        slope: ArrayLike,
-        elevation: ArrayLike,
-        modes: ArrayLike,
-        parameters: PublishedParameters = DEFAULTS.published,
-    ) -> None:
+    def __init__(self, slope: ArrayLike, elevation: ArrayLike, modes: ArrayLike) -> None:
         try:
             from sklearn.svm import SVC
         except ModuleNotFoundError as error:
@@ -87,7 +87,7 @@ class TerrainSvm:
             raise StrideTwinError(f"the steps to learn from are of {len(np.unique(labels))} modes: expected 2 or more")
         features = np.column_stack([np.asarray(slope, dtype=float), np.asarray(elevation, dtype=float)])
         self._scale: Array = np.maximum(np.abs(features).max(axis=0), 1e-9)
-        machine = SVC(kernel="rbf", C=parameters.svm_c, gamma=parameters.svm_gamma)
+        machine = SVC(kernel="rbf", C=_SVM_C, gamma=_SVM_GAMMA)
         self._machine: Any = machine.fit(features / self._scale, labels)
 
     def classify(self, slope: float, elevation: float) -> str:
@@ -117,11 +117,11 @@ def step_modes(
         beyond_sd: m.
         parameters: Dimensions in the world.
     """
-    riser, ramp, tread_ramp = parameters.riser_m, parameters.ramp_rad, parameters.tread_ramp_rad
+    riser, ramp = parameters.riser_m, parameters.ramp_rad
     high, low = above(beyond, riser, beyond_sd), above(-beyond, riser, beyond_sd)
     plane = 1.0 - high - low
     up, down = above(slope, ramp, slope_sd), above(-slope, ramp, slope_sd)
-    steep_up, steep_down = above(slope, tread_ramp, slope_sd), above(-slope, tread_ramp, slope_sd)
+    steep_up, steep_down = above(slope, _TREAD_RAMP_RAD, slope_sd), above(-slope, _TREAD_RAMP_RAD, slope_sd)
     tread = 1.0 - steep_up - steep_down
     return {
         "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,

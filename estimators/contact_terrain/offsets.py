@@ -24,6 +24,15 @@ _HERE = Path(__file__).parent
 _ROTATION_WALK_RAD = math.radians(0.05)  # change of an attitude's offset from step to step; hand-chosen on tuning walks
 # Volume over which the residuals of steps off the plane are spread: 0.25 m times 15° of slope change (buildings).
 _PLANE_SPREAD_M_RAD = 0.25 * math.radians(15.0)
+# "Doubled" is as in `ContactTerrainParameters`.
+# Share of steps whose footprint lies in the plane of the one before; hand-chosen. At half its distance from 1: no
+# difference.
+_ONE_PLANE_SHARE = 0.85
+_LEVEL_SHARE = 0.6  # of footprints on level ground; hand-chosen. At half its distance from 1: 0.129°
+# Unevenness of floors in slope; hand-chosen. Doubled: 0.127°, standard deviation 0.19°.
+_PARALLEL_SD_RAD = math.radians(0.2)
+# Tolerance of the length of a thigh or shank; hand-chosen on tuning walks. Doubled: no difference.
+_SEGMENT_LENGTH_SD_M = 0.003
 _LEVEL_SD_RAD = math.radians(0.2)  # standard deviation of the slope of level ground; hand-chosen
 _LEVEL_SPREAD_RAD = math.radians(30.0)  # range over which the slopes of other ground are spread (buildings)
 
@@ -73,12 +82,12 @@ class Offsets:
     """
 
     def __init__(self, parameters: ContactTerrainParameters, sag_sd_m: float) -> None:
-        self._parameters = p = parameters
-        self._plane_noise = np.array([p.plane_sd_m, p.parallel_sd_rad]) ** 2
+        p = parameters
+        self._plane_noise = np.array([p.plane_sd_m, _PARALLEL_SD_RAD]) ** 2
         self._level_noise = np.array([_LEVEL_SD_RAD**2])
         sd = np.empty(OFFSETS)
         sd[BACK:KNEE], sd[KNEE:LENGTH] = p.mount_rotation_sd_rad, p.knee_zero_sd_rad
-        sd[LENGTH:SAG], sd[SAG] = p.segment_length_sd_m, sag_sd_m
+        sd[LENGTH:SAG], sd[SAG] = _SEGMENT_LENGTH_SD_M, sag_sd_m
         walk = np.zeros(OFFSETS)
         walk[BACK:KNEE] = _ROTATION_WALK_RAD**2
         self._walk = np.diag(walk)
@@ -98,12 +107,11 @@ class Offsets:
         H[:3, :n], H[3:, :n] = step.J_vector, step.J_slopes
         np.fill_diagonal(P[n:, n:], step.sd**2)
         measured = np.concatenate([step.vector, step.slopes])
-        p = self._parameters
         for row in (3, 4) if start else (3,):
             at = slice(row, row + 1)
-            z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, p.level_share, _LEVEL_SPREAD_RAD)
+            z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, _LEVEL_SHARE, _LEVEL_SPREAD_RAD)
         A = _one_plane(measured)
-        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, _PLANE_SPREAD_M_RAD)
+        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD)
         return Posterior(
             values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip

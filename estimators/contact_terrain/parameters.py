@@ -15,6 +15,8 @@ from stridetwin.streams.errors import ConfigError, check_numbers
 class PublishedParameters:
     """Values that Shim et al. 2019 do not specify; chosen by hand, docs/contact_terrain.md lists the reasons.
 
+    Further such values are constants of the modules that use them.
+
     "Doubled" is what twice the value does on the walks of `ContactTerrainParameters`, where the slope is 1.07° off and
     the elevation 8.1 mm (RMS).
     """
@@ -22,19 +24,8 @@ class PublishedParameters:
     pressing_n: float = 60.0
     """A foot with less on all cells together is off the ground: cells that creep report up to 40 N in the air.
     Doubled: 7.5 mm."""
-    rotating_radps: float = 0.8
-    """A foot that rotates faster is not flat, unless its centre of pressure is in the middle. Doubled: 1.14°,
-    7.7 mm."""
-    heel_share: float = 0.35
-    """The heel side ends at this share of the way from the heel's cell to the toe's. Doubled: 7.5 mm."""
-    front_share: float = 0.65
-    """The front begins at this share of the same way. At half its distance from 1: 1.77°, 7.5 mm."""
     markers_min: int = 10
     """Smallest number of markers for a plane fit. Doubled: no difference."""
-    svm_c: float = 100.0
-    """Penalty C of the support vector machine. Doubled: its boundaries follow single training steps more closely."""
-    svm_gamma: float = 10.0
-    """Width γ of its radial basis function, per squared share of the largest slope and elevation. Doubled: likewise."""
     virtual_m: float = 0.05
     """Distance from a marker to its virtual one, to the inner side of the foot. Doubled: 1.08°."""
 
@@ -45,7 +36,7 @@ class PublishedParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactTerrainParameters:
-    """One set serves every exoskeleton, wearer and building.
+    """One set serves every exoskeleton, wearer and building; numbers that no user needs are constants of the modules.
 
     Values called "hand-chosen on the tuning walks" were set on simulated walks of S1-S3, seeds 0-16
     (docs/contact_terrain.md); no program fitted them.
@@ -70,28 +61,16 @@ class ContactTerrainParameters:
     1.92 mm, standard deviation 3.24 mm."""
     knee_zero_sd_rad: float = math.radians(0.3)
     """Zero of a knee encoder, likewise. Doubled: 1.75 mm."""
-    segment_length_sd_m: float = 0.003
-    """Length of a thigh or shank, likewise. Doubled: no difference."""
     landed_n: float = 60.0
     """Load above which a foot has landed: cells that creep report up to 40 N of a foot in the air. Doubled: no
     difference; steps of less load are missed."""
     left_n: float = 40.0
     """Load below which a foot has left; hand-chosen on the tuning walks. At 60 N: no difference."""
-    one_plane_share: float = 0.85
-    """Share of steps whose footprint lies in the plane of the one before; hand-chosen. At half its distance from 1: no
-    difference."""
     plane_sd_m: float = 0.002
     """Unevenness of floors in height; hand-chosen. Doubled: 0.160°, 1.89 mm, standard deviation 3.74 mm."""
-    parallel_sd_rad: float = math.radians(0.2)
-    """Unevenness of floors in slope; hand-chosen. Doubled: 0.127°, standard deviation 0.19°."""
-    level_share: float = 0.6
-    """Share of footprints on level ground; hand-chosen. At half its distance from 1: 0.129°."""
     ramp_rad: float = math.radians(2.5)
     """Ground that slopes more is a ramp: half of the gentlest ramp that is built, 5°. Doubled: half of the ramps of
     5° are level ground."""
-    tread_ramp_rad: float = 2.0 * math.radians(2.5)
-    """Slope above which the ground beyond a riser is a ramp: most such ground is a tread. Doubled: landings on a
-    ramp of less than 10° beyond a riser are on stairs."""
     riser_m: float = 0.055
     """A footprint farther from the height that slopes explain is on a stair: between a kerb, 40 mm, and 70 mm.
     Doubled: risers below 110 mm are level ground."""
@@ -102,12 +81,11 @@ class ContactTerrainParameters:
     """Parameters of the published method only."""
 
     def __post_init__(self) -> None:
-        """Raises ConfigError where a value is not a finite number above 0, or a share or an order makes no sense."""
+        """Raises ConfigError where a value is not a finite number above 0, or makes no sense."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "published"}
         check_numbers("ContactTerrainParameters", values)
-        for name in ("one_plane_share", "level_share", "probability_min"):
-            if values[name] >= 1.0:
-                raise ConfigError("ContactTerrainParameters", name, values[name], "a number below 1")
+        if self.probability_min >= 1.0:
+            raise ConfigError("ContactTerrainParameters", "probability_min", self.probability_min, "a number below 1")
         if self.left_n > self.landed_n:
             raise ConfigError("ContactTerrainParameters", "left_n", self.left_n, "no more than landed_n")
 

@@ -21,6 +21,13 @@ from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, Published
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 
+# Values that the paper does not specify; hand-chosen. "Doubled" is as in `ContactTerrainParameters`.
+# A foot that rotates faster is not flat, unless its centre of pressure is in the middle. Doubled: 1.14°, 7.7 mm.
+_ROTATING_RADPS = 0.8
+# Shares of the way from the heel's cell to the toe's at which the heel side ends and the front begins. Twice the first:
+# 7.5 mm; half the distance of the second from 1: 1.77°, 7.5 mm.
+_HEEL_SHARE, _FRONT_SHARE = 0.35, 0.65
+
 
 def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
     """(2,) m on the sole, of (4,) forces, N, on (4, 2) cells, m; None below `pressing_n` on all together.
@@ -40,14 +47,14 @@ class Phase(Enum):
     HEEL_OFF = "HO"
 
 
-def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: PublishedParameters) -> Phase:
+def foot_phase(cells: Array, cop: Array | None, rate: float) -> Phase:
     """Phase of a foot from its (4, 2) cells, m, heel first, its centre of pressure and its angular rate, rad/s."""
     if cop is None:
         return Phase.FOOT_OFF
     share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
-    if rate > parameters.rotating_radps and share < parameters.heel_share:
+    if rate > _ROTATING_RADPS and share < _HEEL_SHARE:
         return Phase.HEEL_CONTACT
-    if rate > parameters.rotating_radps and share > parameters.front_share:
+    if rate > _ROTATING_RADPS and share > _FRONT_SHARE:
         return Phase.HEEL_OFF
     return Phase.FOOT_FLAT
 
@@ -217,7 +224,7 @@ class Published:
         pressing_n = self._parameters.pressing_n
         cops = [centre_of_pressure(sole.cells, force, pressing_n) for sole, force in zip(self._soles, tick.force)]
         phases = [
-            foot_phase(sole.cells, cop, float(np.linalg.norm(rate)), self._parameters)
+            foot_phase(sole.cells, cop, float(np.linalg.norm(rate)))
             for sole, cop, rate in zip(self._soles, cops, tick.rate[3:])
         ]
         contacts = [

@@ -14,6 +14,17 @@ from stridetwin.streams.samples import Array
 # Least noise of a data sheet, where it states none: densities of white noise, then of the biases' random walk.
 _MIN_RATE_NOISE, _MIN_FORCE_NOISE = 1e-5, 1e-4
 _MIN_RATE_WALK, _MIN_FORCE_WALK = 1e-6, 1e-5
+# "Doubled" is as in `DvioParameters`; all of these are hand-chosen.
+# Random walk of the IMU's biases, in multiples of the data sheet's. Doubled: none; biases follow faster.
+_BIAS_WALK_FACTOR = 4.2
+# Turn-on biases, unless the calibration has larger ones. Doubled: none by the first, + 4 % by the second; the vertical
+# of a start is less certain.
+_MIN_RATE_BIAS_SD_RADPS, _MIN_FORCE_BIAS_SD_MPS2 = 0.01, 0.1
+# Errors of a camera that is not mounted as calibrated. Doubled: - 2 % by the first, none by the second with a mount as
+# calibrated.
+_SLIPPED_POSITION_SD_M, _SLIPPED_ROTATION_SD_RAD = 0.03, 0.04
+# Relative errors of the depth camera's scale and of the focal lengths. Doubled: + 20 %, + 24 %.
+_DEPTH_SCALE_SD, _FOCAL_SD = 6e-3, 2e-3
 # Scale and axis errors of a gyroscope, as noise proportional to the rate: 0.56 % over a second.
 _RATE_SHARE_RTS = 5.6e-3
 # Error of a sample that is saturated or replaces missing ones; hand-chosen.
@@ -27,7 +38,7 @@ LATER_DEPTH_SD = 2.0
 
 def imu_noise(parameters: DvioParameters, imu: ImuCalibration) -> ImuNoise:
     """Noise of an IMU's samples by its data sheet."""
-    f, w = parameters.imu_noise_factor, parameters.bias_walk_factor
+    f, w = parameters.imu_noise_factor, _BIAS_WALK_FACTOR
     return ImuNoise(
         rate=f * max(imu.gyroscope_noise_density, _MIN_RATE_NOISE),
         force=f * max(imu.accelerometer_noise_density, _MIN_FORCE_NOISE),
@@ -39,10 +50,10 @@ def imu_noise(parameters: DvioParameters, imu: ImuCalibration) -> ImuNoise:
     )
 
 
-def bias_sd(parameters: DvioParameters, imu: ImuCalibration) -> Array:
+def bias_sd(imu: ImuCalibration) -> Array:
     """(6,) standard deviations of the turn-on biases of gyroscope (rad/s) and accelerometer (m/s²)."""
-    rate = max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd_radps)
-    return np.repeat([rate, max(imu.accelerometer_bias_sd, parameters.accel_bias_sd_mps2)], 3)
+    rate = max(imu.gyroscope_bias_sd, _MIN_RATE_BIAS_SD_RADPS)
+    return np.repeat([rate, max(imu.accelerometer_bias_sd, _MIN_FORCE_BIAS_SD_MPS2)], 3)
 
 
 def factor_parameters(parameters: DvioParameters, focal_px: float, noise: ImuNoise) -> FactorParameters:
@@ -88,8 +99,8 @@ def calibration_prior(parameters: DvioParameters) -> CalibrationPrior:
     refines_mount_and_clock, refines_all = method.calibration != NOMINAL, method.calibration == ALL
     return CalibrationPrior(
         mount_sd=np.array([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad]) * refines_mount_and_clock,
-        slipped_sd=np.array([p.slipped_position_sd_m, p.slipped_rotation_sd_rad]) * refines_all,
+        slipped_sd=np.array([_SLIPPED_POSITION_SD_M, _SLIPPED_ROTATION_SD_RAD]) * refines_all,
         offset_sd_s=p.time_offset_sd_s if refines_mount_and_clock else 0.0,
-        depth_scale_sd=p.depth_scale_sd if refines_all and method.uses_depth else 0.0,
-        focal_sd=p.focal_sd if refines_all else 0.0,
+        depth_scale_sd=_DEPTH_SCALE_SD if refines_all and method.uses_depth else 0.0,
+        focal_sd=_FOCAL_SD if refines_all else 0.0,
     )

@@ -76,30 +76,13 @@ class DvioParameters:
     imu_noise_factor: float = 5.6
     """Noise of the IMU at the start, in multiples of the data sheet's, for scale errors, misalignment and vibration;
     images only raise it. Doubled: + 16 %; larger covariances in dead reckoning."""
-    bias_walk_factor: float = 4.2
-    """Random walk of the IMU's biases, in multiples of the data sheet's. Doubled: none; biases follow faster."""
-    gyro_bias_sd_radps: float = 0.01
-    """Turn-on bias of the gyroscope, rad/s, unless the calibration has a larger one. Doubled: none."""
-    accel_bias_sd_mps2: float = 0.1
-    """Turn-on bias of the accelerometer, m/s², unless the calibration has a larger one. Doubled: + 4 %; the vertical of
-    a start is less certain."""
     extrinsic_position_sd_m: float = 2e-3
     """Error of the camera's calibrated position on the IMU, m; 0: exactly known. Doubled: none."""
     extrinsic_rotation_sd_rad: float = 5e-3
     """Error of its calibrated rotation, rad; 0: exactly known. Doubled: + 1 %; in a plain corridor a wrong rotation
     explains the first images more easily."""
-    slipped_position_sd_m: float = 0.03
-    """Error of the position of a camera that is not mounted as calibrated, m; 0: every mount is as calibrated.
-    Doubled: - 2 %."""
-    slipped_rotation_sd_rad: float = 0.04
-    """Error of the rotation of such a camera, rad; 0: every mount is as calibrated. Doubled: none with a mount as
-    calibrated."""
     time_offset_sd_s: float = 5e-3
     """Error of the camera's clock, s; 0: exactly known. Doubled: none with a clock that is 1 ms off."""
-    depth_scale_sd: float = 6e-3
-    """Error of the depth camera's scale, relative; 0: exactly known. Doubled: + 20 %."""
-    focal_sd: float = 2e-3
-    """Error of the focal lengths, relative; 0: exactly known. Doubled: + 24 %."""
     level_ground_sd_rad: float = 3e-3
     """How level ground is as built, rad: DIN 18202 allows 10 mm over 4 m. Its measured normal errs by 1 mrad.
     Doubled: + 5 %, and + 14 % of the height error."""
@@ -120,11 +103,6 @@ class DvioParameters:
     landmarks: int = 90
     """Points tracked at a time, as far as an image has so many corners; the window holds 256, tracked or not. Doubled:
     + 7 %."""
-    gate_px: float = 3.0
-    """A point farther from its prediction is dropped, px; the prediction's uncertainty is added. Doubled: none where
-    nothing else moves; passers-by are followed more often."""
-    cull_sd: float = 3.5
-    """Observations farther off after the optimisation are removed, standard deviations. Doubled: + 60 %."""
     max_depth_wait_s: float = 0.05
     """Longest wait for the depth image of a colour image, s. Doubled: none, unless depth images are late."""
     method: DvioMethod = DvioMethod()
@@ -132,15 +110,7 @@ class DvioParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is out of range."""
-        may_be_zero = {
-            "extrinsic_position_sd_m",
-            "extrinsic_rotation_sd_rad",
-            "slipped_position_sd_m",
-            "slipped_rotation_sd_rad",
-            "time_offset_sd_s",
-            "depth_scale_sd",
-            "focal_sd",
-        }
+        may_be_zero = {"extrinsic_position_sd_m", "extrinsic_rotation_sd_rad", "time_offset_sd_s"}
         check_numbers("DvioParameters", {n: v for n, v in vars(self).items() if n != "method"}, may_be_zero)
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")

@@ -45,6 +45,10 @@ _COST_TOLERANCE = 1e-3  # relative decrease of the cost at which it stops
 # keyframe's points are still tracked, or after this time.
 _KEYFRAME_PARALLAX_PX, _MIN_TRACKED_SHARE, _MAX_KEYFRAME_S = 18.0, 0.6, 0.4
 _MAX_DEPTH_ERROR_SD = 5.0  # a point is dropped if its measured depth is farther from the prediction
+# A point farther from its prediction is dropped; the prediction's uncertainty is added. Twice this: no difference where
+# nothing else moves, but passers-by are followed more often.
+_GATE_PX = 3.0
+_CULL_SD = 3.5  # observations farther off after the optimisation are removed; twice this: 60 % larger errors
 _UNMEASURED_GATE_PX = 10.0  # added to the gate, with its motion, for a point whose depth is not measured
 _MIN_PREDICTED_SHARE = 0.5  # if fewer points are where they were predicted, all are searched for
 _MAX_PNP_ERROR_PX = 3.0  # of an inlier of the pose that decides where most points are mispredicted
@@ -74,7 +78,7 @@ class Core:
     ) -> None:
         self.parameters, self.noise = parameters, imu_noise(parameters, imu)
         self.inflation = ImuInflation(self.noise)
-        self.bias_sd, self.calibration_prior = bias_sd(parameters, imu), calibration_prior(parameters)
+        self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
         self.inertial = Inertial(imu, parameters)
         self.lens = Lens(camera)
         self._shutter = RollingShutter(camera, self.lens)
@@ -279,7 +283,7 @@ class Core:
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
         moved = np.linalg.norm(motion, axis=1)
         gate = (
-            p.gate_px
+            _GATE_PX
             + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2]
             + unsure * (_UNMEASURED_GATE_PX + moved)
         )
@@ -317,9 +321,7 @@ class Core:
         w, factors, work = self.window, self.factors, self._work
         kernel.view(w.frames, w.calibration, factors.first_estimates, work.views)
         return int(
-            kernel.cull(
-                w.landmarks, w.calibration, factors, work.views, w.frames.count[0], self.parameters.cull_sd, self._alive
-            )
+            kernel.cull(w.landmarks, w.calibration, factors, work.views, w.frames.count[0], _CULL_SD, self._alive)
         )
 
     def _measure(self) -> None:

@@ -119,7 +119,7 @@ class FootToFoot:
             shoes.mounts, variance, clock_variance, scale_variance, shoes.sonars, shoes.sonars, earth
         )
         if start is None:
-            start = side_by_side(shoes, parameters) if len(shoes.imus) == 2 else {}
+            start = side_by_side(shoes) if len(shoes.imus) == 2 else {}
         for name, pose in start.items():
             pose.place(self._pair.feet[FEET.index(name)])
         self._newest_ns = [NEVER, NEVER]

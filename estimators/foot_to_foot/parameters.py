@@ -1,4 +1,7 @@
-"""Parameters of the filter of two feet, in addition to those of the one-foot filter."""
+"""Parameters of the filter of two feet, in addition to those of the one-foot filter.
+
+Numbers that no user needs are constants of the modules that use them.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, as_record
 from stridetwin.streams.errors import check_numbers
 
-_MAY_BE_ZERO = ("camera_", "board_", "start_", "gyro_scale_", "scaled_")
+_MAY_BE_ZERO = ("camera_", "board_", "gyro_scale_", "scaled_")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +32,6 @@ class PublishedParameters:
         relative_position_sd_m: Effect of the heading that rotates a relative position, m, in addition to its own noise;
             reproduces the paper's spread. Doubled: feet 10 mm off against each other.
         range_sd_m: Of a sonar's echo, m; hand-chosen. Doubled: no difference above 1 mm.
-        max_range_misfit_m: Echoes farther off are from something else, m; hand-chosen. Doubled: echoes from the floor
-            up to 1 m off are used.
     """
 
     window_s: float = 0.05
@@ -38,7 +39,6 @@ class PublishedParameters:
     zero_velocity_sd_mps: float = 0.3
     relative_position_sd_m: float = 0.015
     range_sd_m: float = 0.03
-    max_range_misfit_m: float = 0.5
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number > 0."""
@@ -82,13 +82,6 @@ class FootToFootParameters:
             as many samples are rewound for one.
         exposure_s: Of the shoe cameras: relates a board's blur to its motion, s. Doubled: a board is searched with
             twice the smear of its predicted motion.
-        start_position_sd_m: Position uncertainty of the second foot at a start without given poses, m. Doubled: the
-            first image moves it more.
-        start_heading_sd_rad: Its heading uncertainty, rad. Doubled: likewise.
-        start_separation_m: Distance between the feet there, m. Doubled: the second foot starts 0.2 m farther away until
-            the first image.
-        start_toe_out_rad: Rotation of each foot outwards there, rad. Doubled: its path starts turned by 0.2 rad until
-            the first image.
     """
 
     foot: FootInsParameters = field(default_factory=FootInsParameters)
@@ -108,10 +101,6 @@ class FootToFootParameters:
     sonar_after_s: float = 1.0
     max_delay_s: float = 0.1
     exposure_s: float = 0.002
-    start_position_sd_m: float = 0.15
-    start_heading_sd_rad: float = 0.2
-    start_separation_m: float = 0.2
-    start_toe_out_rad: float = 0.1
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
@@ -143,7 +132,6 @@ if TYPE_CHECKING:
         threshold: float
         zero_velocity_sd_mps: float
         relative_position_sd_m: float
-        max_range_misfit_m: float
 
 else:
     PairParameters = np.record

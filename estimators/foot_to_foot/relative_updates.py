@@ -56,6 +56,9 @@ UNUSED = -1.0  # the normalised innovation of an unused measurement
 _MAX_FRAME_S = 0.05  # largest time that one observation counts for
 _MIN_BOARD_DEPTH_M = 0.02  # a board predicted nearer than this, or behind the camera, is invalid
 _MAX_LINEARIZATIONS = 5  # per image
+# Echoes farther off the predicted distance are from something else, in the published method, which leaves this open;
+# hand-chosen. Doubled: echoes from the floor up to 1 m off are used.
+_MAX_RANGE_MISFIT_M = 0.5
 _SETTLED_SD = 0.1  # smaller changes of the board's pose, in standard deviations of the image, end the iteration
 
 
@@ -343,7 +346,7 @@ def sonar_update(
     spread_measurements(pair.covariance, work, 0, 1)
     length = normalized_innovation(work, 1, 1.0)
     if parameters.published:
-        used, variance = abs(distance - size) < parameters.max_range_misfit_m, 1.0
+        used, variance = abs(distance - size) < _MAX_RANGE_MISFIT_M, 1.0
     else:
         echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.observation_correlation_s)
         used, variance = length < parameters.range_gate, parameters.observation_correlation_s / echo_s

@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
 from stridetwin.estimators.foot_ins.estimate import StartPose
-from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
@@ -37,6 +36,12 @@ _APART_S = 0.05  # closer images are not independent
 # Evidence as log-likelihoods: with more than the first no observation is used; with the second an exchange, or that
 # there is none, is certain, if the next assignment is less likely by the third.
 _UNCERTAIN, _CERTAIN, _MARGIN = 4.0, 20.0, 10.0
+# A start without given poses; hand-chosen on walks of seeds below 1000. Distance between the feet (doubled: the second
+# foot starts 0.2 m farther away until the first image), and rotation of each outwards (doubled: its path starts turned
+# by 0.2 rad until the first image); then the uncertainty of the second foot's position and heading (doubled: the first
+# image moves it more).
+_START_SEPARATION_M, _START_TOE_OUT_RAD = 0.2, 0.1
+_START_POSITION_SD_M, _START_HEADING_SD_RAD = 0.15, 0.2
 
 
 class LeftRightCheck:
@@ -149,7 +154,7 @@ def shoes_of(rig: Rig) -> Shoes:
     )
 
 
-def side_by_side(shoes: Shoes, parameters: FootToFootParameters) -> dict[str, StartPose]:
+def side_by_side(shoes: Shoes) -> dict[str, StartPose]:
     """Assumed stance at the start: both feet flat, side by side, the toes a little out.
 
     The world's origin is on the ground between the heels, its x axis points forward. The left foot's position and
@@ -159,12 +164,12 @@ def side_by_side(shoes: Shoes, parameters: FootToFootParameters) -> dict[str, St
     for foot, imu in shoes.imus.items():
         side = 1.0 if foot == "l" else -1.0
         T_world_foot = np.eye(4)
-        T_world_foot[:3, :3] = Rotation.from_euler("z", side * parameters.start_toe_out_rad).as_matrix()
-        T_world_foot[1, 3] = side * parameters.start_separation_m / 2
+        T_world_foot[:3, :3] = Rotation.from_euler("z", side * _START_TOE_OUT_RAD).as_matrix()
+        T_world_foot[1, 3] = side * _START_SEPARATION_M / 2
         T = T_world_foot @ imu.mount.T_body_sensor
         q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
         guess = {} if foot == "l" else {
-            "position_sd": parameters.start_position_sd_m, "heading_sd": parameters.start_heading_sd_rad
+            "position_sd": _START_POSITION_SD_M, "heading_sd": _START_HEADING_SD_RAD
         }  # fmt: skip
         start[foot] = StartPose(p_imu_in_world=T[:3, 3], q_world_imu=q, **guess)
     return start

@@ -15,6 +15,7 @@ _PEAK_S = 0.12  # an impact's peak follows within this time
 _CLIPPED_SHARE = 0.97  # of the range, from which on an axis counts as clipped
 _REST_S, _LANDING_S = 0.15, 0.06  # of a foot that rests for certain; from a soft touch-down to rest
 _REST_RATE_RADPS, _REST_FORCE_MPS2 = 0.5, 1.5
+_LANDING_PHASE = 0.8  # before which an impact is a knock [tuned]. Larger: strides that are unexpectedly short end late
 _FIRST_IMPACT_MPS3 = 6000.0
 _IMPACT_MEMORY = 0.3
 _SWING_RAD = 0.25  # least upward rotation of a foot that swings; a foot that is put aside rotates less
@@ -63,7 +64,7 @@ class ContactDetector:
         if (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
             return None
         threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._usual_impact))
-        is_due = not stride.is_walking or stride.phase >= self._p.landing_phase
+        is_due = not stride.is_walking or stride.phase >= _LANDING_PHASE
         is_due &= self._swing_rad > _SWING_RAD and pitch_rate > -_SWING_SHARE * self._swing_rate
         if impact > threshold and is_due:
             self._impact = impact

@@ -1,4 +1,7 @@
-"""Parameters of the gait phase estimator: one set for every person, sensor, rate and terrain."""
+"""Parameters of the gait phase estimator: one set for every person, sensor, rate and terrain.
+
+Numbers that no user needs are constants of the modules that use them.
+"""
 
 from __future__ import annotations
 
@@ -23,24 +26,9 @@ class GaitPhaseParameters:
     stride_noise: float = 0.025
     """Standard deviation of the logarithm of single stride times about the person's mean. [tuned] Doubled: the phase
     follows the pitch rate more, and earlier strides less."""
-    stride_drift: float = 0.03
-    """Change of that mean from stride to stride, in logarithms. [tuned] Doubled: the mean follows a change of pace
-    sooner and is noisier."""
-    irregular_share: float = 0.15
-    """Probability of a stride of quite another length, such as the first and the last. [tuned] Doubled: such strides
-    are recognised earlier, regular ones are less certain."""
-    irregular_sd: float = 0.15
-    """Standard deviation of the logarithm of such stride times. [tuned] Doubled: very long strides are recognised
-    earlier, regular ones are less certain."""
-    ratio_sd: float = 0.1
-    """Standard deviation, between people, of the logarithm of a stair stride's time over that of a level one. [tuned]
-    Doubled: a person's own ratio is learned sooner, the first flight is less certain."""
     stairs_share: float = 0.04
     """Probability that a stride on the level leads onto a stair up; the same down. [tuned] Doubled: the first strides
     onto stairs are recognised earlier, level ones are less certain."""
-    stairs_end_share: float = 0.4
-    """Probability that a stride on stairs leads off them. [tuned] Doubled: strides within long flights are less
-    certain."""
     stand_share: float = 0.01
     """Probability that the person stops after a touch-down. Doubled: a stop is recognised some 20 ms earlier."""
     rate_correlation_s: float = 0.15
@@ -49,12 +37,6 @@ class GaitPhaseParameters:
     rate_noise_rad: float = 0.4
     """Standard deviation of the pitch rate times stride time that is added to the template's, rad. [tuned] Doubled:
     small differences in stance count less."""
-    template_strides: float = 3.0
-    """Number of the person's own strides that the template of all people is worth. [tuned] Doubled: a person's manner
-    of walking is learned half as fast."""
-    template_memory: float = 20.0
-    """Number of strides over which a learned template averages. Doubled: a new manner of walking is learned half as
-    fast."""
     impact_mps3: float = 800.0
     """Least change of the jerk that counts as an impact, m/s³: sensors that filter reach 400 to 600 in the swing and
     2000 at landings (real walks). Doubled: soft landings are found only when the foot rests, 0.1 s late."""
@@ -66,8 +48,6 @@ class GaitPhaseParameters:
     min_swing_s: float = 0.12
     """Least time from the reversal of the pitch rate after push-off to the touch-down, s; the fastest walkers take 0.2.
     Doubled: their touch-downs are found late."""
-    landing_phase: float = 0.8
-    """Phase before which an impact is a knock. [tuned] Larger: strides that are unexpectedly short end late."""
     max_gap_s: float = 0.15
     """After a longer gap in the samples nothing is learned from the running stride, s, as a touch-down may be missing.
     Doubled: a wrong stride time may be learned."""

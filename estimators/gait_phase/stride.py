@@ -23,6 +23,21 @@ from stridetwin.estimators.gait_phase.kernel import (
 from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
 from stridetwin.estimators.gait_phase.template import BINS, LANDINGS, LEVEL, LOG_RATIO, PITCH_RATE, PITCH_RATE_SD
 
+# Values marked [tuned] are of the walks of `GaitPhaseParameters`.
+# Change of a person's mean stride time from stride to stride, in logarithms [tuned]. Doubled: the mean follows a change
+# of pace sooner and is noisier.
+_STRIDE_DRIFT = 0.03
+# Probability of a stride of quite another length, such as the first and the last, and standard deviation of the
+# logarithm of its time [tuned]. Doubled: such strides are recognised earlier, regular ones are less certain.
+_IRREGULAR_SHARE, _IRREGULAR_SD = 0.15, 0.15
+# Standard deviation, between people, of the logarithm of a stair stride's time over that of a level one [tuned].
+# Doubled: a person's own ratio is learned sooner, the first flight is less certain.
+_RATIO_SD = 0.1
+# Probability that a stride on stairs leads off them [tuned]. Doubled: strides within long flights are less certain.
+_STAIRS_END_SHARE = 0.4
+# Number of the person's own strides that the template of all people is worth [tuned], and over which a learned template
+# averages. Doubled: a (new) manner of walking is learned half as fast.
+_TEMPLATE_STRIDES, _TEMPLATE_MEMORY = 3.0, 20.0
 _SAMPLE_S = 0.008  # least interval of the stored pitch rates of a stride
 _SAMPLES = int(LONGEST_S / _SAMPLE_S) + 2
 _MEASUREMENT_SD = 0.03  # of a stride's logarithm about the person's mean, beyond the drift
@@ -51,11 +66,11 @@ class StrideFilter:
         self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
         self._belief = Belief(walk=np.zeros((LANDINGS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
-        variance = np.full((LANDINGS, LANDINGS), p.ratio_sd**2)
+        variance = np.full((LANDINGS, LANDINGS), _RATIO_SD**2)
         variance[LEVEL, LEVEL] = 0.0
         self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=variance)
-        self._strides = np.full(LANDINGS, p.template_strides)  # that each template is worth
-        off, level = p.stairs_end_share, 1.0 - 2.0 * p.stairs_share
+        self._strides = np.full(LANDINGS, _TEMPLATE_STRIDES)  # that each template is worth
+        off, level = _STAIRS_END_SHARE, 1.0 - 2.0 * p.stairs_share
         self._transition = np.array(
             [[level, p.stairs_share, p.stairs_share], [off, 1.0 - off, 0.0], [off, 0.0, 1.0 - off]]
         )
@@ -81,7 +96,7 @@ class StrideFilter:
         self.begin_ns, self.is_regular, self.is_walking, self._stored = t_ns, True, True, 0
         settings = PriorSettings(
             log_stride=self._log_stride, variance=self._variance + p.stride_noise**2,
-            irregular_share=p.irregular_share, irregular_variance=p.irregular_sd**2, stand_share=p.stand_share,
+            irregular_share=_IRREGULAR_SHARE, irregular_variance=_IRREGULAR_SD**2, stand_share=p.stand_share,
         )  # fmt: skip
         set_prior(self._belief, settings, self._landing[:, None] * self._transition, self._ratios)
 
@@ -105,7 +120,6 @@ class StrideFilter:
 
     def _learn(self, stride_s: float) -> None:
         """Learns landing, stride time and template from a stride that has ended, docs/gait_phase.md (7)-(9)."""
-        p = self._p
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]
         landing = np.exp(column - column.max())
@@ -121,7 +135,7 @@ class StrideFilter:
         expected = self._variance + ratio_variance + noise
         self._log_stride += self._variance / expected * innovation
         self._variance *= 1.0 - self._variance / expected
-        self._variance += p.stride_drift**2
+        self._variance += _STRIDE_DRIFT**2
         gains = joint * self._ratios.variance / expected
         self._ratios.log_mean[:] += gains * innovation
         self._ratios.variance[:] *= 1.0 - gains
@@ -131,7 +145,7 @@ class StrideFilter:
             self._learn_template(kind, stride_s)
 
     def _learn_template(self, kind: int, stride_s: float) -> None:
-        self._strides[kind] = min(self._strides[kind] + 1.0, self._p.template_memory)
+        self._strides[kind] = min(self._strides[kind] + 1.0, _TEMPLATE_MEMORY)
         gain = 1.0 / self._strides[kind]
         stored = slice(self._stored)
         error = np.interp(_BIN_CENTERS * stride_s, self._times[stored], self._rates[stored]) * stride_s

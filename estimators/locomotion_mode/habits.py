@@ -20,6 +20,14 @@ HABITS = 4
 """In order: both feet on each tread; steps by their length; one foot per tread; two treads at a time on the way up."""
 
 _BOTH, _BY_LENGTH, _ONE, _TWO = range(HABITS)
+_JOINERS, _TWO_AT_A_TIME = 0.1, 0.03
+"""Share of walkers who put both feet on each tread, and of those who take two treads at a time on the way up.
+
+Twice the first: for such walkers the mode of steps is more certain, for all others less. Twice the second: footprints
+on stairs are slightly less certain for all others.
+"""
+_ONE_PER_TREAD = 0.5
+"""Share of all others who never set a second foot on a tread, however deep. Doubled: nothing on treads of 0.3 m."""
 _JOINER_JOINS, _OTHER_JOINS = 0.97, 0.005
 """q of docs/locomotion_mode.md (14), for walkers who put both feet on each tread, and for all others."""
 _HABIT_CHANGE = 0.05
@@ -65,15 +73,15 @@ class Habits:
     See docs/locomotion_mode.md (13).
 
     Args:
-        settings: Shares of walkers.
+        settings: Give the lowest step that is an edge.
     """
 
     def __init__(self, settings: Settings) -> None:
-        self._min_step_height_m, p = settings.min_step_height_m, settings.mode
-        others = 1.0 - p.joiners - p.two_at_a_time
+        self._min_step_height_m = settings.min_step_height_m
+        others = 1.0 - _JOINERS - _TWO_AT_A_TIME
         self.prior: Array = np.empty(HABITS)
-        self.prior[_BOTH], self.prior[_TWO] = p.joiners, p.two_at_a_time
-        self.prior[_ONE], self.prior[_BY_LENGTH] = others * p.one_per_tread, others * (1.0 - p.one_per_tread)
+        self.prior[_BOTH], self.prior[_TWO] = _JOINERS, _TWO_AT_A_TIME
+        self.prior[_ONE], self.prior[_BY_LENGTH] = others * _ONE_PER_TREAD, others * (1.0 - _ONE_PER_TREAD)
         self.chances: Array = np.full(HABITS, _OTHER_JOINS)
         self.chances[_BOTH] = _JOINER_JOINS
 

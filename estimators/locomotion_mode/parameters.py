@@ -1,4 +1,4 @@
-"""Public parameters of the mode prediction: insoles, steps, soles, ground, and habits on stairs.
+"""Public parameters of the mode prediction: insoles, steps, soles and ground.
 
 Dimensions of stairs and gates on poses are those of the map (`TerrainMapParameters`). Every other number is a constant
 of the module that uses it.
@@ -31,8 +31,6 @@ class LocomotionModeParameters:
             Usual. Doubled: nothing while feet swing freely.
         touch_n: A foot whose load has risen by this has touched down, N. Usual. Doubled: touch-downs are detected
             later by the time in which the load rises from 30 to 60 N.
-        min_swing_s: Shortest swing, s; a foot that returns sooner has not left the ground. Usual. Doubled: nothing at
-            usual swing times of 0.4 s.
         steps: Number of predicted steps. Tuned. Doubled: the first ones become up to 0.3 m shorter, because all must
             end within `reach_m`. With that doubled as well they stay, and the eighth has a mode of probability 0.6.
         step_m: Prior step length, m. Usual. Doubled: the first steps are predicted up to 0.5 m too far.
@@ -48,8 +46,6 @@ class LocomotionModeParameters:
             ahead.
         toe_m: From the heel's centre forward to the sole's end, m. Usual. Doubled: soles of 0.47 m fit on no tread, and
             every other step on stairs is missed.
-        overhang_m: Length of a sole that may extend over a free edge without penalty, m. Tuned. Doubled: up stairs
-            footprints lie 2 cm farther back, and down stairs 1 cm farther ahead.
         min_ramp_slope_rad: A step on a greater slope is on a ramp, rad, in (9). Buildings: the gentlest ramps of
             building codes have 2.9° (1:20). Doubled: steps on a ramp of 4° are level.
         usual_riser_m: Riser of hidden stairs that are unlike the last observed ones, m. Usual. Doubled: half as many
@@ -64,18 +60,11 @@ class LocomotionModeParameters:
             gentle slope is taken for lean, and the mode of steps on a ramp of 4° is less certain.
         change_m: Mean distance between changes of unobserved ground, m. Tuned. Doubled: the modes of steps beyond the
             map are more certain.
-        joiners: Share of walkers who put both feet on each tread. Tuned. Doubled: for such walkers the mode of steps is
-            more certain, for all others less.
-        two_at_a_time: Share of walkers who take two treads at a time on the way up. Tuned. Doubled: footprints on
-            stairs are slightly less certain for all others.
-        one_per_tread: Share of all others who never set a second foot on a tread, however deep. Tuned. Doubled: all
-            of them; nothing on treads of 0.3 m.
         reach_m: Predicted footprints end this far ahead of the body, m. Tuned. Doubled: nothing for four steps.
     """
 
     lift_n: float = 12.0
     touch_n: float = 30.0
-    min_swing_s: float = 0.12
     steps: int = 4
     step_m: float = 0.60
     step_s: float = 0.58
@@ -85,7 +74,6 @@ class LocomotionModeParameters:
     width_sd_m: float = 0.03
     heel_m: float = 0.045
     toe_m: float = 0.21
-    overhang_m: float = 0.03
     min_ramp_slope_rad: float = 0.0436
     usual_riser_m: float = 0.18
     usual_tread_m: float = 0.30
@@ -93,9 +81,6 @@ class LocomotionModeParameters:
     slope_sd_rad: float = 0.0055
     lean_sd_rad: float = 0.009
     change_m: float = 2.0
-    joiners: float = 0.1
-    two_at_a_time: float = 0.03
-    one_per_tread: float = 0.5
     reach_m: float = 3.6
 
     def __post_init__(self) -> None:

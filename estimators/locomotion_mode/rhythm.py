@@ -25,6 +25,8 @@ SOON_S = 0.05
 """Shortest predicted time to a landing."""
 _CREEP_NPS = 4.0
 """Largest rate at which an insole's zero rises."""
+_MIN_SWING_S = 0.12
+"""Shortest swing; a foot that returns sooner has not left the ground. Doubled: nothing at swings of 0.4 s."""
 _LIFT_SHARE = 0.1
 """A foot whose load falls below this share of its recent largest load has left the ground."""
 _PEAK_LOAD_S = 5.0
@@ -157,7 +159,7 @@ class TouchDowns:
             return None
         foot.down = True
         in_air = (sample.t_ns - foot.raised_ns) * 1e-9
-        return FEET[sample.topic] if in_air >= self._p.min_swing_s else None
+        return FEET[sample.topic] if in_air >= _MIN_SWING_S else None
 
 
 _OTHER = {"l": "r", "r": "l", "": ""}

@@ -38,6 +38,11 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
+GRID_ROTATION_RAD = 0.35
+"""Angle between grid and world axes, which makes edges across the walking direction oblique to the voxels; tuned.
+
+Doubled: edges move by up to 7 mm, to either side.
+"""
 _NEVER_NS = -(10**18)
 _MIN_PIXELS = 500
 """A depth image with fewer valid pixels is ignored."""
@@ -84,7 +89,7 @@ class TerrainMap:
         self._camera = DepthCamera(camera)
         self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         self._poses = Poses(p)
-        self._R_world_grid = _rotation_z(p.grid_rotation_rad)
+        self._R_world_grid = _rotation_z(GRID_ROTATION_RAD)
         self._volume = _volume(options.backend, self._camera, self._R_world_grid, p)
         self._planes = PlaneSet(p, keeps_unobserved=self._volume.keeps_unobserved)
         self._terrains = Terrains(self._R_world_grid, p)

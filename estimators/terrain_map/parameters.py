@@ -31,8 +31,6 @@ class TerrainMapParameters:
             an image takes a third of the time, and risers of 90 mm are lost where treads merge to ramps.
         truncation_m: t of (2), m: the layer above and below a surface in which distances are averaged. Tuned. Doubled:
             edges seen from above, on the way down, lie 1 cm farther out.
-        grid_rotation_rad: Angle between grid and world axes, rad, which makes edges across the walking direction
-            oblique to the voxels. Tuned. Doubled: edges move by up to 7 mm, to either side.
         max_weight: W_max of (4), in images taken from 1 m. Tuned. Doubled: what has moved, and what was mapped with
             an erroneous pose, takes up to twice as long to vanish.
         min_range_m: Smaller depths are invalid, m. Tuned. Doubled: the ground within 0.7 m of the camera is not mapped.
@@ -52,7 +50,6 @@ class TerrainMapParameters:
             have 2.9° (1:20). Doubled, with the next one: ramps up to 5° are level ground.
         max_tread_slope_rad: A plane with a smaller slope may be a tread, rad. Tuned. Doubled: so may planes up to 10°.
         max_ramp_slope_rad: Largest slope of a ramp, and of any plane, rad. Tuned. Doubled: planes up to 50° are ramps.
-        min_ramp_area_m2: Smallest area of a ramp, m². Tuned. Doubled: a ramp of 9° is recognised 0.1 m later.
         min_riser_m: Smallest riser of stairs, m. Zhao et al. 2023. Doubled: risers of 90 mm are not stairs, and the
             prediction is less certain of those of 150 mm.
         max_riser_m: Largest riser of stairs, m. Buildings. Doubled: a table of 0.55 m is a stair.
@@ -74,7 +71,6 @@ class TerrainMapParameters:
 
     voxel_size_m: float = 0.02
     truncation_m: float = 0.04
-    grid_rotation_rad: float = 0.35
     max_weight: float = 12.0
     min_range_m: float = 0.35
     max_range_m: float = 4.5
@@ -86,7 +82,6 @@ class TerrainMapParameters:
     max_level_slope_rad: float = math.radians(2.5)
     max_tread_slope_rad: float = math.radians(5.0)
     max_ramp_slope_rad: float = math.radians(25.0)
-    min_ramp_area_m2: float = 0.15
     min_riser_m: float = 0.07
     max_riser_m: float = 0.33
     min_tread_m: float = 0.18

@@ -22,6 +22,8 @@ _BENT_RAD = math.radians(10.0)
 """Largest apparent slope of a flat plane that pose errors have bent."""
 _SIGNIFICANT_SD = 2.0
 """A slope within this many standard deviations of flat may be flat."""
+_MIN_RAMP_AREA_M2 = 0.15
+"""Smallest area of a ramp; tuned. Doubled: a ramp of 9° is recognised 0.1 m later."""
 _HIDDEN_M = 0.30
 """Length of ground that a riser may occlude: the longest shadow of a riser of 0.2 m."""
 _MIN_EDGE_M = 0.3
@@ -92,7 +94,7 @@ class Terrains:
                 continue
             if is_level(plane, p):
                 found.append(Level(id=plane.id, plane=plane.id))
-            elif plane.slope <= p.max_ramp_slope_rad and plane.area_m2 >= p.min_ramp_area_m2:
+            elif plane.slope <= p.max_ramp_slope_rad and plane.area_m2 >= _MIN_RAMP_AREA_M2:
                 heading = math.atan2(*plane.gradient[::-1])
                 ramp = Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading)
                 found.append(ramp)

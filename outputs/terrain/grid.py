@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainEstimate, TerrainMap
+from stridetwin.estimators.terrain_map.filter import GRID_ROTATION_RAD
 from stridetwin.streams.samples import Array
 
 GROUND_CLASSES = (*MODES, "none")
@@ -44,7 +45,7 @@ class GroundGrid:
     def of(cls, terrain_map: TerrainMap) -> GroundGrid:
         """The current ground of a map."""
         p = terrain_map.parameters
-        c, s = math.cos(p.grid_rotation_rad), math.sin(p.grid_rotation_rad)
+        c, s = math.cos(GRID_ROTATION_RAD), math.sin(GRID_ROTATION_RAD)
         rotation = np.array([[c, -s], [s, c]])
         points, plane = terrain_map.surface_points()
         columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)

@@ -32,8 +32,8 @@ def test_the_centre_of_pressure_is_the_weighted_mean_of_the_cells():
     ("x", "rate", "phase"), [(0.01, 2.0, HC), (0.01, 0.1, FF), (0.1, 2.0, FF), (0.18, 2.0, HO), (0.18, 0.1, FF)]
 )
 def test_phases_follow_centre_of_pressure_and_rate(x, rate, phase):
-    assert foot_phase(CELLS, np.array([x, 0.0]), rate, PUBLISHED) is phase
-    assert foot_phase(CELLS, None, rate, PUBLISHED) is FO
+    assert foot_phase(CELLS, np.array([x, 0.0]), rate) is phase
+    assert foot_phase(CELLS, None, rate) is FO
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections import Counter
 from dataclasses import fields, is_dataclass
 from inspect import isclass, signature
 from typing import Any
@@ -11,7 +12,16 @@ from typing import Any
 from stridetwin import estimators
 
 _PACKAGE = f"{estimators.__name__}."
-_WITH_PARAMETERS = {"contact_terrain", "dvio", "foot_ins", "foot_to_foot", "locomotion_mode", "terrain_map"}
+_WITH_PARAMETERS = {
+    "contact_terrain",
+    "dvio",
+    "foot_ins",
+    "foot_to_foot",
+    "gait_phase",
+    "locomotion_mode",
+    "terrain_map",
+}
+_MAX_PER_ESTIMATOR, _MAX_IN_ALL = 25, 150
 
 
 def parameter_classes() -> set[type]:
@@ -40,7 +50,8 @@ def values(structure: Any, classes: set[type]) -> dict[str, Any]:
     return made
 
 
-def test_every_default_is_as_stored(data_regression: Any) -> None:
+def defaults() -> dict[str, dict[str, Any]]:
+    """Defaults by name of every class of parameters, named `estimator.Class`."""
     classes = parameter_classes()
     table = {
         f"{kind.__module__.removeprefix(_PACKAGE).split('.')[0]}.{kind.__name__}": values(kind(), classes)
@@ -48,4 +59,17 @@ def test_every_default_is_as_stored(data_regression: Any) -> None:
     }
     assert len(table) == len(classes)
     assert {name.partition(".")[0] for name in table} >= _WITH_PARAMETERS
-    data_regression.check(table)
+    return table
+
+
+def test_every_default_is_as_stored(data_regression: Any) -> None:
+    data_regression.check(defaults())
+
+
+def test_parameters_are_few() -> None:
+    """A number that no user needs is a constant of the module that uses it."""
+    count = Counter[str]()
+    for name, numbers in defaults().items():
+        count[name.partition(".")[0]] += len(numbers)
+    assert max(count.values()) <= _MAX_PER_ESTIMATOR, count
+    assert count.total() <= _MAX_IN_ALL, count
