@@ -364,7 +364,7 @@ class FaultPlan:
         """The plan for a walk of `duration_s` with a seed and the nominal calibration without these faults."""
         planned = plan_faults(faults, rig, seed, duration_s)
         for fault, events in planned:
-            sensors = {
+            sensors: dict[str, Any] = {
                 group: {t: fault.calibrate(c) if t in events else c for t, c in getattr(rig, group).items()}
                 for group in ("imus", "cameras", "others")
             }
