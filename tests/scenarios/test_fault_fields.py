@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import yaml
 
@@ -119,6 +120,8 @@ def test_a_run_with_every_fault_reports_them_and_scores_what_is_left(simulator, 
     # the stand-in for the twin carries no IMU at the head, and so no strap that holds one
     assert {f.kind for f in injected} == {f["kind"] for f in EVERY} - {"loose_strap"}
     assert next(f for f in injected if f.kind == "nan").topic == "/foot_r/imu"
+    assert recording.rig.imu("/foot_l/imu").gyroscope_range == pytest.approx(np.radians(300))
+    assert json.loads(recording.metadata["pose_restarts"]) == [[3e9, 3.5e9, np.radians(60), 3, -2, 0.5]]
     document = json.loads((folder / "scores.json").read_text())
     assert document["recordings"][0]["faults"] == [vars(f) for f in injected]
     report = (folder / "report.html").read_text()
