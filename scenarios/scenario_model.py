@@ -36,7 +36,7 @@ from stridetwin.sim.config import (
     Turn,
 )
 from stridetwin.sim.faults.catalogue import FAULTS
-from stridetwin.sim.faults.faults import Fault, StreamFault
+from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
@@ -222,8 +222,8 @@ _Thing = OneKey(
 
 
 def _when(fault: Fault) -> Fault:
-    """Checks that a fault of a stream has either a time or a rate."""
-    if not isinstance(fault, StreamFault):
+    """Checks that a fault with times has either a time or a rate."""
+    if not isinstance(fault, TimedFault):
         return fault
     given = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
     if len(given) != 1:

@@ -8,14 +8,14 @@ change stamps and the next still finds its events.
 from __future__ import annotations
 
 import math
+import re
 import zlib
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from itertools import groupby
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -41,7 +41,7 @@ NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
 IMAGES = (Image, Depth)
 POSES = "/poses"
 """Stream of an odometry's poses on their way to estimators of terrain and modes; `estimators.base.POSES`."""
-C = TypeVar("C", ImuCalibration, CameraCalibration, OtherSensor)
+Calibration = ImuCalibration | CameraCalibration | OtherSensor
 _LONGEST_S = 36_000
 
 
@@ -107,7 +107,7 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
     truth_readers: dict[str, list[_Stage]] = {}
     for fault, events in faults:
         for topic in events:
-            if isinstance(fault, StreamFault) and not isinstance(fault, LooseStrap):
+            if fault.on_samples:
                 stage = _Stage(fault, events[topic])
                 lines.setdefault(topic, []).append(stage)
                 truth_readers.setdefault(fault.truth_topic(events[topic][0]), []).append(stage)
@@ -132,7 +132,7 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
 class _Stage:
     """A fault on one stream, its events there in time order, and its state between samples."""
 
-    fault: StreamFault
+    fault: Fault
     events: EventsOfTopic
     memory: Memory = field(default_factory=dict)
 
@@ -152,12 +152,11 @@ def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
 
 
 def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
-    """Combines consecutive samples of one topic to a block, but keeps images one by one."""
-    for _, group in groupby(stream, key=attrgetter("topic")):
-        some = list(group)
-        if isinstance(some[0].item, IMAGES):
-            yield from some
-            continue
+    """Combines samples of one topic to a block, but keeps images one by one."""
+    some = list(stream)
+    if some and isinstance(some[0].item, IMAGES):
+        yield from some
+    elif some:
         # imported late, so that a scenario is read without it
         from stridetwin.streams.recording.ros_samples import block_of
 
@@ -167,18 +166,22 @@ def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """A fault of some sensors: of their streams (`StreamFault`) or of their calibration (`CalibrationFault`).
+    """A fault of some sensors, for the whole walk.
 
     Attributes:
         topic: Topic, or a pattern of topics such as `/foot_*/imu`.
         name: Seeds its random times and choices; unique within a walk.
     """
 
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # in files: the name of the class, as in loose_strap
     fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
+    on_samples: ClassVar[bool] = True  # otherwise it acts elsewhere
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
     topic: Annotated[str, text()]
     name: Annotated[str, text()] = ""
+
+    def __init_subclass__(cls) -> None:
+        cls.kind = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     @property
     def own_name(self) -> str:
@@ -189,24 +192,9 @@ class Fault:
         """Whether it applies to a stream, if its topic matches."""
         return stream.kind in self.fits
 
-    def calibrate(self, sensor: C) -> C:
+    def calibrate(self, sensor: Calibration) -> Calibration:
         """The nominal calibration of one of its sensors, given the one without this fault."""
         return sensor
-
-
-@dataclass(frozen=True, kw_only=True)
-class StreamFault(Fault):
-    """A fault of some streams, at a given time or at random times.
-
-    Attributes:
-        at_s: Start time; None if `rate_per_min` gives the frequency.
-        duration_s: Duration; None = to the end of the walk.
-        rate_per_min: Mean number of events per minute of walk without the fault, at random times.
-    """
-
-    at_s: Annotated[float | None, number(0, _LONGEST_S)] = None
-    duration_s: Annotated[float | None, number(0.001, _LONGEST_S)] = None
-    rate_per_min: Annotated[float | None, number(0.001, 600)] = None
 
     def truth_topic(self, event: Event) -> str:
         """Stream of the truth that it needs, which `arrivals` collects in its memory under `truth`; "" for none."""
@@ -227,6 +215,21 @@ class StreamFault(Fault):
         return (arrival,)
 
 
+@dataclass(frozen=True, kw_only=True)
+class TimedFault(Fault):
+    """A fault at a given time or at random times.
+
+    Attributes:
+        at_s: Start time; None if `rate_per_min` gives the frequency.
+        duration_s: Duration; None = to the end of the walk.
+        rate_per_min: Mean number of events per minute of walk without the fault, at random times.
+    """
+
+    at_s: Annotated[float | None, number(0, _LONGEST_S)] = None
+    duration_s: Annotated[float | None, number(0.001, _LONGEST_S)] = None
+    rate_per_min: Annotated[float | None, number(0.001, 600)] = None
+
+
 def at(events: EventsOfTopic, arrival: Arrival) -> Event | None:
     """The event that is active at the measurement time of a sample."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
@@ -234,7 +237,7 @@ def at(events: EventsOfTopic, arrival: Arrival) -> Event | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LooseStrap(StreamFault):
+class LooseStrap(TimedFault):
     """A strap that slips: the sensors on it rotate and move on their body, permanently.
 
     It acts in the twin (`sim.sensors.mount_slip`), not on samples. Sensors on one body that match one pattern hang on
@@ -245,8 +248,8 @@ class LooseStrap(StreamFault):
         shift_m: Translation of one slip, in a random direction.
     """
 
-    kind = "loose_strap"
     common_to = "body"
+    on_samples = False
     fits = (Imu, Image, Depth, Ahrs, Range)
     angle_rad: Annotated[float, number(0, 90, key="angle_deg", scale=DEG)] = math.radians(10)
     shift_m: Annotated[float, number(0, 100, key="shift_mm", scale=MM)] = 0.01
@@ -318,14 +321,14 @@ def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> N
         ConfigError: Names the fault, its time and the length of the walk.
     """
     for i, fault in enumerate(faults):
-        if isinstance(fault, StreamFault) and fault.at_s is not None and fault.at_s >= duration_s:
+        if isinstance(fault, TimedFault) and fault.at_s is not None and fault.at_s >= duration_s:
             raise ConfigError(source, f"faults[{i}].at_s", fault.at_s, f"0-{duration_s:.1f}, the length of the walk")
 
 
 def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> list[tuple[Fault, Events]]:
     """All events of all faults in a walk of `duration_s`, each fault with its events by topic, in time order.
 
-    A fault of the calibration is one event that lasts the whole walk.
+    One without times is an event that lasts the whole walk.
 
     Random times depend on the walk's seed, the fault's name and the stream alone, so that adding or removing a fault or
     a sensor does not change the other events. Sensors on one strap slip together; occlusions cover colour and depth.
@@ -361,7 +364,7 @@ class FaultPlan:
         """The plan for a walk of `duration_s` with a seed and the nominal calibration without these faults."""
         planned = plan_faults(faults, rig, seed, duration_s)
         for fault, events in planned:
-            sensors = {
+            sensors: dict[str, Any] = {
                 group: {t: fault.calibrate(c) if t in events else c for t, c in getattr(rig, group).items()}
                 for group in ("imus", "cameras", "others")
             }
@@ -394,7 +397,7 @@ def _events(fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_n
 
 def _spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
     """Begin and end of each event, s; the end is None for the rest of the walk."""
-    if not isinstance(fault, StreamFault):
+    if not isinstance(fault, TimedFault):
         yield 0.0, None
         return
     if fault.at_s is not None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, StreamFault, at
+from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, at
 from stridetwin.streams.fields import number, whole
 from stridetwin.streams.samples import Depth, Image
 
@@ -23,7 +23,7 @@ _HOLE = 0.5  # opacity of dirt from which depth has no reading
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ImageFault(StreamFault):
+class _ImageFault(TimedFault):
     """Something between a scene and its images that does not change during an event."""
 
     fits = IMAGES
@@ -59,7 +59,6 @@ class Occlusion(_ImageFault):
         share: Covered share of the image.
     """
 
-    kind = "occlusion"
     share: Annotated[float, number(0.01, 1)] = 0.3
 
     def seen(self, image: NDArray, event: Event) -> NDArray:
@@ -81,7 +80,6 @@ class LensDirt(_ImageFault):
         size: Radius of a spot, as a share of the image height.
     """
 
-    kind = "lens_dirt"
     spots: Annotated[int, whole(1, 50)] = 6
     size: Annotated[float, number(0.01, 0.5)] = 0.08
 

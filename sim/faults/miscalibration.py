@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.faults.faults import C, Fault, Stream
+from stridetwin.sim.faults.faults import Calibration, Fault, Stream
 from stridetwin.sim.faults.sample_faults import ForceRange, RateRange
 from stridetwin.streams.fields import DEG, MM, number
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
@@ -34,7 +34,7 @@ class Miscalibration(Fault):
         shank_m: Error of the link below that knee.
     """
 
-    kind = "miscalibration"
+    on_samples = False
     fits = (Imu, Image, Range, Insole, Ahrs, Encoder)
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle], Field(alias="rotation_deg")] = (0.0, 0.0, 0.0)
     translation_m: Annotated[tuple[_Length, _Length, _Length], Field(alias="translation_mm")] = (0.0, 0.0, 0.0)
@@ -53,7 +53,7 @@ class Miscalibration(Fault):
         }
         return stream.kind in self.fits and all(stream.kind is kind for kind, error in is_off.items() if error)
 
-    def calibrate(self, sensor: C) -> C:
+    def calibrate(self, sensor: Calibration) -> Calibration:
         """The calibration with the error."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = Rotation.from_rotvec(self.rotation_rad).as_matrix(), self.translation_m

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Memory, Stream, StreamFault, at
+from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Fault, Memory, Stream, TimedFault, at
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.fields import DEG, flag, number, words
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Imu, Insole, Interaction, Odometry
@@ -22,14 +22,13 @@ CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dropout(StreamFault):
+class Dropout(TimedFault):
     """Samples that never arrive; those of one housing and instant, such as colour and depth, are lost together.
 
     Attributes:
         share: Lost share of the samples, at random.
     """
 
-    kind = "dropout"
     common_to = "housing"
     share: Annotated[float, number(0.001, 1)] = 1.0
 
@@ -40,10 +39,8 @@ class Dropout(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exchange(StreamFault):
-    """Samples that arrive under the topic of the other side, as if left and right were exchanged."""
-
-    kind = "exchange"
+class Exchange(Fault):
+    """Samples that arrive under the topic of the other side for the whole walk: left and right are exchanged."""
 
     def suits(self, stream: Stream) -> bool:
         """Whether the stream belongs to a side."""
@@ -59,13 +56,11 @@ def _other_side(topic: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Freeze(StreamFault):
+class Freeze(TimedFault):
     """Repeats the last value before the event, with new stamps."""
 
-    kind = "freeze"
-
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `StreamFault.through`; a stream that begins frozen repeats its first value."""
+        """As `Fault.through`; a stream that begins frozen repeats its first value."""
         for arrival in stream:
             if at(events, arrival) is None:
                 memory["last"] = arrival.item
@@ -76,10 +71,8 @@ class Freeze(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Repeat(StreamFault):
+class Repeat(TimedFault):
     """Each sample twice, with the same stamp."""
-
-    kind = "repeat"
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample, twice."""
@@ -87,10 +80,9 @@ class Repeat(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nan(StreamFault):
+class Nan(TimedFault):
     """NaN values."""
 
-    kind = "nan"
     fits = NUMBERS
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
@@ -100,18 +92,17 @@ class Nan(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Late(StreamFault):
+class Late(TimedFault):
     """Samples that arrive late but in order; those measured after the event wait for them.
 
     Attributes:
         delay_s: Delay.
     """
 
-    kind = "late"
     delay_s: Annotated[float, number(0.001, 60)] = 0.25
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `StreamFault.through`: stamps do not change, arrival times do."""
+        """As `Fault.through`: stamps do not change, arrival times do."""
         for arrival in stream:
             late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
@@ -119,13 +110,11 @@ class Late(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutOfOrder(StreamFault):
+class OutOfOrder(TimedFault):
     """Samples that arrive out of order: of every two, the later arrives first."""
 
-    kind = "out_of_order"
-
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `StreamFault.through`; an overtaken sample arrives together with the one that overtook it."""
+        """As `Fault.through`; an overtaken sample arrives together with the one that overtook it."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
             if overtaken is not None:
@@ -142,14 +131,13 @@ class OutOfOrder(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockJump(StreamFault):
+class ClockJump(TimedFault):
     """A sensor clock with an offset during the event; arrival times are unaffected.
 
     Attributes:
         jump_s: Offset of its stamps (negative: behind).
     """
 
-    kind = "clock_jump"
     jump_s: Annotated[float, number(-3600, 3600)]
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
@@ -158,7 +146,7 @@ class ClockJump(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Saturation(StreamFault):
+class Saturation(TimedFault):
     """A range that is smaller than the part's; `Miscalibration` lets the calibration say so.
 
     Attributes:
@@ -167,7 +155,6 @@ class Saturation(StreamFault):
         accelerometer_mps2: Clipping level of an IMU's specific force.
     """
 
-    kind = "saturation"
     fits = (Imu, Insole, Interaction)
     fraction: Annotated[float, number(0.001, 1)] = 0.5
     gyroscope_rad_s: RateRange = None
@@ -187,7 +174,7 @@ class Saturation(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offset(StreamFault):
+class Offset(TimedFault):
     """Values that are off, by more and more if they drift: insoles, angles of encoders, and headings of AHRSs.
 
     Attributes:
@@ -198,7 +185,6 @@ class Offset(StreamFault):
         drift_s: Time for which the offset drifts; it then stays.
     """
 
-    kind = "offset"
     fits = (Insole, Encoder, Ahrs)
     offset_n: Annotated[float, number(-1000, 1000)] = 0.0
     drift_n_per_s: Annotated[float, number(-1000, 1000)] = 0.0
@@ -224,7 +210,7 @@ class Offset(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Restart(StreamFault):
+class Restart(TimedFault):
     """An odometry that is lost during the event, and then starts again in another frame, permanently.
 
     It acts when a recording is replayed (`streams.pose_restart`); a twin has no estimated poses.
@@ -234,14 +220,14 @@ class Restart(StreamFault):
         translation_m: Translation from the old frame to the new one, after the rotation.
     """
 
-    kind = "restart"
     fits = (Odometry,)
+    on_samples = False
     yaw_rad: Annotated[float, number(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
     translation_m: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeadCell(StreamFault):
+class DeadCell(TimedFault):
     """One cell of an insole that no longer measures its load, or all cells.
 
     Attributes:
@@ -249,13 +235,12 @@ class DeadCell(StreamFault):
         stuck: Whether it keeps its value from the start of the event; otherwise it reads 0.
     """
 
-    kind = "dead_cell"
     fits = (Insole,)
     cell: Annotated[str, words((*CELLS, "all"))] = "heel"
     stuck: Annotated[bool, flag()] = False
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `StreamFault.through`."""
+        """As `Fault.through`."""
         cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
         for arrival in stream:
             event = at(events, arrival)

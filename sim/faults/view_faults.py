@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, StreamFault, at
+from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, at
 from stridetwin.sim.faults.image_faults import image_of, is_depth
 from stridetwin.streams.fields import number
 from stridetwin.streams.rig import CameraCalibration
@@ -27,7 +27,7 @@ _LONGEST_M = 6.0  # beyond which the mirror image has no depth
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthNoise(StreamFault):
+class DepthNoise(TimedFault):
     """Noise of depth beside the part's own.
 
     Attributes:
@@ -35,7 +35,6 @@ class DepthNoise(StreamFault):
         noise_correlation_px: Its correlation length.
     """
 
-    kind = "depth_noise"
     fits = (Depth,)
     noise_per_m: Annotated[float, number(0, 0.2)] = 0.01
     noise_correlation_px: Annotated[float, number(1, 32)] = 4.0
@@ -52,7 +51,7 @@ class DepthNoise(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HighView(StreamFault):
+class HighView(TimedFault):
     """A camera that is pitched too high: only the upper rows of the depth image show ground within range.
 
     Attributes:
@@ -60,7 +59,6 @@ class HighView(StreamFault):
         range_m: Range.
     """
 
-    kind = "high_view"
     fits = (Depth,)
     share: Annotated[float, number(0.01, 1)] = 0.2
     range_m: Annotated[float, number(0.1, 50)] = 4.5
@@ -74,7 +72,7 @@ class HighView(StreamFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PasserBy(StreamFault):
+class PasserBy(TimedFault):
     """A person in bright clothes who moves to and fro close to the camera, in colour and depth.
 
     Attributes:
@@ -83,7 +81,6 @@ class PasserBy(StreamFault):
         motion_hz: Frequency of the motion.
     """
 
-    kind = "passer_by"
     common_to = "housing"
     fits = IMAGES
     share: Annotated[float, number(0.01, 0.9)] = 0.3
@@ -115,7 +112,7 @@ def _clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MirrorFloor(StreamFault):
+class MirrorFloor(TimedFault):
     """A level floor at height 0 that mirrors in blotches: there depth is missing, or that of the mirrored ceiling.
 
     It needs the true path of the camera's IMU among the items, before each image or with its chunk.
@@ -127,7 +124,6 @@ class MirrorFloor(StreamFault):
         blotch_m: Size of a blotch.
     """
 
-    kind = "mirror_floor"
     fits = (Depth,)
     holes: Annotated[float, number(0, 0.5)] = 0.3
     mirrored: Annotated[float, number(0, 0.5)] = 0.12
@@ -139,7 +135,7 @@ class MirrorFloor(StreamFault):
         return f"/truth{_camera(event).imu_topic}/odometry"
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `StreamFault.through`; images without a true pose pass unchanged."""
+        """As `Fault.through`; images without a true pose pass unchanged."""
         for arrival in stream:
             event, truth = at(events, arrival), memory.get("truth")
             if event is None or not truth:

@@ -20,6 +20,7 @@ from stridetwin.outputs.modes.scores import ModeScores, mode_figures
 from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.truth import true_footprints
 from stridetwin.scenarios.metadata import fault_metadata
+from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Odometry
@@ -76,11 +77,12 @@ def run_case(case: Case) -> dict[str, Any]:
 
 def repeat(case: FaultCase, begins_s: Sequence[float]) -> FaultCase:
     """The case with its temporary faults at each of these instants, s."""
-    faults = [
-        replace(fault, at_s=begin_s, name=f"{fault.own_name} {begin_s:.3f}") if fault.duration_s else fault
-        for fault in case.faults
-        for begin_s in (begins_s if fault.duration_s else [0.0])
-    ]
+    faults: list[Fault] = []
+    for fault in case.faults:
+        if isinstance(fault, TimedFault) and fault.duration_s is not None:
+            faults += [replace(fault, at_s=t, name=f"{fault.own_name} {t:.3f}") for t in begins_s]
+        else:
+            faults.append(fault)
     return replace(case, faults=tuple(faults))
 
 

@@ -65,6 +65,14 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
     assert len(seen) == 12
 
 
+def test_the_data_beside_a_module_change_its_digest(copied) -> None:
+    study = "stridetwin.studies.zhao2023.dvio_faults"
+    before = digest(study), digest(GENERALITY)
+    copied("studies/zhao2023/dvio_faults.yaml")
+    assert digest(study) != before[0]
+    assert digest(GENERALITY) == before[1]
+
+
 def test_pages_tables_and_other_experiments_do_not(copied) -> None:
     before = digest(GENERALITY)
     for place in (

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import yaml
 
@@ -31,7 +32,7 @@ EVERY = [
     {"kind": "loose_strap", "topic": "/head/imu", **AT, "angle_deg": 5, "shift_mm": 10},
     {"kind": "dead_cell", "topic": "/foot_l/insole", "at_s": 4, "cell": "toe", "stuck": True},
     {"kind": "offset", "topic": "/foot_r/insole", "at_s": 5, "offset_n": 2, "drift_n_per_s": 1, "drift_s": 3},
-    {"kind": "exchange", "topic": "/foot_*/insole", "at_s": 7, "duration_s": 0.5},
+    {"kind": "exchange", "topic": "/foot_*/insole"},
     {"kind": "passer_by", "topic": "/head/*", **AT, "share": 0.3, "distance_m": 1.2, "motion_hz": 0.2},
     {"kind": "depth_noise", "topic": "/head/depth", **AT, "noise_per_m": 0.01, "noise_correlation_px": 3},
     {"kind": "high_view", "topic": "/head/depth", **AT, "share": 0.3, "range_m": 4},
@@ -87,7 +88,7 @@ def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
         ({"kind": "miscalibration", "topic": "/exo/knee_l/encoder", "thigh_mm": 500},
          "faults[0].thigh_mm: invalid 500", "-200 to 200"),
         ({"kind": "restart", "topic": "/head/imu", "at_s": 1}, "faults[0].topic: invalid '/head/imu'", "/poses"),
-        ({"kind": "exchange", "topic": "/head/imu", "at_s": 1}, "faults[0].topic: invalid '/head/imu'", "/foot_l/imu"),
+        ({"kind": "exchange", "topic": "/head/imu"}, "faults[0].topic: invalid '/head/imu'", "/foot_l/imu"),
         ({"kind": "dropout", "topic": "/foot_l/imu", "at_s": 1, "share": 0}, "faults[0].share: invalid 0", "0.001-1"),
         ({"kind": "passer_by", "topic": "/head/*", "at_s": 1, "share": 1}, "faults[0].share: invalid 1", "0.01-0.9"),
         ({"kind": "depth_noise", "topic": "/head/color", "at_s": 1}, "faults[0].topic: invalid '/head/color'",
@@ -119,6 +120,8 @@ def test_a_run_with_every_fault_reports_them_and_scores_what_is_left(simulator, 
     # the stand-in for the twin carries no IMU at the head, and so no strap that holds one
     assert {f.kind for f in injected} == {f["kind"] for f in EVERY} - {"loose_strap"}
     assert next(f for f in injected if f.kind == "nan").topic == "/foot_r/imu"
+    assert recording.rig.imu("/foot_l/imu").gyroscope_range == pytest.approx(np.radians(300))
+    assert json.loads(recording.metadata["pose_restarts"]) == [[3e9, 3.5e9, np.radians(60), 3, -2, 0.5]]
     document = json.loads((folder / "scores.json").read_text())
     assert document["recordings"][0]["faults"] == [vars(f) for f in injected]
     report = (folder / "report.html").read_text()

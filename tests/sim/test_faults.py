@@ -268,13 +268,11 @@ def test_a_share_of_the_frames_is_lost_with_their_depth() -> None:
     assert 0.1 < 1 - len(colour) / 100 < 0.3
 
 
-def test_exchanged_streams_arrive_under_the_other_topic_and_in_order() -> None:
-    planned = plan_faults([Exchange(topic="/foot_*/imu", at_s=1, duration_s=1)], RIG, 0, DURATION_S)
+def test_exchanged_streams_arrive_under_the_other_topic() -> None:
+    planned = plan_faults([Exchange(topic="/foot_*/imu")], RIG, 0, DURATION_S)
     got = list(arrivals([imu_block(LEFT), imu_block(RIGHT)], planned))
-    assert [(a.topic, len(a.item)) for a in got] == [
-        (LEFT, 100), (RIGHT, 100), (LEFT, 800), (RIGHT, 100), (LEFT, 100), (RIGHT, 800)
-    ]  # fmt: skip
-    np.testing.assert_array_equal(got[1].item.columns["angular_rate"], imu_block(LEFT).columns["angular_rate"][100:200])
+    assert [(a.topic, len(a.item)) for a in got] == [(RIGHT, 1000), (LEFT, 1000)]
+    np.testing.assert_array_equal(got[0].item.columns["angular_rate"], imu_block(LEFT).columns["angular_rate"])
 
 
 def test_a_level_of_clipping_concerns_only_what_it_names() -> None:
