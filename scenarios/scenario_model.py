@@ -231,6 +231,10 @@ def _when(fault: Fault) -> Fault:
     return fault
 
 
+FaultInFile = Annotated[Any, OneKind(FAULTS), AfterValidator(_when)]
+"""Type of an item of the list `faults`, which becomes a `Fault`."""
+
+
 class ScenarioFile(_Model):
     """A scenario: the walker, the terrain, the gait and the sensors.
 
@@ -272,4 +276,4 @@ class ScenarioFile(_Model):
     rig_mount: Annotated[str, words(("head", "chest"), key="camera_mount")] = "head"
     ideal: Annotated[bool, flag(key="ideal_sensors")] = False
     shock: Annotated[bool, flag()] = True
-    faults: Annotated[tuple[Annotated[Any, OneKind(FAULTS), AfterValidator(_when)], ...], Field(min_length=1)] = ()
+    faults: Annotated[tuple[FaultInFile, ...], Field(min_length=1)] = ()
