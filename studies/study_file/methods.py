@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, get_args, get_type_hints
 
 from stridetwin.estimators import registry
@@ -18,9 +17,6 @@ from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.validation import suggest, validated
-
-DEFAULT_PARAMETERS = "default_parameters"
-"""Class method of an estimator whose parameters depend on the method: from the method's name to the parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +60,7 @@ def _set_parameters(estimator_class: EstimatorClass, method: str, values: Mappin
     if not kinds:
         name = estimator_class.declaration.name
         raise at.error(dict(values), f"no parameters, as the constructor of {name} declares no class of them")
-    default = getattr(estimator_class, DEFAULT_PARAMETERS, None)
+    default = getattr(estimator_class, "default_parameters", None)
     group = kinds[0]() if default is None else default(method)
     for name, value in values.items():
         group = _replace_value(group, name.split("."), value, at.key(name))
@@ -73,8 +69,7 @@ def _set_parameters(estimator_class: EstimatorClass, method: str, values: Mappin
 
 def _fields(group: Any) -> list[str]:
     """Names of the fields of a dataclass or a named tuple, or of an object of it; none of anything else."""
-    is_data = dataclasses.is_dataclass(group)
-    return [f.name for f in dataclasses.fields(group) if f.init] if is_data else list(getattr(group, "_fields", ()))
+    return [f.name for f in fields(group)] if is_dataclass(group) else list(getattr(group, "_fields", ()))
 
 
 def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
@@ -87,11 +82,7 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
             new = _replace_value(getattr(group, name), below, value, at)
         else:
             new = validated(get_type_hints(type(group))[name], value, at.source, at=at.path)
-        return (
-            dataclasses.replace(group, **{name: new})
-            if dataclasses.is_dataclass(group)
-            else group._replace(**{name: new})
-        )
+        return replace(group, **{name: new}) if is_dataclass(group) else group._replace(**{name: new})
     except ConfigError as error:
         raise at.error(error.value, error.valid) from error
     except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
