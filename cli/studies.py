@@ -111,7 +111,7 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         if value:
             raise here.key(name).error(value, "none, as a study file lists its methods and keeps no walks")
     with needing("studies need the simulator", "twin"):
-        from stridetwin.studies.study_file.results import failure_lines, table_head, table_rows
+        from stridetwin.studies.study_file.results import table_head, table_rows
         from stridetwin.studies.study_file.run import REPORT, run_study
         from stridetwin.studies.study_file.run import Options as StudyOptions
         from stridetwin.studies.study_file.study import read_study
@@ -127,9 +127,10 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     )
     result = run_study(read_study(path), options, progress)
     means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
-    texts = [*result["words"], *failure_lines(result)]
     page = (options.folder / REPORT).absolute().as_uri()
-    return Outcome(data=result, lines=[means, "", *texts, *([""] if texts else []), f"page  {page}"])
+    return Outcome(
+        data=result, lines=[means, "", *result["words"], *([""] if result["words"] else []), f"page  {page}"]
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

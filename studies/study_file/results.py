@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from stridetwin.outputs.base import CLAIM, Scores
 from stridetwin.streams.samples import Array
 from stridetwin.studies.significance import Difference, differences, interval_text, intervals, why_untested
 from stridetwin.studies.study_file.study import Study
+
+_MAX_PCT = 200.0
+"""A larger increase is written as a factor."""
 
 
 def score_values(study: Study, rows: Sequence[Row]) -> Array:
@@ -42,19 +46,21 @@ def _mean_of_outputs(outputs: dict[str, Scores], score: str) -> float:
 
 
 def collect_result(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
-    """The result as JSON holds it: `study`, `factors`, `scores`, `seeds`, `table`, `comparisons`, `words`, `failed`."""
+    """The result as JSON holds it: the study, `table`, `comparisons`, `words` and `failed`."""
     values = score_values(study, rows)
     labels = [dict(combination.labels) for combination in study.combinations]
     table: list[dict[str, Any]] = [
-        label | {"method": method.name, "scores": {}} for label in labels for method in study.methods
+        {"levels": label, "method": method.name, "scores": {}} for label in labels for method in study.methods
     ]
     for s, score in enumerate(study.scores):
-        columns = intervals(values[..., s].reshape(len(table), -1).T)
-        for line, column in zip(table, columns):
+        for line, column in zip(table, intervals(values[..., s].reshape(len(table), -1).T)):
             if np.isfinite(column.mean):
                 line["scores"][score] = asdict(column)
     comparisons = _compare(study, values)
-    walks = [(label, seed) for label in labels for seed in study.seeds]
+    walks = [{"levels": label, "seed": seed} for label in labels for seed in study.seeds]
+    failed = [
+        walk | {"method": name, "reason": why} for walk, row in zip(walks, rows) for name, why in row["failed"].items()
+    ]
     return {
         "study": study.description,
         "factors": list(labels[0]),
@@ -63,30 +69,23 @@ def collect_result(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
         "seeds": list(study.seeds),
         "table": table,
         "comparisons": comparisons,
-        "words": _words(study, comparisons),
-        "failed": [
-            label | {"seed": seed, "method": method, "reason": reason}
-            for (label, seed), row in zip(walks, rows)
-            for method, reason in row["failed"].items()
-        ],
+        "words": [*_describe_comparisons(study, comparisons), *_describe_failures(failed)],
+        "failed": failed,
     }
 
 
 def _compare(study: Study, values: Array) -> list[dict[str, Any]]:
     """Each method against the first in each combination, walk by walk, on the scale of the score."""
     places, columns, scales = [], [], []
-    for s, score in enumerate(study.scores):
-        scale = scale_of(score)
-        for m, method in enumerate(study.methods[1:], 1):
-            for c, combination in enumerate(study.combinations):
-                if scale is not None and np.isfinite(values[c, [0, m], :, s]).all():
-                    losses = [[scale.loss(value) for value in values[c, i, :, s]] for i in (0, m)]
-                    columns.append(np.subtract(losses[1], losses[0]))
-                    scales.append(scale)
-                    places.append({"score": score, "method": method.name, "levels": dict(combination.labels)})
-    if len(study.seeds) < 2 or not columns:
-        return []
-    tested = differences(np.column_stack(columns))
+    for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
+        scale = scale_of(study.scores[s])
+        if m and scale is not None and len(study.seeds) > 1 and np.isfinite(values[c, [0, m], :, s]).all():
+            first, other = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
+            columns.append(np.subtract(other, first))
+            scales.append(scale)
+            levels = dict(study.combinations[c].labels)
+            places.append({"score": study.scores[s], "method": study.methods[m].name, "levels": levels})
+    tested = differences(np.column_stack(columns)) if columns else []
     return [place | _change(scale, difference) for place, scale, difference in zip(places, scales, tested)]
 
 
@@ -101,70 +100,60 @@ def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _words(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:
+def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:
     """For each score and method, in which combinations it differs significantly from the first method."""
-    if len(study.methods) == 1:
-        return []
-    if why := why_untested(len(study.seeds)):
-        return [why]
+    first, why = study.methods[0].name, why_untested(len(study.seeds))
+    if why or len(study.methods) == 1:
+        return [why] if why else []
     texts = []
-    for score in study.scores:
-        for method in study.methods[1:]:
-            own = [c for c in comparisons if (c["score"], c["method"]) == (score, method.name)]
-            subject = f"{score}: {method.name}"
-            if not own:
-                texts.append(f"{subject} cannot be compared with {study.methods[0].name}.")
-                continue
-            verdicts = dict.fromkeys(c["verdict"] for c in own if c["verdict"])
-            parts = [
-                f"{verdict} than {study.methods[0].name} with "
-                + "; ".join(_place(c) for c in own if c["verdict"] == verdict)
-                for verdict in verdicts
-            ]
-            if unsure := sum(not c["verdict"] for c in own):
-                count = f"in {unsure} of {len(own)} combinations" if len(own) > 1 else "here"
-                parts.append(f"no significant difference from {study.methods[0].name} {count}")
-            texts.append(f"{subject}: {'. '.join(parts)}.")
+    for score, method in product(study.scores, study.methods[1:]):
+        by_verdict: dict[str, list[str]] = {}
+        for comparison in comparisons:
+            if (comparison["score"], comparison["method"]) == (score, method.name):
+                by_verdict.setdefault(comparison["verdict"], []).append(_describe_change(comparison))
+        unsure = by_verdict.pop("", [])
+        parts = [f"{verdict} than {first} with {'; '.join(places)}" for verdict, places in by_verdict.items()]
+        parts += [f"no significant difference from {first} with {'; '.join(unsure)}"] if unsure else []
+        texts.append(f"{score}: {method.name}: {'. '.join(parts) or f'cannot be compared with {first}'}.")
     return texts
 
 
-def _place(comparison: dict[str, Any]) -> str:
-    levels = ", ".join(comparison["levels"].values())
+def _describe_change(comparison: dict[str, Any]) -> str:
     change = f"{comparison['change']:+.3g} {comparison['unit']}"
-    return f"{levels} ({change})" if levels else change
+    if comparison["unit"] == "%" and comparison["change"] > _MAX_PCT:
+        change = f"{1.0 + comparison['change'] / 100.0:.3g} times"
+    return f"{', '.join(comparison['levels'].values()) or 'all walks'} ({change})"
+
+
+def _describe_failures(failed: Sequence[dict[str, Any]]) -> list[str]:
+    """On how many walks each method failed, with the first reason."""
+    reasons: dict[str, list[str]] = {}
+    for failure in failed:
+        reasons.setdefault(failure["method"], []).append(failure["reason"])
+    return [f"{name} failed on {len(every)} walks, first: {every[0]}" for name, every in reasons.items()]
 
 
 def table_head(result: dict[str, Any]) -> list[str]:
-    """Titles of the columns of `table_rows`; the first ones, without the scores, are text."""
+    """Titles of the columns of `table_rows`; those before the scores are text."""
     return [*result["factors"], "method", *result["scores"]]
 
 
 def table_rows(result: dict[str, Any]) -> list[list[str]]:
     """The table as text: the levels, the method, and each score with its interval."""
+    scores = result["scores"]
     return [
-        [*(line[name] for name in [*result["factors"], "method"]),
-         *(interval_text(line["scores"].get(score)) for score in result["scores"])]
+        [*line["levels"].values(), line["method"], *(interval_text(line["scores"].get(score)) for score in scores)]
         for line in result["table"]
-    ]  # fmt: skip
-
-
-def failure_lines(result: dict[str, Any]) -> list[str]:
-    """How often each method failed, with the first reason."""
-    by_method: dict[str, list[dict[str, Any]]] = {}
-    for failure in result["failed"]:
-        by_method.setdefault(failure["method"], []).append(failure)
-    return [f"{name} failed on {len(failures)} walks: {failures[0]['reason']}" for name, failures in by_method.items()]
+    ]
 
 
 def csv_text(study: Study, rows: Sequence[Row]) -> str:
     """A row per walk, method and score."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    values = score_values(study, rows)
     labels = [combination.labels for combination in study.combinations]
     writer.writerow([*labels[0], "seed", "method", "score", "value"])
-    for (c, w, m, s), _ in np.ndenumerate(values.swapaxes(1, 2)):
-        value = values[c, m, w, s]
+    for (c, w, m, s), value in np.ndenumerate(score_values(study, rows).swapaxes(1, 2)):
         number = f"{value:.9g}" if np.isfinite(value) else ""
         writer.writerow([*labels[c].values(), study.seeds[w], study.methods[m].name, study.scores[s], number])
     return out.getvalue()

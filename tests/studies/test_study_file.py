@@ -94,7 +94,7 @@ def test_a_study_gives_the_same_bytes_on_two_workers_and_after_an_interruption(t
     assert usual["scores"] == same["scores"]  # fed sample by sample, with a parameter that is the estimator's own
     assert 0 < usual["scores"]["end_error_m"]["mean"] < 0.2
     assert list(phase["scores"]) == ["rmse_pct"]
-    assert result["table"][3]["faults"] == "lost samples"
+    assert result["table"][3]["levels"] == {"faults": "lost samples"}
     assert result["table"][3]["scores"] != usual["scores"]
     rows = list(csv.DictReader((one / "study.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 2 * 2 * 3 * 2
@@ -128,7 +128,7 @@ def test_methods_are_compared_walk_by_walk_in_each_combination(tmp_path):
     assert result["table"][0]["scores"]["end_error_m"]["mean"] == pytest.approx(np.mean(walks) + 0.005)
     assert [c["verdict"] for c in result["comparisons"]] == ["worse", ""]
     assert result["words"][0].startswith("end_error_m: same: worse than usual with none (+9")
-    assert result["words"][0].endswith("no significant difference from usual in 1 of 2 combinations.")
+    assert result["words"][0].endswith("no significant difference from usual with lost samples (+0 %).")
     assert table_rows(result)[0][:2] == ["none", "usual"]
     assert csv_text(study, rows).splitlines()[1] == f"none,0,usual,end_error_m,{walks[0] + 0.005:.9g}"
 
