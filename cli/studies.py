@@ -1,4 +1,4 @@
-"""`experiment` reproduces the table of a paper; `place` finds where sensors are most useful."""
+"""`experiment` reproduces the table of a paper or runs a study; `place` finds where sensors are most useful."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from stridetwin.cli.options import (
     SchedulerOption,
     check_executor,
     count,
-    one_of,
     option,
     output_option,
     switch,
@@ -30,22 +29,39 @@ if TYPE_CHECKING:
 
     from stridetwin.studies.placement.problem_file import Problem
 
+_SUFFIXES = (".yaml", ".yml")
 _CLOSED_LOOP = ("dm_control", "dm_env", "joblib", "platformdirs")
 """Libraries of the extra `closed-loop` beside those of `twin`."""
 
 
+def _experiment(text: str) -> str:
+    """The name of an experiment, or the path of a study file."""
+    if text not in STUDIES and not text.lower().endswith(_SUFFIXES):
+        raise typer.BadParameter(f"{text!r}: expected one of {', '.join(STUDIES)}, or a .yaml file")
+    return text
+
+
 @dataclass(frozen=True, kw_only=True)
 class ExperimentOptions(Options):
-    """Run a paper's experiment and print its results beside ours."""
+    """Run a paper's experiment and print its results beside ours, or run a study of your own."""
 
-    experiment: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))]
+    experiment: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|STUDY",
+            help=f"{', '.join(STUDIES)}, or a .yaml file of a study.",
+            parser=_experiment,
+            autocompletion=lambda: list(STUDIES),
+        ),
+    ]
     workers: Annotated[int | None, option("Cases at a time (default 1).", "N", count)] = None
     scheduler: SchedulerOption = None
     seed: Annotated[int | None, option("Seed of the first case (default 1000).", "FIRST", whole)] = None
     subset: Annotated[int | None, option("Number of cases (default all).", "K", count)] = None
-    physics: Annotated[Literal["kinematic", "dynamic"], option("How the body moves, in experiments with walks.")] = (
-        "dynamic"
-    )
+    physics: Annotated[
+        Literal["kinematic", "dynamic"] | None,
+        option("How the body moves, in experiments with walks (default dynamic; in a study as its scenarios say)."),
+    ] = None
     resume: Annotated[bool, switch("--resume", "Continue an earlier run that stopped.")] = False
     estimators: Annotated[
         list[str] | None,
@@ -60,6 +76,8 @@ class ExperimentOptions(Options):
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment`."""
     check_executor(arguments.workers, arguments.scheduler)
+    if arguments.experiment not in STUDIES:
+        return _study_command(arguments, progress)
     try:
         from stridetwin.studies.catalogue import experiment
         from stridetwin.studies.registry import Options as StudyOptions
@@ -78,12 +96,41 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         estimators=tuple(arguments.estimators or ()),
         first=arguments.seed,
         subset=arguments.subset,
-        physics=arguments.physics,
+        physics=arguments.physics or "dynamic",
         resume=arguments.resume,
         keep=arguments.keep,
     )
     result = run_experiment(arguments.experiment, options, progress)
     return Outcome(data=result, lines=study.table(result))
+
+
+def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
+    """`experiment` with the file of a study."""
+    here = Where(source="command line")
+    for name, value in (("--estimators", arguments.estimators), ("--keep", arguments.keep)):
+        if value:
+            raise here.key(name).error(value, "none, as a study file lists its methods and keeps no walks")
+    with needing("studies need the simulator", "twin"):
+        from stridetwin.studies.study_file.results import table_head, table_rows
+        from stridetwin.studies.study_file.run import REPORT, run_study
+        from stridetwin.studies.study_file.run import Options as StudyOptions
+        from stridetwin.studies.study_file.study import read_study
+    path = Path(arguments.experiment)
+    options = StudyOptions(
+        folder=arguments.output or Path("runs") / path.stem,
+        workers=arguments.workers or 1,
+        scheduler=arguments.scheduler,
+        first=arguments.seed,
+        subset=arguments.subset,
+        physics=arguments.physics,
+        resume=arguments.resume,
+    )
+    result = run_study(read_study(path), options, progress)
+    means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
+    page = (options.folder / REPORT).absolute().as_uri()
+    return Outcome(
+        data=result, lines=[means, "", *result["words"], *([""] if result["words"] else []), f"page  {page}"]
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,12 +207,13 @@ def _size(result: dict[str, Any]) -> str:
 
 def placement_lines(result: dict[str, Any]) -> list[str | Table]:
     """The table, and which differences in it are significant."""
-    from stridetwin.studies.placement.page import said, said_value
+    from stridetwin.studies.placement.page import said_value
+    from stridetwin.studies.significance import interval_text
 
     scores = [score["name"] for score in result["scores"]]
     rows = [
         [str(row["rank"]), *(said_value(row["values"], name) for name in result["free"]),
-         *(said(row["scores"].get(name)) for name in scores)]
+         *(interval_text(row["scores"].get(name)) for name in scores)]
         for row in result["table"]
     ]  # fmt: skip
     lines: list[str | Table] = [table(rows, ["place", *result["free"], *scores], text_columns=0)]

@@ -25,6 +25,9 @@ object whenever it changes.
 
 An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
 `PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
+
+Study files set single parameters by name. For this, the type hint of `parameters` is a dataclass or a named tuple with
+defaults; where these depend on the method, the estimator has the static method `default_parameters(method)`.
 """
 
 from __future__ import annotations

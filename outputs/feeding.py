@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from stridetwin.estimators.base import FEET, POSES, Declaration, Estimator, Options, Stream
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
@@ -25,11 +26,13 @@ class Instance:
         estimator_class: Its class.
         options: Of the instance, with the recording's metadata.
         streams: The streams that it takes.
+        parameters: Of the constructor, in place of the estimator's own; None leaves these.
     """
 
     estimator_class: EstimatorClass
     options: Options
     streams: tuple[Stream, ...]
+    parameters: Any = None
 
     @property
     def declaration(self) -> Declaration:
@@ -38,7 +41,9 @@ class Instance:
 
     def build(self, rig: Rig) -> Estimator:
         """The estimator; raises StrideTwinError where the rig lacks a sensor or its calibration."""
-        return self.estimator_class(rig, options=self.options)
+        if self.parameters is None:
+            return self.estimator_class(rig, options=self.options)
+        return self.estimator_class(rig, options=self.options, parameters=self.parameters)
 
     def with_poses_of(self, frame: str) -> Instance:
         """The same with `Options.poses_of`."""

@@ -233,7 +233,10 @@ def _when(fault: Fault) -> Fault:
     return fault
 
 
-FaultList = tuple[Annotated[Any, OneKind(FAULTS), AfterValidator(_when)], ...]
+FaultInFile = Annotated[Any, OneKind(FAULTS), AfterValidator(_when)]
+"""Type of an item of the list `faults`, which becomes a `Fault`."""
+
+FaultList = tuple[FaultInFile, ...]
 """Type of a list of faults in a file."""
 
 

@@ -127,6 +127,8 @@ class Dvio:
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )  # fmt: skip
 
+    default_parameters = staticmethod(named)
+
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
         options = options or Options()
         mount = _mount(rig, options)

@@ -81,11 +81,13 @@ def path_output(path: PathEstimate, instance: Instance) -> Output[PathEstimate]:
 def run_paths(instance: Instance, recording: Recording, progress: Progress | None = None) -> list[Output[PathEstimate]]:
     """The paths that one instance gives for a recording; by `follow`, where the estimator has it, which is faster.
 
+    `follow` takes no parameters: an instance with parameters is fed sample by sample.
+
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
     """
     follow = getattr(instance.estimator_class, "follow", None)
-    if follow is not None:
+    if follow is not None and instance.parameters is None:
         paths: list[PathEstimate] = follow(recording, instance.options, progress)
         return [path_output(path, instance) for path in paths]
     estimator, samples = start(instance, recording)

@@ -15,7 +15,7 @@ from stridetwin.studies.placement.body_map import BodyImage
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.measure import Measured
 from stridetwin.studies.placement.problem_file import AS_IT_IS, Problem, format_value
-from stridetwin.studies.placement.significance import front, intervals
+from stridetwin.studies.significance import front, interval_text, intervals
 
 _DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
 _MOST_DOTS, _FEW_DOTS, _DOT_PX = 2000, 50, 4
@@ -56,7 +56,7 @@ def _table(problem: Problem, result: Mapping[str, Any]) -> str:
         (
             Markup("<br>").join([str(row["rank"]), *([row["failed"]] if "failed" in row else [])]),
             *(said_value(row["values"], name) for name in knobs),
-            *(said(row["scores"].get(s.name)) for s in problem.scores),
+            *(interval_text(row["scores"].get(s.name)) for s in problem.scores),
         )
         for row in result["table"]
     ]
@@ -66,14 +66,6 @@ def _table(problem: Problem, result: Mapping[str, Any]) -> str:
 def said_value(values: Mapping[str, Any], name: str) -> str:
     """The value of a knob in a table."""
     return format_value(values[name]) if values else AS_IT_IS
-
-
-def said(interval: Mapping[str, float | None] | None) -> str:
-    """A mean with its interval, where it has one and walks differ."""
-    if interval is None:
-        return "-"
-    mean, *ends = (None if interval[key] is None else f"{interval[key]:.4g}" for key in ("mean", "low", "high"))
-    return str(mean) if None in ends or set(ends) == {mean} else f"{mean} ({ends[0]} to {ends[1]})"
 
 
 def value_map(problem: Problem, searched: Measured, losses: Array) -> str:

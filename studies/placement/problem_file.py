@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
@@ -31,11 +31,12 @@ from stridetwin.scenarios.campaign.named_files import (
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
-from stridetwin.streams.fields import OneKey, refused, text, whole, words
+from stridetwin.streams.fields import OneKey, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, Free, FreeInFile, Knob, Over, free_field, grid_size
 from stridetwin.studies.placement.scores import Score, ScoresInFile, Seeing
+from stridetwin.studies.seeds import SeedsInFile
 
 MOST_PLACES = 100_000
 _SUFFIXES = (".yaml", ".yml")
@@ -105,19 +106,6 @@ class Problem:
         return [knob for free in self.free for knob in free.knobs]
 
 
-def _unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
-    if len(set(seeds)) < len(seeds):
-        raise refused(list(seeds), "every seed once")
-    return seeds
-
-
-_Seeds = Annotated[
-    Annotated[int, whole(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
-    | Annotated[
-        tuple[Annotated[int, whole(0, 2**31)], ...], Field(min_length=1), AfterValidator(_unique), Tag("=list")
-    ],
-    Discriminator(lambda node: "=list" if isinstance(node, list) else "=count"),
-]
 _Method = Annotated[
     Annotated[Any, words({"sweep": None}), Tag("=sweep")]
     | Annotated[Any, OneKey({"optimise": Optimise}), Tag("=optimise")],
@@ -147,7 +135,7 @@ class PlacementFile(BaseModel):
     set: dict[str, DistributionInFile] = {}
     free: Annotated[dict[str, FreeInFile], Field(min_length=1)]
     scores: ScoresInFile
-    seeds: _Seeds = (0,)
+    seeds: SeedsInFile = (0,)
     seeing: Seeing = Seeing()
     method: _Method = None
     confirm: Confirm | None = None

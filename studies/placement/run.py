@@ -25,7 +25,7 @@ from stridetwin.studies.placement.page import placement_page
 from stridetwin.studies.placement.problem_file import Place, Problem, check_ends, format_value, plain_of
 from stridetwin.studies.placement.request import check_request, keep_request
 from stridetwin.studies.placement.search import grid, optimise
-from stridetwin.studies.placement.significance import compared, front, in_words, intervals
+from stridetwin.studies.significance import compared, front, in_words, intervals
 
 _USED = "another placement uses it: expected a folder of its own"
 _SHOWN = 10

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stridetwin.studies.placement.significance import compared, front, in_words, intervals
+from stridetwin.studies.significance import compared, front, in_words, intervals
 
 
 def test_common_walks_resolve_small_differences_and_find_none_between_equal_places():

@@ -1,4 +1,4 @@
-"""Significance of differences between places, paired by walk, because all places have the same walks.
+"""Significance of differences between alternatives, such as places or methods, paired by walk: all have the same walks.
 
 Means of few walks have Student's intervals, those of more walks intervals by bootstrap-t: a few values have too few
 distinct resamples.
@@ -6,7 +6,7 @@ distinct resamples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -36,6 +36,24 @@ class Interval:
     mean: float
     low: float | None = None
     high: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """A mean difference over walks.
+
+    Attributes:
+        mean: Of the differences.
+        low, high: Its 95 % interval, not corrected; None of one or two walks.
+        p: Probability of so large a difference by chance, corrected for the number of differences (Holm).
+        significant: Whether it is significant.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    p: float
+    significant: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,26 +119,46 @@ def compared(losses: Array) -> list[Pair]:
     pairs = list(combinations(there.tolist(), 2))
     if losses.shape[1] < 2 or not pairs:
         return []
-    changes = np.column_stack([losses[b] - losses[a] for a, b in pairs])
+    found = differences(np.column_stack([losses[b] - losses[a] for a, b in pairs]))
+    return [
+        Pair(first=a, second=b, difference=d.mean, low=d.low, high=d.high, p=d.p, significant=d.significant)
+        for (a, b), d in zip(pairs, found)
+    ]
+
+
+def differences(changes: Array) -> list[Difference]:
+    """Tests of the means of (W, C) differences, W of two or more, corrected for their number C."""
     tested = _tested(changes)
     ends = _ends(tested, len(changes))
     p = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below)))
-    enough = losses.shape[1] >= LEAST_WALKS
+    enough = len(changes) >= LEAST_WALKS
     return [
-        Pair(
-            first=a, second=b, difference=float(tested.mean[i]), low=ends[i][0], high=ends[i][1],
-            p=float(p[i]), significant=bool(enough and p[i] < LEVEL),
-        )
-        for i, (a, b) in enumerate(pairs)
-    ]  # fmt: skip
+        Difference(mean=float(mean), low=low, high=high, p=float(p), significant=bool(enough and p < LEVEL))
+        for mean, (low, high), p in zip(tested.mean, ends, p)
+    ]
+
+
+def why_untested(walks: int) -> str:
+    """Why nothing is called significant over so few walks; "" if they are enough."""
+    if walks < 2:
+        return "One walk: no difference can be tested for significance."
+    if walks < LEAST_WALKS:
+        return f"{walks} walks are too few to test significance; expected {LEAST_WALKS} or more seeds."
+    return ""
+
+
+def interval_text(interval: Mapping[str, float | None] | None) -> str:
+    """A mean with its interval, where it has one and walks differ; - for None."""
+    if interval is None:
+        return "-"
+    mean, *ends = (None if interval[key] is None else f"{interval[key]:.4g}" for key in ("mean", "low", "high"))
+    return str(mean) if None in ends or set(ends) == {mean} else f"{mean} ({ends[0]} to {ends[1]})"
 
 
 def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[str]:
     """The comparison of the places as text, the best one first, from the result of `compared` over that many walks."""
-    if walks < 2:
-        return ["One walk: no difference can be tested for significance."]
-    if walks < LEAST_WALKS:
-        return [f"{walks} walks are too few to test significance; expected {LEAST_WALKS} or more seeds."]
+    if why := why_untested(walks):
+        return [why]
     words = []
     for first in sorted({pair.first for pair in pairs}):
         own = [p for p in pairs if p.first == first]

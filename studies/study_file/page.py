@@ -1,0 +1,46 @@
+"""The report of a study: one self-contained HTML file with figures, the table, the comparison, and the study file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stridetwin.pages.html import page, preformatted, rendered, section, table
+from stridetwin.pages.plot import PALETTE, Plot
+from stridetwin.studies.study_file.results import table_head, table_rows
+
+_SPREAD = 0.5
+"""Share of the distance between combinations over which the methods are spread."""
+
+
+def study_page(result: dict[str, Any], text: str, command: str) -> str:
+    """The page of a study from the result of `run_study`, the text of its file, and the command that makes the page."""
+    lead = "Means over walks, and over the outputs of a method, such as both feet, with 95 % intervals."
+    tested = "Each method against the first one, walk by walk, corrected for the number of comparisons (Holm)."
+    head, combinations = table_head(result), len(result["table"]) // len(result["methods"])
+    sections = [
+        section("Scores", lead, "".join(_draw_score(result, score) for score in result["scores"])),
+        section(
+            "Table",
+            "The same as numbers.",
+            table(head, table_rows(result), range(len(result["factors"]) + 1, len(head))),
+        ),
+        section("Comparison", tested, rendered("list", words=result["words"])) if result["words"] else "",
+        section("The study", command, preformatted(text.splitlines())),
+    ]
+    chips = [", ".join(result["methods"]), f"{combinations} combinations", f"{len(result['seeds'])} walks of each"]
+    return page("Study", result["study"], chips, sections, "Drawn by stridetwin experiment.")
+
+
+def _draw_score(result: dict[str, Any], score: str) -> str:
+    """A figure of the means of one score with their intervals, by combination; a colour per method."""
+    methods = result["methods"]
+    names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
+    plot = Plot(title=score, x_names=names, x=(-0.5, len(names) - 0.5), y_label=score, height=360)
+    for m, method in enumerate(methods):
+        color, shift = PALETTE[m % len(PALETTE)], _SPREAD * ((m + 0.5) / len(methods) - 0.5)
+        means = [line["scores"].get(score) for line in result["table"][m :: len(methods)]]
+        drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]
+        plot.dots([x for x, _ in drawn], [mean["mean"] for _, mean in drawn], color, size=8, label=method)
+        ends = [[(x, mean["low"]), (x, mean["high"])] for x, mean in drawn if mean["low"] is not None]
+        plot.curves(ends, color, label=method, width=2)
+    return plot.html()

@@ -1,0 +1,159 @@
+"""What a study's rows say: means with intervals, the comparison of the methods, and both as text and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from stridetwin.batch.jobs import Row
+from stridetwin.gate.metric_policy import Scale, scale_of
+from stridetwin.outputs.base import CLAIM, Scores
+from stridetwin.streams.samples import Array
+from stridetwin.studies.significance import Difference, differences, interval_text, intervals, why_untested
+from stridetwin.studies.study_file.study import Study
+
+_MAX_PCT = 200.0
+"""A larger increase is written as a factor."""
+
+
+def score_values(study: Study, rows: Sequence[Row]) -> Array:
+    """(C, M, W, S) scores of C combinations, M methods and W walks; means over outputs, NaN where missing.
+
+    Args:
+        study: The study.
+        rows: Those of the walks of the first combination, then of the next ones.
+    """
+    values = [
+        [_mean_of_outputs(row["scores"].get(method.name, {}), score) for score in study.scores]
+        for row in rows
+        for method in study.methods
+    ]
+    shape = len(study.combinations), len(study.seeds), len(study.methods), len(study.scores)
+    return np.reshape(values, shape).swapaxes(1, 2)
+
+
+def _mean_of_outputs(outputs: dict[str, Scores], score: str) -> float:
+    """The mean over outputs, such as both feet; a score whose sign has a meaning counts without it."""
+    scale = scale_of(score)
+    found = [scores[score] for scores in outputs.values() if score in scores]
+    return float(np.mean(np.abs(found) if scale is not None and scale.signed else found)) if found else np.nan
+
+
+def collect_result(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
+    """The result as JSON holds it: the study, `table`, `comparisons`, `words` and `failed`."""
+    values = score_values(study, rows)
+    labels = [dict(combination.labels) for combination in study.combinations]
+    table: list[dict[str, Any]] = [
+        {"levels": label, "method": method.name, "scores": {}} for label in labels for method in study.methods
+    ]
+    for s, score in enumerate(study.scores):
+        for line, column in zip(table, intervals(values[..., s].reshape(len(table), -1).T)):
+            if np.isfinite(column.mean):
+                line["scores"][score] = asdict(column)
+    comparisons = _compare(study, values)
+    walks = [{"levels": label, "seed": seed} for label in labels for seed in study.seeds]
+    failed = [
+        walk | {"method": name, "reason": why} for walk, row in zip(walks, rows) for name, why in row["failed"].items()
+    ]
+    return {
+        "study": study.description,
+        "factors": list(labels[0]),
+        "methods": [method.name for method in study.methods],
+        "scores": list(study.scores),
+        "seeds": list(study.seeds),
+        "table": table,
+        "comparisons": comparisons,
+        "words": [*_describe_comparisons(study, comparisons), *_describe_failures(failed)],
+        "failed": failed,
+    }
+
+
+def _compare(study: Study, values: Array) -> list[dict[str, Any]]:
+    """Each method against the first in each combination, walk by walk, on the scale of the score."""
+    places, columns, scales = [], [], []
+    for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
+        scale = scale_of(study.scores[s])
+        if m and scale is not None and len(study.seeds) > 1 and np.isfinite(values[c, [0, m], :, s]).all():
+            first, other = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
+            columns.append(np.subtract(other, first))
+            scales.append(scale)
+            levels = dict(study.combinations[c].labels)
+            places.append({"score": study.scores[s], "method": study.methods[m].name, "levels": levels})
+    tested = differences(np.column_stack(columns)) if columns else []
+    return [place | _change(scale, difference) for place, scale, difference in zip(places, scales, tested)]
+
+
+def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
+    """A difference of losses as a change of the score, and what it means."""
+    ends = [scale.change(end) for end in (difference.low, difference.high) if end is not None]
+    low, high = sorted(ends) if ends else (None, None)
+    directions = ("higher", "lower") if scale.kind == CLAIM else ("worse", "better")
+    return {
+        "change": scale.change(difference.mean), "unit": "points" if scale.in_points else "%", "low": low,
+        "high": high, "p": difference.p, "verdict": directions[difference.mean < 0] if difference.significant else "",
+    }  # fmt: skip
+
+
+def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:
+    """For each score and method, in which combinations it differs significantly from the first method."""
+    first, why = study.methods[0].name, why_untested(len(study.seeds))
+    if why or len(study.methods) == 1:
+        return [why] if why else []
+    texts = []
+    for score, method in product(study.scores, study.methods[1:]):
+        by_verdict: dict[str, list[str]] = {}
+        for comparison in comparisons:
+            if (comparison["score"], comparison["method"]) == (score, method.name):
+                by_verdict.setdefault(comparison["verdict"], []).append(_describe_change(comparison))
+        unsure = by_verdict.pop("", [])
+        parts = [f"{verdict} than {first} with {'; '.join(places)}" for verdict, places in by_verdict.items()]
+        parts += [f"no significant difference from {first} with {'; '.join(unsure)}"] if unsure else []
+        texts.append(f"{score}: {method.name}: {'. '.join(parts) or f'cannot be compared with {first}'}.")
+    return texts
+
+
+def _describe_change(comparison: dict[str, Any]) -> str:
+    change = f"{comparison['change']:+.3g} {comparison['unit']}"
+    if comparison["unit"] == "%" and comparison["change"] > _MAX_PCT:
+        change = f"{1.0 + comparison['change'] / 100.0:.3g} times"
+    return f"{', '.join(comparison['levels'].values()) or 'all walks'} ({change})"
+
+
+def _describe_failures(failed: Sequence[dict[str, Any]]) -> list[str]:
+    """On how many walks each method failed, with the first reason."""
+    reasons: dict[str, list[str]] = {}
+    for failure in failed:
+        reasons.setdefault(failure["method"], []).append(failure["reason"])
+    return [f"{name} failed on {len(every)} walks, first: {every[0]}" for name, every in reasons.items()]
+
+
+def table_head(result: dict[str, Any]) -> list[str]:
+    """Titles of the columns of `table_rows`; those before the scores are text."""
+    return [*result["factors"], "method", *result["scores"]]
+
+
+def table_rows(result: dict[str, Any]) -> list[list[str]]:
+    """The table as text: the levels, the method, and each score with its interval."""
+    scores = result["scores"]
+    return [
+        [*line["levels"].values(), line["method"], *(interval_text(line["scores"].get(score)) for score in scores)]
+        for line in result["table"]
+    ]
+
+
+def csv_text(study: Study, rows: Sequence[Row]) -> str:
+    """A row per walk, method and score."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    labels = [combination.labels for combination in study.combinations]
+    writer.writerow([*labels[0], "seed", "method", "score", "value"])
+    for (c, w, m, s), value in np.ndenumerate(score_values(study, rows).swapaxes(1, 2)):
+        number = f"{value:.9g}" if np.isfinite(value) else ""
+        writer.writerow([*labels[c].values(), study.seeds[w], study.methods[m].name, study.scores[s], number])
+    return out.getvalue()

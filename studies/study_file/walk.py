@@ -1,0 +1,89 @@
+"""One walk of a study: it is simulated, and all methods run on its recording."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from stridetwin.batch.folder import UNFINISHED
+from stridetwin.batch.jobs import Row
+from stridetwin.outputs.base import Scores
+from stridetwin.scenarios.record import make_twin, record
+from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
+from stridetwin.streams.errors import StrideTwinError, was_interrupted
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.studies.study_file.methods import Method, align_odometry, run_method
+
+WALK = "walk"
+"""Key of a row's `failed` if the walk itself failed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """A walk to run.
+
+    Attributes:
+        scenario: With no other sensors than those that the methods need.
+        seed: Its seed.
+        methods: The methods.
+    """
+
+    scenario: Scenario
+    seed: int
+    methods: tuple[Method, ...]
+
+
+def why_unfed(method: Method, scenario: Scenario) -> str:
+    """Why the sensors of a scenario do not feed a method; "" if they do."""
+    try:
+        return "" if sensors_of(estimators_of([method.estimator]), scenario.config) else "needs no sensors"
+    except StrideTwinError as error:
+        return str(error)
+
+
+def keep_needed_sensors(scenario: Scenario, methods: Iterable[Method]) -> Scenario:
+    """The scenario with the sensors alone that the methods that it feeds read; all if it feeds none."""
+    fed = [method.estimator for method in methods if not why_unfed(method, scenario)]
+    return with_sensors_for(scenario, estimators_of(fed)) if fed else scenario
+
+
+def run_walk(folder: Path, walk: Walk) -> Row:
+    """The row of a walk: `scores` by method and output, and `failed` with a reason by method, or for the walk.
+
+    Args:
+        folder: The study's folder; the recording lies there until it is scored.
+        walk: The walk.
+
+    Raises:
+        StrideTwinError: An error that is not specific to this walk, such as a full disk.
+    """
+    scores: dict[str, dict[str, Scores]] = {}
+    failed: dict[str, str] = {}
+    try:
+        with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
+            path = Path(name) / "walk.mcap"
+            record(make_twin(walk.scenario, walk.seed), path)
+            recording = Recording(path, bool(walk.scenario.config.faults))
+            make_walk = cache(lambda: align_odometry(recording))
+            for method in walk.methods:
+                try:
+                    scores[method.name] = run_method(method, recording, make_walk)
+                except Exception as error:
+                    if was_interrupted(error):
+                        raise KeyboardInterrupt from error
+                    failed[method.name] = _one_line(error, path)
+    except StrideTwinError as error:
+        failed[WALK] = _one_line(error, folder)
+    except OSError as error:
+        raise StrideTwinError(f"{error.filename or folder}: {error.strerror or error}") from None
+    return {"scores": scores, "failed": failed}
+
+
+def _one_line(error: Exception, path: Path) -> str:
+    """The message on one line, without a path on this machine."""
+    words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
+    return " ".join(words.replace(f"{path}: ", "").replace(f"{path}/", "").split())

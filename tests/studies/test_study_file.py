@@ -1,0 +1,155 @@
+"""Study files: errors at their place, equal bytes for any number of workers and after an interruption, and the page."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from stridetwin.batch.run import ROWS
+from stridetwin.cli.main import main
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.studies.study_file.results import collect_result, csv_text, table_rows
+from stridetwin.studies.study_file.run import FILES, Options, run_study
+from stridetwin.studies.study_file.study import make_scenario, read_study
+
+ROOT = Path(__file__).parents[2]
+STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}], "gait": {"stand_s": 1}}
+DROPOUT = {"kind": "dropout", "topic": "/foot_*/imu", "at_s": 3, "duration_s": 0.3}
+STUDY = {
+    "study": "A few steps",
+    "scenarios": ["steps.yaml"],
+    "seeds": [3, 5],
+    "set": {"sensors": ["foot_imu"]},
+    "faults": {"none": [], "lost samples": [DROPOUT]},
+    "methods": {
+        "usual": {"estimator": "foot_ins"},
+        "same": {"estimator": "foot_ins", "parameters": {"lever_arm_m": 0.072}},
+        "phase": {"estimator": "gait_phase"},
+    },
+    "scores": ["end_error_m", "rmse_pct"],
+}
+
+
+def write_study(folder, **changes):
+    (folder / "steps.yaml").write_text(yaml.safe_dump(STEPS), encoding="utf-8")
+    path = folder / "study.yaml"
+    path.write_text(yaml.safe_dump(STUDY | changes, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def silent(stage, share):
+    """Nobody listens."""
+
+
+def method(**said):
+    return {"methods": {"mine": {"estimator": "foot_ins"} | said}, "scores": ["end_error_m"]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metods": {}}, r"study.yaml: invalid 'metods': expected keys .*did you mean 'methods'"),
+        (method(estimator="foot_inz"), r"methods.mine.estimator: invalid 'foot_inz': expected .*mean 'foot_ins'"),
+        (method(method="zupt"), "methods.mine.method: invalid 'zupt': expected proposed"),
+        (
+            method(parameters={"lever_m": 1}),
+            r"methods.mine.parameters.lever_m: invalid 'lever_m': expected gravity_mps2, .*did you mean 'lever_",
+        ),
+        (method(parameters={"lever_arm_m": "long"}), r"parameters.lever_arm_m: invalid 'long': expected a number"),
+        (method(parameters={"gravity_mps2": -1}), r"parameters.gravity_mps2: invalid -1.*: expected a finite number"),
+        (
+            method(estimator="foot_to_foot", parameters={"foot.lever": 1}),
+            r"parameters.foot.lever: invalid 'lever': expected gravity_mps2",
+        ),
+        ({"scores": ["end_error"]}, r"scores\[0\]: invalid 'end_error': expected .*did you mean 'end_error_m'"),
+        ({"vary": {"IMU": {"x": {"sensors.foot_imu.prat": 1}}}}, r"vary.IMU.x.sensors.foot_imu.prat: invalid 'prat'"),
+        ({"vary": {"IMU": {"x": {"gait.speed_mps": 99}}}}, r"vary.IMU.x.gait.speed_mps: invalid 99: expected "),
+        ({"vary": {"method": {"x": {}}}}, "vary: invalid 'method': expected a name other than scenario, "),
+        ({"faults": {"lost": [{"kind": "dropuot"}]}}, r"faults.lost\[0\].kind: invalid 'dropuot'"),
+        ({"faults": {"lost": [DROPOUT | {"topic": "/hat"}]}}, r"faults.lost\[0\].topic: invalid '/hat'"),
+        (
+            method(estimator="terrain_map") | {"scores": ["nis_x"]},
+            "methods.mine.estimator: invalid 'terrain_map': expected an estimator that a combination feeds",
+        ),
+    ],
+)
+def test_an_error_names_its_place_in_the_file(tmp_path, changes, message):
+    with pytest.raises(StrideTwinError, match=message):
+        run_study(read_study(write_study(tmp_path, **changes)), Options(folder=tmp_path / "out"), silent)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_study_gives_the_same_bytes_on_two_workers_and_after_an_interruption(tmp_path, capsys):
+    path = write_study(tmp_path)
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert main(["experiment", str(path), "-o", str(one)]) == 0
+    printed = capsys.readouterr().out
+    assert "2 walks are too few" in printed
+    result = json.loads((one / "study.json").read_text(encoding="utf-8"))
+    assert result["failed"] == []
+    usual, same, phase = result["table"][:3]
+    assert usual["scores"] == same["scores"]  # fed sample by sample, with a parameter that is the estimator's own
+    assert 0 < usual["scores"]["end_error_m"]["mean"] < 0.2
+    assert list(phase["scores"]) == ["rmse_pct"]
+    assert result["table"][3]["levels"] == {"faults": "lost samples"}
+    assert result["table"][3]["scores"] != usual["scores"]
+    rows = list(csv.DictReader((one / "study.csv").read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == 2 * 2 * 3 * 2
+    assert rows[0].keys() == {"faults", "seed", "method", "score", "value"}
+    html = (one / "study.html").read_text(encoding="utf-8")
+    assert html.count('<div class="plot"') == 2
+    assert "stridetwin experiment study.yaml" in html
+
+    lines = (one / ROWS).read_text(encoding="utf-8").splitlines(keepends=True)
+    two.mkdir()
+    (two / ROWS).write_text("".join(lines[2:]) + lines[0][:50], encoding="utf-8")  # of a killed run
+    assert main(["experiment", str(path), "-o", str(two)]) == 2
+    assert "expected --resume to continue it" in capsys.readouterr().err
+    assert main(["experiment", str(path), "--workers", "2", "--resume", "-o", str(two)]) == 0
+    for name in (*FILES, ROWS):
+        assert (one / name).read_bytes() == (two / name).read_bytes(), name
+
+
+def fake_row(**errors):
+    """A row with two outputs of each method, whose errors differ by 10 mm."""
+    scores = {name: {"l": {"end_error_m": error}, "r": {"end_error_m": error + 0.01}} for name, error in errors.items()}
+    return {"scores": scores, "failed": {}}
+
+
+def test_methods_are_compared_walk_by_walk_in_each_combination(tmp_path):
+    path = write_study(tmp_path, seeds=10, scores=["end_error_m"], methods=dict(list(STUDY["methods"].items())[:2]))
+    study = read_study(path)
+    walks = np.random.default_rng(0).uniform(0.1, 0.5, 10).tolist()
+    rows = [fake_row(usual=e, same=2.0 * e) for e in walks] + [fake_row(usual=e, same=e) for e in walks]
+    result = collect_result(study, rows)
+    assert result["table"][0]["scores"]["end_error_m"]["mean"] == pytest.approx(np.mean(walks) + 0.005)
+    assert [c["verdict"] for c in result["comparisons"]] == ["worse", ""]
+    assert result["words"][0].startswith("end_error_m: same: worse than usual with none (+9")
+    assert result["words"][0].endswith("no significant difference from usual with lost samples (+0 %).")
+    assert table_rows(result)[0][:2] == ["none", "usual"]
+    assert csv_text(study, rows).splitlines()[1] == f"none,0,usual,end_error_m,{walks[0] + 0.005:.9g}"
+
+
+def test_seeds_and_number_of_walks_can_be_replaced(tmp_path):
+    study = read_study(write_study(tmp_path))
+    assert Options(folder=tmp_path, subset=1).of(study).seeds == (3,)
+    assert Options(folder=tmp_path, first=7).of(study).seeds == (7, 8)
+
+
+def test_the_example_takes_25_lines_and_is_the_one_in_the_documentation(tmp_path):
+    text = (ROOT / "examples" / "study.yaml").read_text(encoding="utf-8")
+    lines = text.splitlines()[1:]
+    assert len(lines) <= 25
+    assert "\n".join(lines) in (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+    study = read_study(ROOT / "examples" / "study.yaml")
+    assert (len(study.methods), len(study.combinations), len(study.seeds)) == (2, 3 * 2, 10)
+    scenarios = [make_scenario(study, combination, tmp_path) for combination in study.combinations]
+    assert len({repr(scenario.config) for scenario in scenarios}) == 6
+
+
+def test_options_of_built_in_experiments_are_refused(tmp_path, capsys):
+    assert main(["experiment", str(write_study(tmp_path)), "--keep"]) == 2
+    assert "command line: --keep: invalid True: expected none" in capsys.readouterr().err
