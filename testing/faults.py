@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stridetwin.sim.faults.faults import Arrival, Event, StreamFault
+from stridetwin.sim.faults.faults import Arrival, Event, TimedFault
 from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Late, OutOfOrder, Repeat, Saturation
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.live.messages import rank_of
@@ -25,7 +25,7 @@ _IMAGES = (Image, Depth)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Constant(StreamFault):
+class Constant(TimedFault):
     """One number in place of every value.
 
     Attributes:
@@ -53,7 +53,7 @@ class Injection:
         kinds: Types of samples that it acts on, with those derived from them.
     """
 
-    create: Callable[[str], StreamFault]
+    create: Callable[[str], TimedFault]
     windows: tuple[Window, ...] = (_ALL,)
     each: Window | None = _EACH
     kinds: tuple[type[Sample], ...] = (Sample,)
@@ -192,7 +192,7 @@ def _concerns(injection: Injection, stream: Sequence[Arrival], rig: Rig) -> bool
 
 
 def _events(
-    injection: Injection, fault: StreamFault, topic: str, first: float, count: int, samples: Sequence[Sample], part: str
+    injection: Injection, fault: TimedFault, topic: str, first: float, count: int, samples: Sequence[Sample], part: str
 ) -> tuple[Event, ...]:
     """Events of a fault on one topic: in the common windows, then in the topic's share of the window `each`."""
     begin_ns, duration_ns = samples[0].t_ns, samples[-1].t_ns - samples[0].t_ns

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import Calibration, Fault, Stream
 from stridetwin.sim.faults.sample_faults import ForceRange, RateRange
@@ -55,6 +54,8 @@ class Miscalibration(Fault):
 
     def calibrate(self, sensor: Calibration) -> Calibration:
         """The calibration with the error."""
+        from scipy.spatial.transform import Rotation  # slow to import, seldom used
+
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = Rotation.from_rotvec(self.rotation_rad).as_matrix(), self.translation_m
         nominal = replace(sensor, mount=replace(sensor.mount, T_body_sensor=sensor.mount.T_body_sensor @ T))

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Fault, Memory, Stream, TimedFault, at
 from stridetwin.sim.parts.library import full_scales
@@ -204,6 +203,8 @@ class Offset(TimedFault):
             return (arrival.but(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
         angle = self.offset_rad + self.drift_rad_s * since_s
         if isinstance(item, Ahrs):
+            from scipy.spatial.transform import Rotation  # slow to import, seldom used
+
             q = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(item.q_world_sensor, scalar_first=True)
             return (arrival.but(q_world_sensor=q.as_quat(scalar_first=True)),)
         return (arrival.but(angle=item.angle + angle),) if isinstance(item, Encoder) else (arrival,)

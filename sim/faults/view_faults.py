@@ -11,7 +11,6 @@ from typing import Annotated
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, at
 from stridetwin.sim.faults.image_faults import image_of, is_depth
@@ -148,6 +147,8 @@ class MirrorFloor(TimedFault):
     def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
         camera = _camera(event)
         T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
+        from scipy.spatial.transform import Rotation  # slow to import, seldom used
+
         R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
