@@ -82,7 +82,7 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
             new = _replace_value(getattr(group, name), below, value, at)
         else:
             new = validated(get_type_hints(type(group))[name], value, at.source, at=at.path)
-        return replace(group, **{name: new}) if is_dataclass(group) else group._replace(**{name: new})
+        return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
     except ConfigError as error:
         raise at.error(error.value, error.valid) from error
     except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
