@@ -82,8 +82,7 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
             new = _replace_value(getattr(group, name), below, value, at)
         else:
             new = validated(get_type_hints(type(group))[name], value, at.source, at=at.path)
-        change: Callable[..., Any] = replace if is_dataclass(group) else type(group)._replace
-        return change(group, **{name: new})
+        return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
     except ConfigError as error:
         raise at.error(error.value, error.valid) from error
     except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
@@ -112,7 +111,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
     if not instances:
         raise StrideTwinError(f"cannot run: expected a walk with {declaration.needs or 'other sensors'}")
     if not kind.has_truth(recording):
-        raise StrideTwinError(f"cannot be scored: expected a walk with the truth of the kind {declaration.kind!r}")
+        raise StrideTwinError(f"cannot be scored: expected a walk with the truth of {kind.title}")
     walk = make_walk() if kind.takes_poses else None
     if kind.takes_poses and walk is None:
         raise StrideTwinError(f"cannot run: no poses of {default_odometry().declaration.name}")

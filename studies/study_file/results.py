@@ -121,7 +121,7 @@ def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -
 def _describe_change(comparison: dict[str, Any]) -> str:
     change = f"{comparison['change']:+.3g} {comparison['unit']}"
     if comparison["unit"] == "%" and comparison["change"] > _MAX_PCT:
-        change = f"{1.0 + comparison['change'] / 100.0:.3g} times"
+        change = f"{1.0 + comparison['change'] / 100.0:.3g}-fold"
     return f"{', '.join(comparison['levels'].values()) or 'all walks'} ({change})"
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from stridetwin.cli.console import plain_text
 from stridetwin.cli.studies import placement_lines
-from stridetwin.studies.placement.page import said
+from stridetwin.studies.significance import interval_text
 from tools.tutorial import blocks
 
 PAGE = Path(__file__).parents[3] / "docs" / "placement.md"
@@ -18,7 +18,7 @@ def test_the_page_shows_what_place_prints():
 
 
 def test_an_interval_is_printed_where_walks_differ():
-    assert said({"mean": 48.0, "low": 48.0, "high": 48.0}) == "48"
-    assert said({"mean": 48.0, "low": 47.0, "high": 49.5}) == "48 (47 to 49.5)"
-    assert said({"mean": 48.0, "low": None, "high": None}) == "48"
-    assert said(None) == "-"
+    assert interval_text({"mean": 48.0, "low": 48.0, "high": 48.0}) == "48"
+    assert interval_text({"mean": 48.0, "low": 47.0, "high": 49.5}) == "48 (47 to 49.5)"
+    assert interval_text({"mean": 48.0, "low": None, "high": None}) == "48"
+    assert interval_text(None) == "-"
