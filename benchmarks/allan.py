@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from stridetwin.report.html import page, section
-from stridetwin.report.plot import Plot
+from stridetwin.pages.html import page, section
+from stridetwin.pages.plot import Plot
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import FLOOR, Noise
 from stridetwin.sim.parts.kinds import ImuPart

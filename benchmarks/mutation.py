@@ -69,7 +69,7 @@ NEAREST: dict[str, tuple[str, ...]] = {
         "tests/outputs/test_steps.py", "tests/outputs/test_step_scores.py", "tests/outputs/test_mode_score.py",
         "tests/outputs/test_drift.py", "tests/outputs/test_footprints.py", "tests/outputs/test_ahead.py",
         "tests/outputs/test_score_needs.py", "tests/outputs/test_terrain_files.py",
-        "tests/outputs/test_feet_and_head.py"),
+        "tests/outputs/test_phase_scores.py", "tests/outputs/test_feet_and_head.py"),
     "sim/truth.py": ("tests/sim/test_twin.py", "tests/sim/test_gait.py", "tests/sim/test_walk_pinned.py"),
     "sim/gait/footsteps.py": ("tests/sim/test_gait.py", "tests/sim/test_gait_style.py", "tests/sim/test_twin.py",
         "tests/sim/test_walk_pinned.py"),
@@ -100,9 +100,9 @@ EQUIVALENT = {
         "explained[i, j] + explained[i, j]"): "the matrix is symmetric but for rounding errors",
     ("estimators/locomotion_mode/rhythm.py", "elapsed < _BOUNCE_SHARE", "elapsed <= _BOUNCE_SHARE"):
         "no step takes just that share",
-    ("outputs/terrain_ahead.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
+    ("outputs/terrain/mapped_route.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
         "no cell's middle is just there",
-    ("evaluation/gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):
+    ("gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):
         "it keeps the logarithm of 0 finite; no score is as small",
 }  # fmt: skip
 """Changes without an effect that `is_change` does not see, each with the reason. They are left out of the sample.

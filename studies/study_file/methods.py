@@ -111,7 +111,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
     if not instances:
         raise StrideTwinError(f"cannot run: expected a walk with {declaration.needs or 'other sensors'}")
     if not kind.has_truth(recording):
-        raise StrideTwinError(f"cannot be scored: expected a walk with the truth of {kind.title}")
+        raise StrideTwinError(f"cannot be scored: expected a walk with the truth of the kind {declaration.kind!r}")
     walk = make_walk() if kind.takes_poses else None
     if kind.takes_poses and walk is None:
         raise StrideTwinError(f"cannot run: no poses of {default_odometry().declaration.name}")

@@ -22,8 +22,8 @@ MOST_S, MOST_MIB = 2.0, 500.0
 ZYGOTE = """
 import json, os, resource, sys, traceback
 import stridetwin.scenarios.check, stridetwin.outputs.path.evaluate
-import stridetwin.estimators.registry
-stridetwin.estimators.registry.estimators()
+import stridetwin.outputs.registry
+stridetwin.outputs.registry.estimators()
 import stridetwin.gate.walk_scores, stridetwin.streams.formats.mcap_export
 from stridetwin.cli.main import main
 from stridetwin.streams.recording.ros_types import typestore

@@ -69,6 +69,9 @@ READ = {
         "stridetwin experiment jao_straight_53m --physics kinematic --subset 1 --keep -o runs/quick",
         "stridetwin estimate foot_to_foot runs/quick/seed_1000.mcap --method published -o path.txt",
     ],
+    "minutes; tests/studies/test_study_file.py does the same with few short walks": [
+        "stridetwin experiment examples/study.yaml --workers 2 -o runs/study",
+    ],
     "hundreds of places on several walks; placement/ does the same with few on short ones": [
         "stridetwin place foot_camera",
         "stridetwin place foot_camera -o runs/place",

@@ -27,6 +27,8 @@ def test_a_short_walk_is_recorded_estimated_and_scored(tmp_path, capsys):
     assert main(["score", str(folder / "recording.mcap"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["estimators"] == scores
     steps = scores.pop("contact_terrain")
+    phases = [scores.pop(f"gait_phase_{side}") for side in "lr"]
+    assert all(foot["rmse_pct"] < 10.0 for foot in phases)
     assert set(scores) == {"foot_ins_l", "foot_ins_r", "foot_to_foot_l", "foot_to_foot_r"}
     assert (steps["classification_accuracy_pct"], steps["missed_pct"]) == (100.0, 0.0)
     assert steps["elevation_rmse_mm"] < 15.0

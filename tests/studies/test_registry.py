@@ -118,9 +118,10 @@ def test_a_case_of_which_every_worker_dies_is_an_error_and_the_others_are_kept(t
         make_frail(patch, lambda task: task.case.seed == 6)
         with pytest.raises(StrideTwinError, match=r"small: seed_6: its worker died; .*; --resume runs it again"):
             run_experiment("small", Options(folder=tmp_path, workers=2), lambda *_: None)
-    assert sorted(ran) == [5, 7, 8]
+    assert set(ran) == {5, 7, 8}  # a case beside the one that died may have run twice
+    finished = len(ran)
     run(tmp_path, resume=True)
-    assert sorted(ran) == [5, 6, 7, 8]
+    assert ran[finished:] == [6]
 
 
 def test_one_process_at_a_time_runs_cases_in_a_folder(tmp_path, ran) -> None:

@@ -70,7 +70,7 @@ def test_a_manifest_lists_the_files(one, campaign):
         assert recording.metadata["seed"] == str(walk["seed"])
         assert float(recording.metadata["person_height_m"]) == manifest["people"][walk["person"]]["height_m"]
         assert recording.rig.imus["/foot_l/imu"].part == part("MPU-9250").description
-        assert check_recording(Recording(file, lenient=True)).data["fit"]
+        assert check_recording(Recording(file, lenient=True)).data["valid"]
         assert walk["findings"] == []
         assert recording.duration == pytest.approx(walk["duration_s"], abs=1e-3)
         assert 0.9 <= walk["values"]["gait.speed_mps"] <= 1.2
