@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.contact_terrain import footfall, speed
+from stridetwin.estimators.contact_terrain import footfall
 from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, fixed_contact
 from stridetwin.estimators.contact_terrain.offsets import OFFSETS
 from stridetwin.estimators.contact_terrain.proposed import DoubleSupport, _normal
@@ -128,24 +128,3 @@ def test_the_normal_of_the_ground_is_up_across_its_slope_and_keeps_the_soles_rol
     assert normal @ uphill == pytest.approx(0.0, abs=1e-12)
     assert normal @ R[:, 1] == pytest.approx(0.0, abs=1e-12)
     assert normal[2] > 0.9
-
-
-def test_the_back_moves_as_both_rolling_feet_say_weighted_by_their_load():
-    """A back at constant velocity over feet that roll about contact points fixed in the world."""
-    v, dt, contacts = np.array([1.1, -0.2, 0.05]), 10_000_000, np.array([[0.1, 0.0, 0.0], [0.05, 0.01, 0.0]])
-    ground = np.array([[0.5, 0.1, 0.0], [0.1, -0.1, 0.0]])
-
-    def feet(error=(0.0, 0.0), load=((300.0, 200.0),) * 3):
-        found = []
-        for k in range(3):
-            R = np.array([pitched(-0.02 * k), pitched(0.015 * k)])
-            back = (v * k * dt) * 1e-9
-            p = np.array([ground[i] - R[i] @ contacts[i] - back * (1.0 + error[i]) for i in range(2)])
-            found.append(SimpleNamespace(t_ns=k * dt, p=p, R=R, centre=contacts, load=np.array(load[k])))
-        return found
-
-    np.testing.assert_allclose(speed.velocity(feet(), 100.0), v, rtol=1e-6)
-    np.testing.assert_allclose(speed.velocity(feet((0.1, 0.2)), 100.0), v * (1.0 + (0.1 * 300 + 0.2 * 200) / 500))
-    light = feet((0.1, 0.2), ((300.0, 200.0), (300.0, 99.0), (300.0, 200.0)))
-    np.testing.assert_allclose(speed.velocity(light, 100.0), v * 1.1)
-    assert speed.velocity(feet(load=((99.0, 99.0),) * 3), 100.0) is None
