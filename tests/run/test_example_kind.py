@@ -99,3 +99,17 @@ def test_it_is_run_scored_reported_and_gated(installed, scenario, tmp_path, caps
     assert main(["score", str(folder / "recording.mcap"), "--baseline", str(baseline), "--json"]) == 1
     worse = json.loads(capsys.readouterr().out)["regressions"]
     assert {(line["estimator"], line["metric"]) for line in worse} == {(n, "simple_phase_rmse_pct") for n in NAMES}
+
+
+def test_a_study_compares_it(installed, scenario, tmp_path, capsys):
+    study = tmp_path / "study.yaml"
+    study.write_text(
+        "study: Phase by time\nscenarios: [level_steps.yaml]\nseeds: 2\nmethods: {mine: {estimator: phase_by_time}}\n"
+        "scores: [simple_phase_rmse_pct]\n",
+        encoding="utf-8",
+    )
+    printed(capsys, "experiment", study, "-o", tmp_path / "out")
+    walks = rows(tmp_path / "out" / "study.csv")
+    assert len(walks) == 2
+    assert all(0.0 < float(walk["value"]) < 25.0 for walk in walks)
+    assert "simple_phase_rmse_pct" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
