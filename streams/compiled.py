@@ -31,8 +31,8 @@ INTERNALS = (
     ("numba.core.dispatcher", "Dispatcher.get_call_template"),
     ("numba.core.typed_passes", "NativeLowering.run_pass"),
 )
-"""Modules of Numba and what of them is used, beside `_cache._cache_file._source_stamp` of a cached function and
-`_compiler.pipeline_class` of any."""
+"""Modules of Numba and what of them is used, beside `_cache._cache_file` with `_source_stamp` and `_version` of a cached
+function, and `_compiler.pipeline_class` of any."""
 
 
 def missing_internals() -> list[str]:
@@ -92,7 +92,9 @@ def cached(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callabl
     def compiled(function: F) -> F:
         made: Any = njit(cache=True, **options)(getattr(function, "py_func", function))
         if _WITH_INTERNALS:
-            made._cache._cache_file._source_stamp = stamp
+            index = made._cache._cache_file
+            index._source_stamp = stamp
+            index._version += f" {stamp}"  # is compared first; the rest may name classes that are gone
         return cast(F, made)
 
     return compiled

@@ -21,7 +21,7 @@ STRIDE_S = np.exp(LOG_STRIDE)
 _FREEDOM = 4.0  # of Student's t: single deviations from the template are no outliers to be rejected, but weak evidence
 IMPOSSIBLE = -1e4
 
-_entry = cached(Path(__file__).parent, llvm_level=1)
+_called = cached(Path(__file__).parent, llvm_level=1)
 
 
 class Belief(NamedTuple):
@@ -102,7 +102,7 @@ def _log_t(deviation: float, variance: float) -> float:
     )
 
 
-@_entry
+@_called
 def set_prior(belief: Belief, settings: PriorSettings, transition: Array, ratios: StrideRatios) -> None:
     """Sets the hypotheses at a touch-down, docs/gait_phase.md (3).
 
@@ -129,7 +129,7 @@ def set_prior(belief: Belief, settings: PriorSettings, transition: Array, ratios
     belief.stand[0] = math.log(total * settings.stand_share / (1.0 - settings.stand_share))
 
 
-@_entry
+@_called
 def weigh(belief: Belief, template: Template, sample: RateSample) -> tuple[float, float, float, float]:
     """Weighs the hypotheses with one pitch rate, docs/gait_phase.md (4), (6), and takes their means (5).
 

@@ -47,6 +47,30 @@ def test_what_is_called_inside_counts(tmp_path, monkeypatch):
     assert hits_and_value(tmp_path, monkeypatch) == (1, 10)
 
 
+PAIRS = """from typing import NamedTuple
+
+
+class Pair(NamedTuple):
+    first: int
+    second: int
+
+
+def total(pair):
+    return pair[0] + pair[1]
+"""
+
+
+def test_a_class_that_is_gone_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "pairs.py").write_text(PAIRS)
+    old = loaded(tmp_path, "pairs")
+    monkeypatch.setitem(sys.modules, "pairs", old)
+    assert cached(tmp_path)(old.total)(old.Pair(1, 2)) == 3
+    (tmp_path / "pairs.py").write_text(PAIRS.replace("Pair", "Two"))
+    new = loaded(tmp_path, "pairs")
+    monkeypatch.setitem(sys.modules, "pairs", new)
+    assert cached(tmp_path)(new.total)(new.Two(1, 2)) == 3
+
+
 def decorated(node: ast.AST, *words: str) -> bool:
     return isinstance(node, ast.FunctionDef) and any(w in ast.unparse(d) for d in node.decorator_list for w in words)
 
