@@ -31,8 +31,8 @@ INTERNALS = (
     ("numba.core.dispatcher", "Dispatcher.get_call_template"),
     ("numba.core.typed_passes", "NativeLowering.run_pass"),
 )
-"""Modules of Numba and what of them is used, beside `_cache._cache_file` with `_source_stamp` and `_version` of a cached
-function, and `_compiler.pipeline_class` of any."""
+"""Modules of Numba and what of them is used, beside `_compiler.pipeline_class` of any function, and
+`_cache._cache_file` with `_source_stamp` and `_version` of a cached one."""
 
 
 def missing_internals() -> list[str]:
