@@ -14,7 +14,7 @@ from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Sta
 from stridetwin.sim.gait.footsteps import Footstep, plan
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block
-from tests.pinned import SAME_WALK, assert_pinned, columns
+from tests.pinned import SAME_RATES, assert_pinned, columns
 
 EVERY_NS = 500_000_000
 STAIRS: tuple[Segment, ...] = (
@@ -72,7 +72,7 @@ def test_truth_and_sensors_of_the_exoskeleton(num_regression: Any) -> None:
             if item.topic.startswith(("/truth", "/exo")):
                 found.setdefault(item.topic, []).extend(_now_and_then(item) if isinstance(item, Block) else [item])
     table = {f"{topic}.{name}": rows for topic in found for name, rows in columns(found[topic]).items()}
-    assert_pinned(num_regression, table, SAME_WALK)
+    assert_pinned(num_regression, table, SAME_RATES)
 
 
 def _now_and_then(block: Block[Any]) -> Iterable[dict[str, Any]]:
