@@ -19,8 +19,8 @@ SAME_POINTS = {"rtol": 1e-4, "atol": 5e-5}
 SAME_WALK = {"rtol": 1e-4, "atol": 1e-6}
 """The same where the twin walks: the fit of its postures iterates until a threshold."""
 SAME_RATES = {"rtol": 1e-4, "atol": 5e-5}
-"""The same for rates of fitted postures, rad/s: OpenBLAS's code for SkylakeX and for Haswell leads to rates that differ by
-3e-5 (`OPENBLAS_CORETYPE`)."""
+"""The same for rates of fitted postures, rad/s: with OpenBLAS's code for SkylakeX and for Haswell (`OPENBLAS_CORETYPE`)
+they differ by 3e-5."""
 SAME_IMAGES = {"rtol": 1e-3, "atol": 5e-4}
 """The same where images are drawn: a few pixels round differently."""
 
