@@ -87,15 +87,6 @@ def test_estimates_poses_at_the_rate_of_the_imu_with_covariances(plain):
         assert e.pose.T_world_frame[:3, :3] @ e.pose.T_world_frame[:3, :3].T == pytest.approx(np.eye(3), abs=1e-6)
 
 
-def test_is_deterministic(sway, plain):
-    wall, samples = sway
-    some = samples[:1200]
-    a, b = estimates_of(plain, some)[-1], followed(wall, some)[1][-1]
-    assert a.t_ns == b.t_ns
-    assert np.array_equal(a.pose.T_world_frame, b.pose.T_world_frame)
-    assert np.array_equal(a.covariance, b.covariance)
-
-
 def test_stationary_sensor():
     wall = Wall(still, 30.0, seed=4)
     _, made = followed(wall)
