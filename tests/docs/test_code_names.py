@@ -12,23 +12,8 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")], key=lambda p
 ESTIMATORS = sorted(
     folder.name for folder in (ROOT / "estimators").iterdir() if (ROOT / "docs" / f"{folder.name}.md").exists()
 )
-PACKAGES = (
-    "streams",
-    "sim",
-    "estimators",
-    "scenarios",
-    "outputs",
-    "run",
-    "gate",
-    "pages",
-    "reference",
-    "report",
-    "studies",
-    "cli",
-    "tools",
-    "tests",
-    "benchmarks",
-)
+PARTS = sorted(part.name for part in (ROOT / "stridetwin").iterdir() if part.is_dir())
+PACKAGES = (*PARTS, "tools", "tests", "benchmarks")
 OUTPUTS = ("csv", "json", "mcap", "ply", "glb", "txt", "html", "yaml")
 
 

@@ -11,22 +11,7 @@ from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]
-PARTS = (
-    "streams",
-    "batch",
-    "sim",
-    "estimators",
-    "scenarios",
-    "outputs",
-    "run",
-    "gate",
-    "pages",
-    "reference",
-    "report",
-    "studies",
-    "cli",
-    "examples",
-)
+PARTS = (*sorted(part.name for part in (ROOT / "stridetwin").iterdir() if part.is_dir()), "examples")
 SOURCES = [p for part in PARTS for p in (ROOT / part).rglob("*.py")]
 PIPES = {
     "sim/rendering/rendering.py",
