@@ -20,15 +20,17 @@ UNFINISHED = ".unfinished"
 
 
 @contextmanager
-def hold_folder(folder: Path, refusal: str, has_rows: Callable[[], bool]) -> Iterator[Path]:
+def hold_folder(
+    folder: Path, has_rows: Callable[[], bool], refusal: str = "another process uses it: expected another folder"
+) -> Iterator[Path]:
     """Creates and locks a folder, and removes the unfinished files of killed runs.
 
     A folder that is new is removed again if the run is refused before it has a row.
 
     Args:
         folder: The output folder.
-        refusal: Message if another process uses the folder.
         has_rows: Whether the folder has a row.
+        refusal: Message if another process uses the folder.
 
     Yields:
         The folder for unfinished files, `UNFINISHED`; it is removed at the end.

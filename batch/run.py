@@ -129,7 +129,7 @@ def run_batch(
         StrideTwinError: Another process uses the folder, or an error that affects all jobs. Finished rows are kept.
     """
     file = options.folder / ROWS
-    with hold_folder(options.folder, "another process uses it: expected another folder", file.exists) as unfinished:
+    with hold_folder(options.folder, file.exists) as unfinished:
         store = RowLines(file, unfinished)
         results = Batch(jobs, store).run_with(options, work, stage, progress, "the same command continues")
         store.sort([job.key for job in jobs])

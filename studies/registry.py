@@ -75,7 +75,7 @@ def run_experiment(name: str, options: Options, progress: Progress) -> dict[str,
     _check_estimators(name, options.estimators)
     jobs = [_job(name, study, case) for case in options.cases(study.seeds)]
     folder = options.folder
-    with hold_folder(folder, _USED, lambda: any(folder.glob("seed_*"))) as unfinished:
+    with hold_folder(folder, lambda: any(folder.glob("seed_*")), _USED) as unfinished:
         store = RowFiles(folder, unfinished, is_sorted=False)
         batch = Batch(jobs, store, resume=options.resume)
         stage = f"{name}, {batch.outdated} rows of another version are run again" if batch.outdated else name

@@ -113,7 +113,7 @@ def generate(
         )
         for walk in plan(campaign, options.extra)
     ]
-    with hold_folder(folder, _USED, lambda: any((folder / ROWS).glob("*.json"))) as unfinished:
+    with hold_folder(folder, lambda: any((folder / ROWS).glob("*.json")), _USED) as unfinished:
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
             (folder / name).mkdir(exist_ok=True)
         bind_folder(folder, campaign_request(campaign, options.extra, user_files), (job.name for job in jobs))

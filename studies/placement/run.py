@@ -66,7 +66,7 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
         StrideTwinError: Any usage error.
     """
     problem, folder = options.of(problem), options.folder
-    with hold_folder(folder, _USED, (folder / ROWS).exists) as unfinished:
+    with hold_folder(folder, (folder / ROWS).exists, _USED) as unfinished:
         check_request(folder, problem, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)
         copy_files(folder, problem.own)

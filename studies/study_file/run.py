@@ -27,7 +27,6 @@ from stridetwin.studies.study_file.study import Study, make_scenario
 from stridetwin.studies.study_file.walk import WALK, Walk, keep_needed_sensors, run_walk, why_unfed
 
 FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
-_USED = "another process uses it: expected another folder"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +67,7 @@ def run_study(study: Study, options: Options, progress: Progress) -> dict[str, A
         StrideTwinError: Any usage error; the folder is used by another process, or holds rows and is not to be resumed.
     """
     study, folder = options.of(study), options.folder
-    with hold_folder(folder, _USED, (folder / ROWS).exists) as unfinished:
+    with hold_folder(folder, (folder / ROWS).exists) as unfinished:
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")
         copy_files(folder, study.own)

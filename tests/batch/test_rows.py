@@ -97,12 +97,12 @@ def test_sorted_lines_do_not_depend_on_the_order_of_the_work(tmp_path, run):
 def test_a_folder_is_held_by_one_and_left_without_unfinished_files(tmp_path):
     folder = tmp_path / "out"
     (folder / ".unfinished-old").mkdir(parents=True)
-    with hold_folder(folder, "expected another", lambda: False) as unfinished:
+    with hold_folder(folder, lambda: False, "expected another") as unfinished:
         assert [path.name for path in folder.iterdir()] == [".unfinished"]
         (unfinished / "half").touch()
         with (
             pytest.raises(StrideTwinError, match="out: expected another"),
-            hold_folder(folder, "expected another", bool),
+            hold_folder(folder, bool, "expected another"),
         ):
             pass
     assert list(folder.iterdir()) == []
@@ -110,7 +110,7 @@ def test_a_folder_is_held_by_one_and_left_without_unfinished_files(tmp_path):
 
 @pytest.mark.parametrize("has_rows", [False, True])
 def test_a_new_folder_of_a_refused_run_goes_unless_it_has_rows(tmp_path, has_rows):
-    with pytest.raises(StrideTwinError), hold_folder(tmp_path / "out", "", lambda: has_rows):
+    with pytest.raises(StrideTwinError), hold_folder(tmp_path / "out", lambda: has_rows):
         raise StrideTwinError("refused")
     assert (tmp_path / "out").exists() is has_rows
 
