@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath, StartPose
 from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
-from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.sim.faults.sample_faults import Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
 from stridetwin.streams.recording.ros_samples import block_of
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
+from tests.estimators.imu_faults import IMU_FAULTS, TOPIC
 
-TOPIC = ADIS16485.topic
 WALK = walk(calibration=ADIS16485, rng=np.random.default_rng(1))
 
 
@@ -70,24 +70,7 @@ def test_a_sample_that_was_overtaken_is_left_out() -> None:
 @settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
-    faults=st.lists(
-        st.sampled_from(
-            [
-                Dropout(topic=TOPIC, rate_per_min=30, duration_s=0.3),
-                Dropout(topic=TOPIC, rate_per_min=6, duration_s=3.0, name="long"),
-                Freeze(topic=TOPIC, rate_per_min=10, duration_s=0.5),
-                Repeat(topic=TOPIC, rate_per_min=30, duration_s=0.2),
-                Nan(topic=TOPIC, rate_per_min=30, duration_s=0.2),
-                OutOfOrder(topic=TOPIC, rate_per_min=30, duration_s=0.2),
-                ClockJump(topic=TOPIC, rate_per_min=10, duration_s=0.5, jump_s=2.0),
-                ClockJump(topic=TOPIC, rate_per_min=10, duration_s=0.5, jump_s=-2.0, name="back"),
-                ClockJump(topic=TOPIC, at_s=5.0, jump_s=3600.0, name="far"),
-                Saturation(topic=TOPIC, at_s=0, fraction=0.05),
-            ]
-        ),
-        unique=True,
-        min_size=1,
-    ),
+    faults=IMU_FAULTS,
 )
 def test_under_any_faults_the_estimate_is_finite_and_moves_on(seed: int, faults: list[Fault]) -> None:
     arrived, path = under(WALK, *faults, seed=seed)

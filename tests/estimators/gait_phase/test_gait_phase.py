@@ -19,11 +19,12 @@ from stridetwin.estimators.gait_phase.stride import StrideFilter
 from stridetwin.estimators.gait_phase.template import DOWN, LEVEL, UP
 from stridetwin.outputs.gait_phase.scores import detected_touch_downs, phase_scores
 from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
-from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.sim.faults.sample_faults import Dropout, Nan, Repeat, Saturation
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.ros_samples import block_of
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
+from tests.estimators.imu_faults import IMU_FAULTS, TOPIC
 
 
 @lru_cache(maxsize=8)
@@ -173,29 +174,10 @@ def arrived(walk: FootWalk, faults: list[Fault], seed: int) -> FootWalk:
     return replace(walk, imu=block_of(samples))
 
 
-TOPIC = "/foot_l/imu"
-
-
 @settings(max_examples=15, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
-    faults=st.lists(
-        st.sampled_from(
-            [
-                Dropout(topic=TOPIC, rate_per_min=30, duration_s=0.3),
-                Dropout(topic=TOPIC, rate_per_min=6, duration_s=3.0, name="long"),
-                Freeze(topic=TOPIC, rate_per_min=10, duration_s=0.5),
-                Repeat(topic=TOPIC, rate_per_min=30, duration_s=0.2),
-                Nan(topic=TOPIC, rate_per_min=30, duration_s=0.2),
-                OutOfOrder(topic=TOPIC, rate_per_min=30, duration_s=0.2),
-                ClockJump(topic=TOPIC, rate_per_min=10, duration_s=0.5, jump_s=2.0),
-                ClockJump(topic=TOPIC, at_s=5.0, jump_s=3600.0, name="far"),
-                Saturation(topic=TOPIC, at_s=0, fraction=0.05),
-            ]
-        ),
-        unique=True,
-        min_size=1,
-    ),
+    faults=IMU_FAULTS,
 )
 def test_under_any_faults_estimates_are_valid(seed: int, faults: list[Fault]) -> None:
     check(estimate(arrived(walk_on("level", 10)[0], faults, seed)))
