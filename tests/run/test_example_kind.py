@@ -32,12 +32,13 @@ def site(tmp_path_factory):
     return folder / "site"
 
 
-@pytest.fixture
-def installed(site, monkeypatch):
-    """This process as one that finds the package."""
-    monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setenv("PYTHONPATH", str(site), prepend=":")  # of the processes that it starts
-    yield
+@pytest.fixture(scope="module")
+def installed(site):
+    """This process as one that finds the package; once for all tests, as the loaded kinds are kept, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(site))
+        patch.setenv("PYTHONPATH", str(site), prepend=":")  # of the processes that it starts
+        yield
     for name in [n for n in sys.modules if n.startswith("stridetwin_simple_phase")]:
         sys.modules.pop(name)
     importlib.invalidate_caches()
