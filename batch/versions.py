@@ -103,8 +103,8 @@ def _data() -> dict[str, Path]:
 def _imported(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
-    A YAML file of the same name beside a module counts, too. A package counts if something is imported from it, not if
-    it is only part of the path to a module. What is loaded by entry points counts by itself: `class_version`.
+    A package counts if something is imported from it, not if it is only part of the path to a module. What is loaded by
+    entry points counts by itself: `class_version`.
     """
     files: dict[str, Path] = {}
     remaining = [module]
@@ -113,7 +113,6 @@ def _imported(module: str) -> dict[str, Path]:
         file = None if name in files else _file(name)
         if file is not None:
             files[name] = file
-            files |= {f"{name}.yaml": data for data in [file.with_suffix(".yaml")] if data.is_file()}
             remaining += _imports(file.read_bytes())
     return files
 

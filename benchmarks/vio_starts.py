@@ -32,7 +32,6 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.zhao2023.odometry_walks import (
     METHODS,
-    SENSORS,
     OdometryRun,
     figures,
     follow,
@@ -92,7 +91,7 @@ def scale_of(run: OdometryRun, truth: TruePath) -> float:
 def recorded_walk(seed: int, gait: Gait) -> Iterator[Recording]:
     """A recording of the walk round a room, for as long as it is needed."""
     config = load_scenario("dvio_walk").config
-    twin = Twin(replace(config, sensors=SENSORS, gait=gait, physics="kinematic"), seed)
+    twin = Twin(replace(config, sensors=("head_imu", "head_camera"), gait=gait, physics="kinematic"), seed)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "walk.mcap"
         record(twin, path, lambda stage, share: None)

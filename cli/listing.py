@@ -27,7 +27,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     from stridetwin.sim.parts.sensor_config import KIND
     from stridetwin.sim.wearer.anthropometry import PEOPLE
     from stridetwin.streams.yaml_file import read_yaml
-    from stridetwin.studies.catalogue import STUDIES
+    from stridetwin.studies.experiment import descriptions as experiments
 
     parts = {name: part(name) for name in library()}
     data: dict[str, Any] = {
@@ -37,7 +37,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "sensors": list(KIND),
         "outputs": output_descriptions(),
         "estimators": descriptions(),
-        "experiments": {name: study.description for name, study in STUDIES.items()},
+        "experiments": experiments(),
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(FAULTS),
         "physics": list(PHYSICS),

@@ -21,8 +21,8 @@ from stridetwin.cli.options import (
     switch,
     whole,
 )
+from stridetwin.scenarios.built_in import experiments
 from stridetwin.streams.errors import StrideTwinError, Where, needing
-from stridetwin.studies.catalogue import STUDIES
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,8 +36,8 @@ _CLOSED_LOOP = ("dm_control", "dm_env", "joblib", "platformdirs")
 
 def _experiment(text: str) -> str:
     """The name of an experiment, or the path of a study file."""
-    if text not in STUDIES and not text.lower().endswith(_SUFFIXES):
-        raise typer.BadParameter(f"{text!r}: expected one of {', '.join(STUDIES)}, or a .yaml file")
+    if text not in experiments() and not text.lower().endswith(_SUFFIXES):
+        raise typer.BadParameter(f"{text!r}: expected one of {', '.join(experiments())}, or a .yaml file")
     return text
 
 
@@ -49,9 +49,9 @@ class ExperimentOptions(Options):
         str,
         typer.Argument(
             metavar="NAME|STUDY",
-            help=f"{', '.join(STUDIES)}, or a .yaml file of a study.",
+            help=f"{', '.join(experiments())}, or a .yaml file of a study.",
             parser=_experiment,
-            autocompletion=lambda: list(STUDIES),
+            autocompletion=lambda: list(experiments()),
         ),
     ]
     workers: Annotated[int | None, option("Cases at a time (default 1).", "N", count)] = None
@@ -76,10 +76,10 @@ class ExperimentOptions(Options):
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment`."""
     check_executor(arguments.workers, arguments.scheduler)
-    if arguments.experiment not in STUDIES:
+    if arguments.experiment not in experiments():
         return _study_command(arguments, progress)
     try:
-        from stridetwin.studies.catalogue import experiment
+        from stridetwin.studies.experiment import experiment
         from stridetwin.studies.registry import Options as StudyOptions
         from stridetwin.studies.registry import run_experiment
 

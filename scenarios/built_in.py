@@ -6,9 +6,9 @@ from importlib import resources
 from pathlib import Path
 
 
-def catalogue_of(package: str) -> dict[str, Path]:
-    """The YAML files in the folder `catalogue` of a package, name to file, sorted by name."""
-    folder = Path(str(resources.files(package))) / "catalogue"
+def catalogue_of(package: str, folder_name: str = "catalogue") -> dict[str, Path]:
+    """The YAML files in a folder of a package, name to file, sorted by name."""
+    folder = Path(str(resources.files(package))) / folder_name
     return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 
 
@@ -20,6 +20,11 @@ def catalogue() -> dict[str, Path]:
 def campaigns() -> dict[str, Path]:
     """The built-in campaigns, name to file, sorted by name."""
     return catalogue_of("stridetwin.scenarios.campaign")
+
+
+def experiments() -> dict[str, Path]:
+    """The experiments of papers, name to file, sorted by name."""
+    return catalogue_of("stridetwin.studies", "experiments")
 
 
 def problems() -> dict[str, Path]:

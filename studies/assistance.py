@@ -7,15 +7,13 @@ Zhao et al. 2023.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.studies.case import Case
@@ -53,19 +51,18 @@ _MAKES: Mapping[str, Callable[[TwinConfig, int], WalkResult]] = {
 }
 
 
-def run_case(ways: tuple[str, ...], case: Case) -> dict[str, Any]:
+def run_case(case: Case, ways: Sequence[str]) -> dict[str, Any]:
     """One walk, simulated in each variant.
 
     Returns:
         `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps (`costs`).
     """
-    subject = SUBJECTS[case.seed % len(SUBJECTS)]
-    config = replace(load_scenario(SCENARIO).config, person=PEOPLE[subject])
+    (walk,) = case.walks()
     found = {}
     for way in ways:
-        made = _MAKES[way](config, case.seed)
+        made = _MAKES[way](walk.config, case.seed)
         found[way] = {"fell_at_s": made.walk.fell_at, "modes": costs(made)}
-    return {"seed": case.seed, "subject": subject, "ways": found}
+    return case.row(ways=found)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:

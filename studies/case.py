@@ -1,10 +1,45 @@
-"""One case of an experiment: its seed, options and files."""
+"""One case of an experiment: its seed, walks, options and files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.faults.faults import Fault
+from stridetwin.studies.design import Design, make_scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What the cases of an experiment walk.
+
+    Attributes:
+        design: The walks of each seed.
+        sensors: Groups of sensors that are simulated; empty for those of the scenarios.
+        faults: Faults by label, each injected into the same walk.
+    """
+
+    design: Design
+    sensors: tuple[str, ...] = ()
+    faults: Mapping[str, tuple[Fault, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseWalk:
+    """One walk of a case.
+
+    Attributes:
+        name: Its name in files.
+        labels: Levels of the factors that differ between the walks of a case.
+        config: The twin.
+    """
+
+    name: str
+    labels: Mapping[str, str]
+    config: TwinConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,6 +49,7 @@ class Case:
     Attributes:
         seed: Seed of everything random in it.
         folder: Folder for its files.
+        setup: What it walks; None for an experiment that makes its own walks.
         physics: How the body moves, if a body walks.
         resume: Reuses files of an earlier run.
         keep: Keeps the recordings.
@@ -22,6 +58,7 @@ class Case:
 
     seed: int
     folder: Path
+    setup: Setup | None = None
     physics: str = "dynamic"
     resume: bool = False
     keep: bool = False
@@ -41,6 +78,24 @@ class Case:
         """Its existing recordings."""
         return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]
 
+    def walks(self) -> list[CaseWalk]:
+        """Its walks, in the order of the experiment's combinations."""
+        assert self.setup is not None
+        design = self.setup.design
+        walks = []
+        for i, combination in enumerate(design.walks(self.seed)):
+            config = make_scenario(design, combination, self.folder).config
+            config = replace(config, sensors=self.setup.sensors or config.sensors, physics=self.physics)
+            labels = {name: level for name, level in combination.labels.items() if name not in design.turns}
+            walks.append(CaseWalk(name=f"{i}_{config.name}" if i else config.name, labels=labels, config=config))
+        return walks
+
+    @property
+    def labels(self) -> dict[str, str | int]:
+        """The levels whose turn it is, by factor; names that are whole numbers become numbers."""
+        levels = self.setup.design.levels(self.seed) if self.setup else {}
+        return {name: int(level.name) if level.name.isdigit() else level.name for name, level in levels.items()}
+
     def row(self, **figures: Any) -> dict[str, Any]:
-        """Its row: `seed`, `physics`, and the figures."""
-        return {"seed": self.seed, "physics": self.physics, **figures}
+        """Its row: `seed`, `physics`, the levels whose turn it is, and the figures."""
+        return {"seed": self.seed, "physics": self.physics, **self.labels, **figures}

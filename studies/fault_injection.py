@@ -1,59 +1,39 @@
-"""Fault studies: a recorded walk is replayed once per fault, and a table has one line per fault.
-
-A study's faults are in a YAML file beside its module: name to `label` and `faults`, as in a scenario file.
-"""
+"""Fault studies: a recorded walk is replayed once per fault, and a table has one line per fault."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
-from stridetwin.scenarios.scenario_model import FaultList
 from stridetwin.sim.faults.faults import Fault, FaultPlan, check_faults
-from stridetwin.streams.fields import ReadAs, text
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Sample
-from stridetwin.streams.validation import validated
-from stridetwin.streams.yaml_file import read_yaml
-from stridetwin.studies.tables import Column, table_lines
-
-Samples = Iterator[Sample]
+from stridetwin.studies.case import Case
 
 
-@dataclass(frozen=True, kw_only=True)
-class FaultCase:
-    """One line of a study's table: its label, and the faults that are injected together."""
+def fault_plans(
+    case: Case, rig: Rig, duration_s: float, times: Callable[[Fault], Iterable[Fault]] = lambda fault: [fault]
+) -> dict[str, FaultPlan]:
+    """The faults of a case in one of its walks, by label.
 
-    label: Annotated[str, text()]
-    faults: Annotated[tuple[Fault, ...], ReadAs(FaultList)] = ()
+    Args:
+        case: The case.
+        rig: Of the walk.
+        duration_s: Of the walk.
+        times: From a fault to the faults that happen in this walk.
 
-    def plan(self, rig: Rig, seed: int, duration_s: float) -> FaultPlan:
-        """The faults in a walk.
-
-        Raises:
-            ConfigError: A fault matches no sensor of the rig.
-        """
-        check_faults(self.label, self.faults, rig)
-        return FaultPlan.of(self.faults, rig, seed, duration_s)
-
-
-def read_cases(module: str) -> dict[str, FaultCase]:
-    """The fault cases of a study, by name, from the YAML file beside its module (`__file__`)."""
-    path = Path(module).with_suffix(".yaml")
-    return validated(dict[str, FaultCase], read_yaml(path), path)
+    Raises:
+        ConfigError: A fault matches no sensor of the rig.
+    """
+    assert case.setup is not None
+    plans = {}
+    for label, listed in case.setup.faults.items():
+        faults = tuple(each for fault in listed for each in times(fault))
+        check_faults(label, faults, rig)
+        plans[label] = FaultPlan.of(faults, rig, case.seed, duration_s)
+    return plans
 
 
-def by_fault(
-    faults: Iterable[str], results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]
-) -> dict[str, Any]:
+def by_fault(results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]) -> dict[str, Any]:
     """`summary` and `paper` of a study: the figures of each fault over the rows of all cases; no paper has faults."""
-    return {"summary": {name: figures([r["faults"][name] for r in results]) for name in faults}, "paper": {}}
-
-
-def fault_table(
-    faults: Mapping[str, FaultCase], summary: Mapping[str, Mapping[str, Any]], columns: Sequence[Column], width: int
-) -> list[str]:
-    """Lines of text from the cases and the summary of `by_fault`: one line per case."""
-    return table_lines(columns, [(case.label, summary[name]) for name, case in faults.items()], width)
+    labels = results[0]["faults"]
+    return {"summary": {label: figures([r["faults"][label] for r in results]) for label in labels}, "paper": {}}

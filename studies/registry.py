@@ -19,7 +19,7 @@ from stridetwin.estimators import registry
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.studies.case import Case
-from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
+from stridetwin.studies.experiment import Experiment, experiment
 
 _USED = "another process runs an experiment there: expected another folder"
 
@@ -45,13 +45,15 @@ class Options(BatchOptions):
     keep: bool = False
     estimators: tuple[str, ...] = ()
 
-    def cases(self, seeds: range) -> list[Case]:
-        """The cases of an experiment with these seeds."""
-        first, count = seeds[0] if self.first is None else self.first, self.subset or len(seeds)
+    def cases(self, study: Experiment) -> list[Case]:
+        """The cases of an experiment."""
+        first = study.seeds[0] if self.first is None else self.first
+        count = self.subset or len(study.seeds)
         return [
             Case(
                 seed=seed,
                 folder=self.folder.absolute(),
+                setup=study.setup,
                 physics=self.physics,
                 resume=self.resume,
                 keep=self.keep,
@@ -65,46 +67,45 @@ def run_experiment(name: str, options: Options, progress: Progress) -> dict[str,
     """Runs the cases of an experiment.
 
     Returns:
-        `experiment`, `summary`, `paper` and `cases`, as JSON holds them.
+        As `Experiment.result`.
 
     Raises:
         StrideTwinError: The name, or that of an estimator, is invalid (the message lists the valid ones); another
             process uses the folder; or the worker of a case died twice.
     """
     study = experiment(name)
-    _check_estimators(name, options.estimators)
-    jobs = [_job(name, study, case) for case in options.cases(study.seeds)]
+    _check_estimators(study, options.estimators)
+    jobs = [_job(study, case) for case in options.cases(study)]
     folder = options.folder
     with hold_folder(folder, lambda: any(folder.glob("seed_*")), _USED) as unfinished:
         store = RowFiles(folder, unfinished, is_sorted=False)
         batch = Batch(jobs, store, resume=options.resume)
         stage = f"{name}, {batch.outdated} rows of another version are run again" if batch.outdated else name
-        versions = partial(_versions, study.source[0], options.estimators)
+        versions = partial(_versions, study.module, options.estimators)
         work = Work(run=one_by_one(_run_case), versions=versions)
         results = batch.run_with(options, work, stage, progress, "--resume continues")
         for job, row in zip(jobs, results):
             if isinstance(row, Failure):
                 raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
         rows = [read_row(store.path(job)) for job in jobs]
-        result = {"experiment": name, **study.collect(rows), "cases": rows}
+        result = study.result(rows)
         if study.report is not None:
             with whole_file(folder / "report.html") as file:
                 file.write_text(study.report(result), encoding="utf-8")
     return result
 
 
-def _check_estimators(name: str, chosen: Sequence[str]) -> None:
+def _check_estimators(study: Experiment, chosen: Sequence[str]) -> None:
     """Refuses estimators that the experiment cannot run.
 
     Raises:
         StrideTwinError: The message lists the valid ones.
     """
-    kind = STUDIES[name].kind if name in STUDIES else ""
-    valid = list(registry.estimators(kind)) if chosen and kind else []
+    valid = list(registry.estimators(study.kind)) if chosen and study.kind else []
     for estimator in chosen:
         if estimator not in valid:
-            expected = ", ".join(valid) or f"none, as {name} compares methods of its own"
-            raise StrideTwinError(f"experiment {name}: invalid estimator {estimator!r}: expected {expected}")
+            expected = ", ".join(valid) or f"none, as {study.name} compares methods of its own"
+            raise StrideTwinError(f"experiment {study.name}: invalid estimator {estimator!r}: expected {expected}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,12 +124,12 @@ class _CaseTask:
     walks_key: str
 
 
-def _job(name: str, study: Experiment, case: Case) -> Job[_CaseTask]:
+def _job(study: Experiment, case: Case) -> Job[_CaseTask]:
     """The job of a case, with the keys of its row and recordings: digests of configuration and code."""
-    module, arguments = study.source
-    content = name, arguments, case.seed, case.physics
-    task = _CaseTask(case=case, run=study.run_case, walks_key=content_key(*content, _version(module, False)))
-    return Job(name=case.name, key=content_key(*content, _version(module, True), _plugins(case.estimators)), task=task)
+    content = study.name, study.content, case.seed, case.physics
+    task = _CaseTask(case=case, run=study.run_case, walks_key=content_key(*content, _version(study.module, False)))
+    key = content_key(*content, _version(study.module, True), _plugins(case.estimators))
+    return Job(name=case.name, key=key, task=task)
 
 
 def _version(module: str, estimators: bool) -> str:
@@ -147,7 +148,7 @@ def _plugins(estimators: Sequence[str]) -> dict[str, str]:
 
 def key_of(name: str, case: Case) -> str:
     """Key of a case's row when this version of the code makes it."""
-    return _job(name, experiment(name), case).key
+    return _job(experiment(name), case).key
 
 
 def read_row(file: Path) -> Row:

@@ -1,12 +1,12 @@
-"""Seeds of walks in files: their number, from 0 on, or a list."""
+"""Seeds of walks in files: their number, from 0 on or from a first one, or a list."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
-from stridetwin.streams.fields import refused, whole
+from stridetwin.streams.fields import FileModel, refused, whole
 
 
 def _check_unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
@@ -15,11 +15,38 @@ def _check_unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
     return seeds
 
 
-SeedsInFile = Annotated[
-    Annotated[int, whole(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
-    | Annotated[
-        tuple[Annotated[int, whole(0, 2**31)], ...], Field(min_length=1), AfterValidator(_check_unique), Tag("=list")
-    ],
-    Discriminator(lambda node: "=list" if isinstance(node, list) else "=count"),
-]
+class _SeedRange(FileModel):
+    """Consecutive seeds.
+
+    Attributes:
+        first: The first one.
+        count: Their number.
+    """
+
+    first: Annotated[int, whole(0, 2**31)]
+    count: Annotated[int, whole(1, 10_000)]
+
+    def build(self) -> tuple[int, ...]:
+        """The seeds."""
+        return tuple(range(self.first, self.first + self.count))
+
+
+def _form(node: object) -> str:
+    return "=list" if isinstance(node, list) else "=range" if isinstance(node, dict) else "=count"
+
+
+if TYPE_CHECKING:
+    SeedsInFile = tuple[int, ...]
+else:
+    SeedsInFile = Annotated[
+        Annotated[int, whole(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
+        | Annotated[_SeedRange, AfterValidator(_SeedRange.build), Tag("=range")]
+        | Annotated[
+            tuple[Annotated[int, whole(0, 2**31)], ...],
+            Field(min_length=1),
+            AfterValidator(_check_unique),
+            Tag("=list"),
+        ],
+        Discriminator(_form),
+    ]
 """Type of the key `seeds`, which becomes a tuple of them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from string import Formatter
 from typing import Any
 
@@ -23,6 +23,28 @@ def table_lines(
     """
     header = "".join(f"{head:>{wide}}" for head, wide, _ in columns)
     return [f"{title:<{width}}{header}", *(f"{label:<{width}}{_line(columns, figures)}" for label, figures in rows)]
+
+
+def rows_table(
+    title: str,
+    columns: Sequence[Column],
+    rows: Callable[[Mapping[str, Any]], Iterable[tuple[str, Mapping[str, Any]]]] | None,
+    result: Mapping[str, Any],
+) -> list[str]:
+    """Lines of text: a title, walks that ended by a fall if the cases name them (`fell`), and one line per row.
+
+    Args:
+        title: Lines above the columns; `{count}` is the number of cases.
+        columns: Of the figures.
+        rows: From the result to the label and figures of each row; None takes its `summary`.
+        result: Of an experiment.
+    """
+    lines = title.format(count=len(result["cases"])).splitlines()
+    if "fell" in result["cases"][0]:
+        fell = [f"{walk} {case['seed']}" for case in result["cases"] for walk in case["fell"]]
+        lines.append(f"walks that ended by a fall: {', '.join(fell) or 'none'}")
+    figures = list(rows(result) if rows else result["summary"].items())
+    return [*lines, *table_lines(columns, figures, max(len(label) for label, _ in figures) + 2)]
 
 
 def _line(columns: Sequence[Column], figures: Mapping[str, Any]) -> str:

@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
@@ -25,7 +21,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Image, Imu, Sample
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import Case, CaseWalk
 
 SHOES = ("foot_imu", "foot_camera", "sonar")
 IMUS = ("/foot_l/imu", "/foot_r/imu")
@@ -74,39 +70,29 @@ def fell_at_s(recording: Recording) -> float | None:
     return None if text is None else float(text)
 
 
-def falls(cases: Iterable[Mapping[str, Any]]) -> str:
-    """A line of text: the walks that ended by a fall (`fell` of each case)."""
-    fell = ", ".join(f"{walk} {case['seed']}" for case in cases for walk in case["fell"])
-    return f"walks that ended by a fall: {fell or 'none'}"
-
-
 @contextmanager
-def recorded(config: TwinConfig, case: Case, name: str) -> Iterator[Recording]:
+def recorded(walk: CaseWalk, case: Case) -> Iterator[Recording]:
     """A walk, recorded into the case's folder; the file is deleted afterwards unless kept."""
-    file = case.file(f"_{name}.mcap")
+    file = case.file(f"_{walk.name}.mcap")
     if not (case.resume and file.exists()):
-        record(Twin(config, case.seed), file, _quiet)
+        record(Twin(walk.config, case.seed), file)
     yield Recording(file)
     if not case.keep:
         file.unlink()
 
 
 @contextmanager
-def recorded_walk(scenario: str, case: Case) -> Iterator[RecordedWalk]:
-    """A walk of a scenario in the catalogue, recorded into the case's folder, where it stays only if kept."""
+def recorded_shoes(case: Case) -> Iterator[RecordedWalk]:
+    """The only walk of a case, recorded twice into its folder, where the files stay only if kept."""
     files = case.file(".mcap"), case.file("_wide.mcap")
     if not (case.resume and all(file.exists() for file in files)):
-        _record(scenario, case, *files)
+        twin = Twin(case.walks()[0].config, case.seed)
+        record(twin, files[0])
+        record(twin.refitted(("foot_imu",), {"foot_imu": endless_gyro()}), files[1])
     yield RecordedWalk(shoes=Recording(files[0]), wide=Recording(files[1]))
     if not case.keep:
         for file in files:
             file.unlink()
-
-
-def _record(scenario: str, case: Case, shoes: Path, wide: Path) -> None:
-    twin = Twin(replace(load_scenario(scenario).config, sensors=SHOES, physics=case.physics), case.seed)
-    record(twin, shoes, _quiet)
-    record(twin.refitted(("foot_imu",), {"foot_imu": endless_gyro()}), wide, _quiet)
 
 
 def endless_gyro() -> SensorConfig:
@@ -114,7 +100,3 @@ def endless_gyro() -> SensorConfig:
     imu = part(STANDARD["foot_imu"])
     assert isinstance(imu, ImuPart)
     return SensorConfig(part=replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf)))
-
-
-def _quiet(stage: str, share: float) -> None:
-    """Reports no progress, because cases may run in parallel."""

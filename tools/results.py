@@ -16,7 +16,7 @@ from typing import Any
 
 from stridetwin.outputs.modes.scores import ModeScores
 from stridetwin.studies.case import Case
-from stridetwin.studies.catalogue import STUDIES, experiment
+from stridetwin.studies.experiment import experiment
 from stridetwin.studies.registry import key_of, read_row
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
@@ -64,10 +64,8 @@ def main() -> None:
 
 def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: str) -> str:
     """The page of an experiment from its rows, with the options of its run and the commit that made the rows."""
-    study, words = experiment(name), STUDIES[name].description
-    table = "\n".join(
-        line.rstrip() for line in study.table({"experiment": name, **study.collect(cases), "cases": cases})
-    )
+    study = experiment(name)
+    words, table = study.description, "\n".join(line.rstrip() for line in study.table(study.result(cases)))
     command = f"stridetwin experiment {name} {options}".strip()
     made = f"`{command}`{f', at commit {at}' if at else ''}"
     files = f"one line per case: [{stem}.csv]({stem}.csv). {ALL_VALUES}"

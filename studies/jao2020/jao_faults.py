@@ -1,4 +1,4 @@
-"""Foot-to-foot filter under injected faults, on the straight walk of Jao, Wang, Shkel 2020: one recording per seed."""
+"""Foot-to-foot filter under injected faults."""
 
 from __future__ import annotations
 
@@ -11,28 +11,16 @@ import numpy as np
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, follow
 from stridetwin.outputs.truth import TruePath
+from stridetwin.sim.faults.faults import FaultPlan
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Imu
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table, read_cases
+from stridetwin.studies.fault_injection import by_fault, fault_plans
 from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
-from stridetwin.studies.walks import RecordedWalk, recorded_walk
+from stridetwin.studies.walks import RecordedWalk, recorded_shoes
 
-SCENARIO = "jao_straight_53m"
-SEEDS = range(1000, 1003)
 _OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
-FAULTS = read_cases(__file__)
-_COLUMNS = (
-    ("covered %", 18, "{coverage_pct:.0f}"),
-    ("end error m", 18, "{end_error_m:.3f}"),
-    ("height m", 18, "{end_height_error_m:.3f}"),
-    ("NEES", 18, "{nees_mean:.1f}"),
-    ("in 95 %", 18, "{nees_within_95_pct:.0f}"),
-    ("largest sd m", 18, "{sd_max_m:.3f}"),
-    ("feet apart, sd mm", 18, "{apart_sd_mean_m!m:.0f} {apart_sd_max_m!m:.0f}"),
-    ("disagree, rms mm", 18, "{feet_disagree_rms_m!m:.0f}"),
-)
 
 
 class _UncertaintyLog(FootToFoot):
@@ -60,20 +48,18 @@ def run_case(case: Case) -> dict[str, Any]:
     """One walk, with each fault.
 
     Returns:
-        `seed`, `physics`, and `faults`: name to `_result`.
+        The case's row with `faults`: label to `_result`.
     """
-    with recorded_walk(SCENARIO, case) as walk:
-        truth = walk.truth()
-        found = {name: _result(fault, walk, truth, case.seed) for name, fault in FAULTS.items()}
-    return case.row(faults=found)
+    with recorded_shoes(case) as walk:
+        plans = fault_plans(case, walk.shoes.rig, walk.shoes.duration)
+        return case.row(faults={label: _result(plan, walk, walk.truth()) for label, plan in plans.items()})
 
 
-def _result(fault: FaultCase, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
+def _result(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     """Figures of one fault, or `error`, the message with which the filter refuses.
 
     `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each other).
     """
-    plan = fault.plan(walk.shoes.rig, seed, walk.shoes.duration)
     estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:
         paths = follow(estimator, plan.samples(walk.samples()))
@@ -89,7 +75,7 @@ def _result(fault: FaultCase, walk: RecordedWalk, truth: Mapping[str, TruePath],
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, means over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
-    return by_fault(FAULTS, results, _mean)
+    return by_fault(results, _mean)
 
 
 def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
@@ -104,8 +90,3 @@ def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
         **{k: float(np.mean([f[k] for f in found])) for k in ("feet_disagree_rms_m", "apart_sd_mean_m")},
         **{k: max(f[k] for f in found) for k in ("sd_max_m", "apart_sd_max_m")},
     }
-
-
-def table(result: dict[str, Any]) -> list[str]:
-    """As lines of text; pairs are left and right. The end error is that at the last estimate."""
-    return [f"{len(result['cases'])} walks of {SCENARIO}", *fault_table(FAULTS, result["summary"], _COLUMNS, 43)]

@@ -17,26 +17,23 @@ from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.studies.case import Case
 from stridetwin.studies.jao2020.two_feet import METHODS, every_method, figures, true_start
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.walks import RecordedWalk, recorded_walk
+from stridetwin.studies.walks import RecordedWalk, recorded_shoes
 
 CASES = {
     "unclipped": "gyros without saturation",
     "clipped": "ADIS16485, gyros saturate at 450 °/s",
     "half_blind": "gyros without saturation, no image in every second step",
 }
-SEEDS = range(1000, 1010)
-VARIANTS = {name: (SEEDS, name) for name in ("jao_straight_53m", "jao_loop_126m", "stairs_16")}
-"""By experiment: its seeds, and the first argument of `run_case`."""
 
 
-def run_case(scenario: str, case: Case) -> dict[str, Any]:
-    """Simulates one walk of a scenario and runs every case on it.
+def run_case(case: Case) -> dict[str, Any]:
+    """Simulates one walk and runs every method on it, in each of `CASES`.
 
     Returns:
-        `scenario`, `seed`, `physics`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
+        The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
         `two_feet.figures`.
     """
-    with recorded_walk(scenario, case) as walk:
+    with recorded_shoes(case) as walk:
         truth = walk.truth()
         start = true_start(truth)
         found: dict[str, Any] = {}
@@ -47,7 +44,7 @@ def run_case(scenario: str, case: Case) -> dict[str, Any]:
                 samples = without_every_second_step(samples, touches_ns(walk))
             paths, seen = every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
             found[name] = {m: figures(p, truth) for m, p in paths.items()} | {"sightings": seen}
-        return {"scenario": scenario, **case.row(fell_at_s=walk.fell_at_s, cases=found)}
+        return case.row(scenario=walk.shoes.metadata["scenario"], fell_at_s=walk.fell_at_s, cases=found)
 
 
 def touches_ns(walk: RecordedWalk) -> Array:
@@ -62,7 +59,7 @@ def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iter
             yield sample
 
 
-def collect(scenario: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures by method: for gyros without saturation, then for the other cases; pairs are left and right."""
     summary: dict[str, Any] = {}
     for case in CASES:
@@ -72,7 +69,7 @@ def collect(scenario: str, results: list[dict[str, Any]]) -> dict[str, Any]:
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": reference("jao2020").get(scenario, {})}
+    return {"summary": summary, "paper": reference("jao2020").get(results[0]["scenario"], {})}
 
 
 def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:

@@ -28,19 +28,13 @@ from stridetwin.outputs.steps.scores import (
     yaw_aligned,
 )
 from stridetwin.reference.norms import reference, reference_rows
-from stridetwin.scenarios.exo_geometry import geometry, measured
-from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Footprint, Sample
 from stridetwin.studies.case import Case
 from stridetwin.studies.tables import table_lines
 
-SUBJECTS, TRIALS = 7, 10
-SEEDS = range(1000, 1000 + SUBJECTS * TRIALS)
-SENSORS = ("ahrs", "encoder", "insole")
-WALKS = ("shim_level", "shim_stairs", "shim_ramp_5", "shim_ramp_6", "shim_ramp_14")
 CASES = {
     "LW": ("shim_level", ""),
     "SA": ("shim_stairs", "SA"),
@@ -57,37 +51,28 @@ _Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # subject, and walk to 
 FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
 
 
-def subject(seed: int) -> int:
-    """Number of the subject, 1-7, in turn."""
-    return seed % SUBJECTS + 1
-
-
 def run_case(case: Case) -> dict[str, Any]:
     """One trial of one subject.
 
     Returns:
-        `seed`, `physics`, `subject`, `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`:
-        method to the number of estimated steps that did not happen.
+        The case's row with `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`: method to the
+        number of estimated steps that did not happen.
     """
-    who, fell = subject(case.seed), []
-    methods = (*METHODS, *case.estimators)
+    methods, fell = (*METHODS, *case.estimators), []
     walks: dict[str, dict[str, list[dict[str, Any]]]] = {}
     false = dict.fromkeys(methods, 0)
-    for name in WALKS:
-        config = replace(
-            load_scenario(name).config, sensors=SENSORS, physics=case.physics, person=PEOPLE[f"shim_s{who}"]
-        )  # fmt: skip
-        twin = Twin(config, case.seed)
+    for walk in case.walks():
+        twin = Twin(walk.config, case.seed)
         samples, footprints = walked(twin)
-        exo = measured(geometry(twin.size, twin.rig), np.random.default_rng([case.seed, 4]))
-        walks[name] = {}
+        exo = nominal_geometry(twin.size, twin.rig, case.seed, ())
+        walks[walk.config.name] = {}
         for method in methods:
             estimates = estimated_steps(method, twin.rig, exo, samples)
-            walks[name][method] = [s.row() for s in score_steps(footprints, estimates)]
+            walks[walk.config.name][method] = [s.row() for s in score_steps(footprints, estimates)]
             false[method] += false_steps(footprints, estimates)
         if twin.fell_at is not None:
-            fell.append(name)
-    return case.row(subject=who, fell=fell, walks=walks, false_steps=false)
+            fell.append(walk.config.name)
+    return case.row(fell=fell, walks=walks, false_steps=false)
 
 
 def estimated_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:

@@ -151,9 +151,9 @@ def csv_text(study: Study, rows: Sequence[Row]) -> str:
     """A row per walk, method and score."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    labels = [combination.labels for combination in study.combinations]
-    writer.writerow([*labels[0], "seed", "method", "score", "value"])
+    labels = [[walk.labels for walk in study.walks(seed)] for seed in study.seeds]
+    writer.writerow([*labels[0][0], "seed", "method", "score", "value"])
     for (c, w, m, s), value in np.ndenumerate(score_values(study, rows).swapaxes(1, 2)):
         number = f"{value:.9g}" if np.isfinite(value) else ""
-        writer.writerow([*labels[c].values(), study.seeds[w], study.methods[m].name, study.scores[s], number])
+        writer.writerow([*labels[w][c].values(), study.seeds[w], study.methods[m].name, study.scores[s], number])
     return out.getvalue()

@@ -20,10 +20,11 @@ from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.files import json_text, whole_file
+from stridetwin.studies.design import make_scenario
 from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
 from stridetwin.studies.study_file.results import collect_result, csv_text
-from stridetwin.studies.study_file.study import Study, make_scenario
+from stridetwin.studies.study_file.study import Study
 from stridetwin.studies.study_file.walk import WALK, Walk, keep_needed_sensors, run_walk, why_unfed
 
 FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
@@ -71,10 +72,10 @@ def run_study(study: Study, options: Options, progress: Progress) -> dict[str, A
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")
         copy_files(folder, study.own)
-        scenarios = [make_scenario(study, each, folder, options.physics) for each in study.combinations]
-        _check_sensors(study, scenarios)
+        walks = _list_walks(study, folder, options.physics)
+        _check_sensors(study, walks)
         versions = partial(_versions, tuple(sorted({method.estimator for method in study.methods})))
-        jobs = _list_jobs(study, scenarios, versions())
+        jobs = [_make_job(name, walk, versions()) for name, walk in walks]
         work = Work(run=one_by_one(partial(run_walk, folder.absolute())), versions=versions)
         store = RowLines(folder / ROWS, unfinished)
         results = Batch(jobs, store).run_with(options, work, study.path.stem, progress, "--resume continues")
@@ -85,10 +86,24 @@ def run_study(study: Study, options: Options, progress: Progress) -> dict[str, A
     return result
 
 
-def _check_sensors(study: Study, scenarios: Sequence[Scenario]) -> None:
+def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, Walk]]:
+    """All walks with their names: those of the first combination, then of the next ones."""
+    walks, scenarios = [], dict[str, Scenario]()
+    for combination in study.combinations:
+        for seed in study.seeds:
+            of_seed = combination.with_levels(study.levels(seed))
+            name = ", ".join([combination.base.name, *(level.name for level in of_seed.levels)])
+            if name not in scenarios:
+                scenarios[name] = make_scenario(study, of_seed, folder, physics)
+            walks.append((f"{name}, seed {seed}", Walk(scenario=scenarios[name], seed=seed, methods=study.methods)))
+    return walks
+
+
+def _check_sensors(study: Study, walks: Sequence[tuple[str, Walk]]) -> None:
     """Refuses a method that no combination has the sensors for."""
+    first_walks = [walk for _, walk in walks[:: len(study.seeds)]]
     for method in study.methods:
-        reasons = [why_unfed(method, scenario) for scenario in scenarios]
+        reasons = [why_unfed(method, walk.scenario) for walk in first_walks]
         if all(reasons):
             at = Where(source=str(study.path)).key("methods").key(method.name).key("estimator")
             raise at.error(method.estimator, f"an estimator that a combination feeds ({reasons[0]})")
@@ -99,16 +114,11 @@ def _versions(estimators: Sequence[str]) -> dict[str, str]:
     return scoring_versions(walk_module.__name__, sorted(estimators_of(estimators)))
 
 
-def _list_jobs(study: Study, scenarios: Sequence[Scenario], versions: dict[str, str]) -> list[Job[Walk]]:
-    jobs = []
-    for combination, scenario in zip(study.combinations, scenarios):
-        needed = keep_needed_sensors(scenario, study.methods)
-        name = ", ".join([combination.base.name, *(level.name for level in combination.levels)])
-        for seed in study.seeds:
-            key = content_key(repr(needed.config), seed, repr(study.methods), versions)
-            task = Walk(scenario=needed, seed=seed, methods=study.methods)
-            jobs.append(Job(name=f"{name}, seed {seed}", key=key, task=task))
-    return jobs
+def _make_job(name: str, walk: Walk, versions: dict[str, str]) -> Job[Walk]:
+    """A walk with the sensors alone that its methods read."""
+    task = replace(walk, scenario=keep_needed_sensors(walk.scenario, walk.methods))
+    key = content_key(repr(task.scenario.config), walk.seed, repr(walk.methods), versions)
+    return Job(name=name, key=key, task=task)
 
 
 def _write(study: Study, options: Options, rows: Sequence[Row], result: dict[str, Any]) -> None:

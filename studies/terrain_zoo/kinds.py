@@ -1,7 +1,8 @@
 """The kinds of walks: what each changes in a walk that is otherwise drawn at random.
 
 Every walk has its own person, speed, gaze, mount, surroundings, light, and calibration errors (`anyone`); a kind then
-replaces what it is about. Kinds with `tuned=False` never appear in `terrain_zoo_tuning`.
+replaces what it is about. Parameters are never tuned on kinds with
+`tuned=False`.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from stridetwin.sim.config import (
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.sim.parts.sensor_config import SensorConfig
-from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS
 
 Rng = np.random.Generator
 Kind = Callable[[TwinConfig, Rng], TwinConfig]
@@ -39,6 +40,7 @@ CALIBRATED = CalibrationSd(
     rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3, readout=0.03
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
+_SENSORS = ("insole", "head_imu", "head_camera")
 _BMI = (19.0, 30.0)
 _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
@@ -89,7 +91,7 @@ def anyone(rng: Rng) -> TwinConfig:
         light=float(rng.uniform(0.75, 1.1)),
     )  # fmt: skip
     return TwinConfig(
-        name="anyone", route=route, person=person, exo=None, gait=gait, sensors=SENSORS,
+        name="anyone", route=route, person=person, exo=None, gait=gait, sensors=_SENSORS,
         fittings={"head_camera": camera}, rig_mount=str(rng.choice(MOUNTS)),
     )  # fmt: skip
 
@@ -408,8 +410,3 @@ def furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
     return replace(
         config, route=replace(config.route, segments=segments, things=tuple(things), width_m=width_m, scenery="room")
     )
-
-
-def names(*, tuning: bool) -> tuple[str, ...]:
-    """The kinds of the tuning set, or all."""
-    return tuple(name for name, entry in KINDS.items() if entry.tuned or not tuning)

@@ -12,7 +12,6 @@ from scipy.stats import binomtest
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
 from stridetwin.pages.html import page, preformatted, section
-from stridetwin.studies.catalogue import STUDIES
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.terrain_zoo.kinds import KINDS
 from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion, confusion_table, lead_plot
@@ -178,4 +177,4 @@ def report(result: Row) -> str:
     ]  # fmt: skip
     chips = [f"{len(cases)} walks", f"{len(steps[_OURS])} steps", f"{cases[0]['physics']} physics"]
     words = "The results of every walk are in JSON files beside this page."
-    return page(name.replace("_", " ").capitalize(), STUDIES[name].description, chips, sections, words)
+    return page(name.replace("_", " ").capitalize(), result["description"], chips, sections, words)

@@ -1,15 +1,8 @@
-"""One walk of the zoo: rendered, followed by the odometry, predicted, and scored.
-
-**Reporting set** (`terrain_zoo`): every kind, seven walks of each, seeds from 14000. **Tuning set**
-(`terrain_zoo_tuning`): only the kinds on which parameters may be tuned, seeds below 1000. **Level set**
-(`terrain_zoo_level`): twenty walks of the first kind, on which the odometry's height and tilt are scored. Consecutive
-seeds are of consecutive kinds, so that a subset of as many walks as there are kinds has one of each.
-"""
+"""One walk of the zoo: rendered, followed by the odometry, predicted, and scored."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,60 +15,51 @@ from stridetwin.outputs.path.scores import compare, score
 from stridetwin.outputs.truth import TruePath
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
-from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Odometry
 from stridetwin.streams.trajectory import Pose, trajectory_of
-from stridetwin.studies.case import Case
-from stridetwin.studies.terrain_zoo.kinds import drawn, names
+from stridetwin.studies.case import Case, CaseWalk
+from stridetwin.studies.terrain_zoo.kinds import KINDS, drawn
 from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored_rows
+from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored_rows, sole_length_m
 
-_WALKS_PER_KIND, _LEVEL_WALKS = 7, 20
 _SETTLED_M = 5.0
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
-_Variant = tuple[range, tuple[str, ...]]
 
 
-def _every(first: int, kinds: tuple[str, ...]) -> _Variant:
-    return range(first, first + _WALKS_PER_KIND * len(kinds)), kinds
+def run_case(case: Case, kinds: str = "all") -> dict[str, Any]:
+    """One walk; consecutive seeds are of consecutive kinds.
 
-
-VARIANTS: dict[str, _Variant] = {
-    "terrain_zoo": _every(14000, names(tuning=False)),
-    "terrain_zoo_tuning": _every(0, names(tuning=True)),
-    "terrain_zoo_level": (range(14300, 14300 + _LEVEL_WALKS), names(tuning=False)[:1]),
-}
-"""By experiment: its seeds and kinds."""
-
-
-def kind_of(seed: int, kinds: Sequence[str]) -> str:
-    """The kind of a seed's walk."""
-    return kinds[seed % len(kinds)]
-
-
-def run_case(kinds: Sequence[str], case: Case) -> dict[str, Any]:
-    """One walk.
+    Args:
+        case: Its seed and options.
+        kinds: See `kinds_of`.
 
     Returns:
-        `seed`, `physics`, `kind`, `mount`, `fell_at_s`, `odometry` (`odometry_figures`, and `mount_rad`), and
+        The case's row with `kind`, `mount`, `fell_at_s`, `odometry` (`odometry_figures`, and `mount_rad`), and
         `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
-    kind = kind_of(case.seed, kinds)
+    names = kinds_of(kinds)
+    kind = names[case.seed % len(names)]
     config = replace(drawn(kind, case.seed), physics=case.physics)
-    sole_m = wearer(config.person, with_exo=False).body.shoe_length_m
-    poses: list[Pose] = []
-    with recorded(config, case, kind) as recording:
+    mount, poses = config.rig_mount, list[Pose]()
+    with recorded(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
-            posed(recording, config.rig_mount, "dvio", seen=poses.append), recording, (*METHODS, *case.estimators)
+            posed(recording, mount, "dvio", seen=poses.append), recording, (*METHODS, *case.estimators)
         )
+        odometry = odometry_figures(poses[::_EVERY], recording, mount)
         return case.row(
-            kind=kind, mount=config.rig_mount, fell_at_s=fell_at_s(recording),
-            odometry=odometry_figures(poses[::_EVERY], recording, config.rig_mount)
-            | {"mount_rad": mount_error(predictions.camera, config)},
-            methods=scored_rows(predictions, recording, sole_m),
-        )  # fmt: skip
+            kind=kind,
+            mount=mount,
+            fell_at_s=fell_at_s(recording),
+            odometry=odometry | {"mount_rad": mount_error(predictions.camera, config)},
+            methods=scored_rows(predictions, recording, sole_length_m(config)),
+        )
+
+
+def kinds_of(kinds: str) -> list[str]:
+    """Names of kinds: `all`, `tuned` (those on which parameters may be tuned), or one by its name."""
+    return [name for name, entry in KINDS.items() if kinds in ("all", name) or (kinds == "tuned" and entry.tuned)]
 
 
 def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dict[str, float]:

@@ -8,19 +8,14 @@ MH_01_easy -o mh_01.mcap`, `stridetwin score mh_01.mcap`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from stridetwin.reference.norms import reference
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.studies.case import Case
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.odometry_walks import SENSORS, Maker, every_method, mean, odometer, worst_time
-
-MOUNT = "head"
+from stridetwin.studies.zhao2023.odometry_walks import mean, worst_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,26 +44,6 @@ SEQUENCES = {
     "dvio_crowd": Sequence(like="V2_02", words="among four people"),
 }
 """Sequences by the name of the walk in the catalogue."""
-SEEDS = range(1000, 1000 + len(SEQUENCES))
-
-
-def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
-    """One sequence, by every method; the seeds cycle through the sequences.
-
-    Returns:
-        `seed`, `physics`, `sequence`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the head's measured
-        angular rate), and `methods`: method to `odometry_walks.figures`.
-    """
-    name = list(SEQUENCES)[case.seed % len(SEQUENCES)]
-    config = replace(load_scenario(name).config, sensors=SENSORS, physics=case.physics, rig_mount=MOUNT)
-    with recorded(config, case, name) as recording:
-        rate = np.linalg.norm(recording.block(f"/{MOUNT}/imu").columns["angular_rate"], axis=1)
-        return case.row(
-            sequence=name,
-            fell_at_s=fell_at_s(recording),
-            rate_radps={"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
-            methods=every_method(recording, MOUNT, make, case.estimators),
-        )
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:

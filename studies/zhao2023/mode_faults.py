@@ -1,4 +1,4 @@
-"""Locomotion-mode prediction under injected faults, on a stair and a ramp: one recording of each per seed.
+"""Locomotion-mode prediction under injected faults.
 
 Poses come from the visual-inertial odometry without faults; its own faults are in `dvio_faults`. Temporary faults begin
 before each first step up and down, when the terrain change should be detected.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -25,65 +26,44 @@ from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Odometry
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import FaultCase, by_fault, fault_table, read_cases
-from stridetwin.studies.walks import falls, fell_at_s
-from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp, trajectory
+from stridetwin.studies.fault_injection import by_fault, fault_plans
+from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored, sole_length_m, trajectory
 
-WALKS = ("zhao_stair_15cm", "zhao_ramp_11_8")
-SEEDS = range(1000, 1004)
 BEFORE_S = 3.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, s."""
 SURE = 0.9
 
 
-FAULTS = read_cases(__file__)
-_COLUMNS = (
-    ("steps", 6, "{steps}"),
-    ("correct %", 11, "{accuracy_pct:.1f}"),
-    ("transitions %", 15, "{transition_accuracy_pct:.1f}"),
-    ("lead s", 8, "{lead_time_s[median]:.1f}"),
-    ("5 %", 6, "{lead_time_s[p5]:.1f}"),
-    ("p correct", 11, "{probability_right:.3f}"),
-    ("p wrong", 9, "{probability_wrong:.3f}"),
-    ("wrong", 7, "{wrong}"),
-    (f"p > {SURE:g}", 9, "{sure_and_wrong}"),
-    ("none", 6, "{not_predicted}"),
-    ("cal. error", 12, "{calibration_error:.3f}"),
-)
-
-
 def run_case(case: Case) -> dict[str, Any]:
-    """Both walks, with each fault.
+    """All walks, with each fault.
 
     Returns:
-        `seed`, `physics`, `mount`, `fell`, and `faults`: name to the rows of each walk.
+        The case's row with `fell`, and `faults`: label to the rows of each walk.
     """
-    mount = MOUNTS[case.seed % len(MOUNTS)]
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in FAULTS}
+    found: dict[str, list[dict[str, Any]]] = {}
     fell = []
-    for scenario, recording, sole_m in stair_and_ramp(case, WALKS, mount, SENSORS):
-        feed = [s for s in posed(recording, mount, "dvio") if isinstance(s, Odometry)]
-        poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
-        topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
-        for name, fault in FAULTS.items():
-            plan = repeat(fault, begins_s(recording)).plan(recording.rig, case.seed, recording.duration)
-            samples = merge_poses(restart_poses(poses, fault_metadata(plan.planned)), recording, topics, camera)
-            predictions = predict(plan.samples(samples), recording)
-            found[name].append(scored(predictions, recording, sole_m)["proposed"].rows())
-        if fell_at_s(recording) is not None:
-            fell.append(scenario)
-    return case.row(mount=mount, fell=fell, faults=found)
+    for walk in case.walks():
+        with recorded(walk, case) as recording:
+            feed = [s for s in posed(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
+            poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
+            topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
+            times = partial(repeat, begins_s=begins_s(recording))
+            for label, plan in fault_plans(case, recording.rig, recording.duration, times).items():
+                samples = merge_poses(restart_poses(poses, fault_metadata(plan.planned)), recording, topics, camera)
+                predictions = predict(plan.samples(samples), recording)
+                rows = scored(predictions, recording, sole_length_m(walk.config))["proposed"].rows()
+                found.setdefault(label, []).append(rows)
+            if fell_at_s(recording) is not None:
+                fell.append(walk.config.name)
+    return case.row(fell=fell, faults=found)
 
 
-def repeat(case: FaultCase, begins_s: Sequence[float]) -> FaultCase:
-    """The case with its temporary faults at each of these instants, s."""
-    faults: list[Fault] = []
-    for fault in case.faults:
-        if isinstance(fault, TimedFault) and fault.duration_s is not None:
-            faults += [replace(fault, at_s=t, name=f"{fault.own_name} {t:.3f}") for t in begins_s]
-        else:
-            faults.append(fault)
-    return replace(case, faults=tuple(faults))
+def repeat(fault: Fault, begins_s: Sequence[float]) -> list[Fault]:
+    """A temporary fault at each of these instants, s; any other one as it is."""
+    if isinstance(fault, TimedFault) and fault.duration_s is not None:
+        return [replace(fault, at_s=t, name=f"{fault.own_name} {t:.3f}") for t in begins_s]
+    return [fault]
 
 
 def begins_s(recording: Recording) -> list[float]:
@@ -95,7 +75,7 @@ def begins_s(recording: Recording) -> list[float]:
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over all walks."""
-    return by_fault(FAULTS, results, lambda cases: _figures([row for rows in cases for row in rows]))
+    return by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -116,12 +96,3 @@ def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "wrong": len(wrong),
         "not_predicted": len(steps) - len(predicted),
     }
-
-
-def table(result: dict[str, Any]) -> list[str]:
-    """As lines of text."""
-    return [
-        f"{len(result['cases'])} walks each of {' and '.join(WALKS)}; p: probability of the predicted mode",
-        falls(result["cases"]),
-        *fault_table(FAULTS, result["summary"], _COLUMNS, 46),
-    ]

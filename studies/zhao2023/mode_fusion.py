@@ -7,7 +7,7 @@ alone (`contact_terrain`) know a step only after it: they predict that the next 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,16 +20,11 @@ from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import Samples
-from stridetwin.studies.tables import table_lines
-from stridetwin.studies.walks import falls, fell_at_s
-from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, predict, scored, stair_and_ramp
+from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored, sole_length_m
 
-WALKS = ("zhao_stair_20cm", "zhao_ramp_15_8")
 LIGHTS = ("light", "dark")
 BY = ("camera", "both", "legs")
-SEEDS = range(1000, 1006)
-_LEGS = (*SENSORS, "ahrs", "encoder")
 _WORDS = {
     "light": "in the light", "dark": "dark from the first step up on",
     "camera": "camera", "both": "camera and legs", "legs": "legs alone",
@@ -37,30 +32,30 @@ _WORDS = {
 
 
 def run_case(case: Case) -> dict[str, Any]:
-    """Both walks, in light and in darkness.
+    """All walks, in light and in darkness.
 
     Returns:
-        `seed`, `physics`, `mount`, `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and
-        `legs`: true mode, that of the previous step, and the legs' prediction, for every step.
+        The case's row with `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`: true
+        mode, that of the previous step, and the legs' prediction, for every step.
     """
-    mount = MOUNTS[case.seed % len(MOUNTS)]
     found: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
     legs: list[tuple[str, str, str]] = []
     fell = []
-    for scenario, recording, sole_m in stair_and_ramp(case, WALKS, mount, _LEGS, with_exo=True):
-        seen = list(posed(recording, mount, "dvio"))
-        steps = leg_steps(recording)
-        for light in LIGHTS:
-            samples = seen if light == "light" else list(_dark(seen, _first_up_ns(recording)))
-            for by in BY[:2]:
-                both: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
-                both.sort(key=lambda s: s.t_ns)
-                rows = scored(predict(both, recording, ("proposed",)), recording, sole_m)
-                found[light][by].append(rows["proposed"].rows())
-        legs += _like_the_last(recording, steps)
-        if fell_at_s(recording) is not None:
-            fell.append(scenario)
-    return case.row(mount=mount, fell=fell, predicted=found, legs=legs)
+    for walk in case.walks():
+        with recorded(walk, case) as recording:
+            seen = list(posed(recording, walk.config.rig_mount, "dvio"))
+            steps = leg_steps(recording)
+            for light in LIGHTS:
+                samples = seen if light == "light" else list(_dark(seen, _first_up_ns(recording)))
+                for by in BY[:2]:
+                    both: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
+                    both.sort(key=lambda s: s.t_ns)
+                    rows = scored(predict(both, recording, ("proposed",)), recording, sole_length_m(walk.config))
+                    found[light][by].append(rows["proposed"].rows())
+            legs += _like_the_last(recording, steps)
+            if fell_at_s(recording) is not None:
+                fell.append(walk.config.name)
+    return case.row(fell=fell, predicted=found, legs=legs)
 
 
 def leg_steps(recording: Recording) -> list[StepEstimate]:
@@ -74,7 +69,7 @@ def _first_up_ns(recording: Recording) -> int:
     return next(f.t_ns for f in true_footprints(recording) if f.mode in ("SA", "RA"))
 
 
-def _dark(samples: Iterable[Sample], since_ns: int) -> Samples:
+def _dark(samples: Iterable[Sample], since_ns: int) -> Iterator[Sample]:
     for s in samples:
         yield replace(s, depth=np.zeros_like(s.depth)) if isinstance(s, Depth) and s.t_ns >= since_ns else s
 
@@ -109,23 +104,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     return {"summary": summary, "paper": {}}
 
 
-_COLUMNS = (
-    ("steps", 6, "{steps}"),
-    ("correct %", 11, "{accuracy_pct:.1f}"),
-    ("transitions %", 15, "{transition_accuracy_pct:.1f}"),
-    ("lead s", 8, "{lead_time_s[median]:.1f}"),
-    ("5 %", 6, "{lead_time_s[p5]:.1f}"),
-    ("footprint mm", 14, "{footprint_steady_rmse_m[forward]!m:.0f}"),
-    ("cal. error", 12, "{calibration_error:.3f}"),
-)
-
-
-def table(result: dict[str, Any]) -> list[str]:
-    """As lines of text."""
+def rows(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Figures by light and source, for the table."""
     summary = result["summary"]
-    rows = [(f"{_WORDS[light]}, {_WORDS[by]}", summary[light][by]) for light in LIGHTS for by in BY[:2]]
-    return [
-        f"{len(result['cases'])} walks each of {' and '.join(WALKS)} in the exoskeleton",
-        falls(result["cases"]),
-        *table_lines(_COLUMNS, [*rows, (_WORDS["legs"], summary["legs"])], 50),
-    ]
+    by_light = [(f"{_WORDS[light]}, {_WORDS[by]}", summary[light][by]) for light in LIGHTS for by in BY[:2]]
+    return [*by_light, (_WORDS["legs"], summary["legs"])]

@@ -28,17 +28,13 @@ from stridetwin.outputs.modes.scores import ModeScores, score_modes
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.pose_feed import PoseFeed
 from stridetwin.outputs.truth import FOOTPRINTS, TruePath, true_footprints
-from stridetwin.reference.norms import reference
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.config import Gait, Gaze, TwinConfig
-from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.wearer.body import wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.terrain_truth import terrain_layout
 from stridetwin.streams.trajectory import Pose, Trajectory
 from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import Samples
 from stridetwin.studies.walks import fell_at_s, recorded
 from stridetwin.studies.zhao2023.odometry_walks import odometer
 
@@ -97,58 +93,37 @@ def together(parts: Sequence[Spread]) -> Spread:
 MOUNTS = ("head", "chest")
 GROUPS = ("I", "II", "III", "IV", "V")
 POSES = ("dvio", "given")
-SENSORS = ("insole", "head_imu", "head_camera")
 FORGETFUL = "single_image"
 """Our prediction without a map over time: it knows the ground only from the last image."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PredictionSetup:
-    """How the steps of a walk are predicted.
+def run_case(case: Case, poses: str = "dvio", methods: Sequence[str] = METHODS) -> dict[str, Any]:
+    """One walk, by each method and by other installed estimators.
 
-    Attributes:
+    Args:
+        case: With one walk.
         poses: Of `POSES`.
         methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time includes the map's.
-        pitch_down: Pitch of the camera: a name in `reference/zhao2023.yaml`.
-    """
-
-    poses: str = "dvio"
-    methods: tuple[str, ...] = METHODS
-    pitch_down: str = "nominal"
-
-
-def predicted_walk(config: TwinConfig, case: Case, setup: PredictionSetup) -> dict[str, Any]:
-    """One walk, by each method; sensors, physics and the camera's pitch of the configuration are set here.
 
     Returns:
-        `seed`, `physics`, `fell_at_s`, `mount`, `spread` (`walk_spread`), and `methods`: method to `steps`,
+        The case's row with `mount`, `fell_at_s`, `spread` (`walk_spread`), and `methods`: method to `steps`,
         `approaches` and `time_ms`.
     """
-    pitch = np.radians(reference("zhao2023")["protocol"]["mount_pitch_down_deg"][setup.pitch_down])
-    camera = replace(config.fittings.get("head_camera", SensorConfig()), pitch_down_rad=float(pitch))
-    fittings = {**config.fittings, "head_camera": camera}
-    config = replace(config, sensors=SENSORS, fittings=fittings, physics=case.physics, exo=None)
-    mount, sole_m = config.rig_mount, wearer(config.person, with_exo=False).body.shoe_length_m
-    with recorded(config, case, mount) as recording:
+    (walk,) = case.walks()
+    mount = walk.config.rig_mount
+    with recorded(walk, case) as recording:
+        predictions = predict(posed(recording, mount, poses), recording, (*methods, *case.estimators))
         return case.row(
-            fell_at_s=fell_at_s(recording), mount=mount, spread=walk_spread(recording, mount),
-            methods=_rows(recording, mount, setup, case.estimators, sole_m),
-        )  # fmt: skip
+            mount=mount,
+            fell_at_s=fell_at_s(recording),
+            spread=walk_spread(recording, mount),
+            methods=scored_rows(predictions, recording, sole_length_m(walk.config)),
+        )
 
 
-def stair_and_ramp(
-    case: Case, scenarios: Sequence[str], mount: str, sensors: Sequence[str], *, with_exo: bool = False
-) -> Iterator[tuple[str, Recording, float]]:
-    """Recordings of scenarios with a wandering gaze: name, recording, and the length of the walker's soles, m."""
-    for name in scenarios:
-        config = load_scenario(name).config
-        config = replace(
-            config, sensors=tuple(sensors), physics=case.physics, exo=config.exo if with_exo else None, rig_mount=mount,
-            gait=Gait(gaze=Gaze(kind="wandering")),
-        )  # fmt: skip
-        sole_m = wearer(config.person, with_exo=with_exo).body.shoe_length_m
-        with recorded(config, case, f"{mount}_{config.name}") as recording:
-            yield config.name, recording, sole_m
+def sole_length_m(config: TwinConfig) -> float:
+    """Length of the walker's soles, m."""
+    return float(wearer(config.person, with_exo=config.exo is not None).body.shoe_length_m)
 
 
 class SharedMap(TerrainMap):
@@ -174,14 +149,6 @@ class ForgetfulMap(TerrainMap):
                 return None
             self.clear()
         return super().update(sample)
-
-
-def _rows(
-    recording: Recording, mount: str, setup: PredictionSetup, others: Sequence[str], sole_m: float
-) -> dict[str, dict[str, Any]]:
-    """By method: rows of the scored steps and changes, and time per depth image, ms."""
-    predictions = predict(posed(recording, mount, setup.poses), recording, (*setup.methods, *others))
-    return scored_rows(predictions, recording, sole_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -265,7 +232,7 @@ def posed(
     mount: str,
     poses: str,
     seen: Callable[[Pose], None] = lambda pose: None,
-) -> Samples:
+) -> Iterator[Sample]:
     """Poses of the camera's IMU and of the camera on it, depth and insoles in time order.
 
     Args:

@@ -23,10 +23,11 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
+from stridetwin.studies.case import Case
+from stridetwin.studies.walks import fell_at_s, recorded
 
 METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
-SENSORS = ("head_imu", "head_camera")
 FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
 
@@ -103,6 +104,25 @@ def every_method(recording: Recording, mount: str, make: Maker, others: Sequence
         name: figures(follow(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
         for name in (*METHODS, *others)
     }
+
+
+def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
+    """One walk, by every method and by other installed estimators.
+
+    Returns:
+        The case's row with `mount`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the measured angular rate
+        of head or chest), and `methods`: method to `figures`.
+    """
+    (walk,) = case.walks()
+    mount = walk.config.rig_mount
+    with recorded(walk, case) as recording:
+        rate = np.linalg.norm(recording.block(f"/{mount}/imu").columns["angular_rate"], axis=1)
+        return case.row(
+            mount=mount,
+            fell_at_s=fell_at_s(recording),
+            rate_radps={"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
+            methods=every_method(recording, mount, make, case.estimators),
+        )
 
 
 def time_of(frame_ms: Array) -> dict[str, float]:

@@ -1,54 +1,16 @@
-"""The closed-loop test of Zhao et al. 2023 (Table V): odometry drift when the walker returns to the start.
-
-The paper reports neither the length of its loop nor its calibration errors. Ours is 60 m with a stair up and down
-(`zhao_loop`), walked once by each of the paper's fifteen subjects with the camera on the head and once on the chest;
-the nominal calibration of camera and IMU has errors on every walk. `zhao_loop_stress` is the same loop with all
-difficulties for an odometry at once. A closed loop hides wrong scale and extrinsics, so the error over 5 m is printed
-as well.
-"""
+"""The closed-loop test of Zhao et al. 2023 (Table V): odometry drift when the walker returns to the start."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from stridetwin.estimators.dvio import MOUNTS
 from stridetwin.reference.norms import reference
-from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.wearer.anthropometry import PEOPLE
-from stridetwin.studies.case import Case
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.odometry_walks import FIGURES, SENSORS, Maker, every_method, mean, odometer, worst_time
-
-SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
-SEEDS = range(1000, 1000 + len(SUBJECTS) * len(MOUNTS))
-VARIANTS = {"zhao_closed_loop": (SEEDS, "zhao_loop"), "zhao_closed_loop_stress": (SEEDS, "zhao_loop_stress")}
-"""By experiment: its seeds, and the first argument of `run_case`."""
-
-
-def who_and_where(seed: int) -> tuple[str, str]:
-    """Subject and camera mount: each subject with one mount, then each with the other."""
-    turn, subject = divmod(seed - SEEDS[0], len(SUBJECTS))
-    return SUBJECTS[subject], MOUNTS[turn % len(MOUNTS)]
-
-
-def run_case(scenario: str, case: Case, make: Maker = odometer) -> dict[str, Any]:
-    """One walk of a scenario in the catalogue, by every odometry that `make` makes.
-
-    Returns:
-        `seed`, `physics`, `subject`, `mount`, `fell_at_s`, and `methods`: method to `odometry_walks.figures`.
-    """
-    subject, mount = who_and_where(case.seed)
-    config = replace(
-        load_scenario(scenario).config, sensors=SENSORS, physics=case.physics, person=PEOPLE[subject], rig_mount=mount
-    )
-    with recorded(config, case, mount) as recording:
-        methods = every_method(recording, mount, make, case.estimators)
-        return case.row(subject=subject, mount=mount, fell_at_s=fell_at_s(recording), methods=methods)
+from stridetwin.studies.zhao2023.odometry_walks import FIGURES, mean, worst_time
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from stridetwin.cli.main import main
 from stridetwin.gate import walk_scores
 from stridetwin.gate.walk_scores import jobs_of, score_walks
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.studies import catalogue
-from stridetwin.studies.case import Case
-from stridetwin.studies.catalogue import Experiment
+from stridetwin.studies import experiment as experiment_module
+from stridetwin.studies.case import Case, CaseWalk
+from stridetwin.studies.experiment import Experiment
 from stridetwin.studies.placement.problem_file import read_problem
 from stridetwin.studies.placement.run import Options as PlacementOptions
 from stridetwin.studies.placement.run import run_placement
@@ -74,15 +74,17 @@ def run_case(case: Case) -> dict:
     if kill.exists():
         kill.unlink()
         os.kill(os.getpid(), signal.SIGKILL)
-    with recorded(CONFIG, case, "walk") as recording:
+    with recorded(CaseWalk(name="walk", labels={}, config=CONFIG), case) as recording:
         rates = recording.block("/foot_l/imu").columns["angular_rate"]
     return case.row(samples=len(rates), largest_rate=float(np.abs(rates).max()))
 
 
 def test_an_experiment_survives_a_killed_worker_and_resumes(cluster, tmp_path, monkeypatch):
     collect = lambda rows: {"summary": {"samples": sum(r["samples"] for r in rows)}, "paper": {}}  # noqa: E731
-    small = Experiment(seeds=range(5, 9), run_case=run_case, collect=collect, table=lambda result: [])
-    monkeypatch.setitem(catalogue._LOADED, "small", small)
+    small = Experiment(
+        name="small", seeds=tuple(range(5, 9)), run_case=run_case, collect=collect, table=lambda result: []
+    )
+    monkeypatch.setitem(experiment_module._LOADED, "small", small)
     result = run_experiment("small", Options(folder=tmp_path / "one"), lambda *_: None)
     (tmp_path / "kill_6").touch()
     options = Options(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address, resume=True)

@@ -13,13 +13,15 @@ from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Ahrs, Footprint, Sample
-from stridetwin.studies.shim2019.shim_table5 import SENSORS, walked
+from stridetwin.studies.shim2019.shim_table5 import walked
 
 
 @cache
 def level_walk() -> tuple[Exoskeleton, tuple[Sample, ...], tuple[Footprint, ...]]:
     """Geometry, samples and true footprints of 5 m on the level."""
-    twin = Twin(TwinConfig(name="level", route=Route(segments=(Level(length_m=5.0),)), sensors=SENSORS), 5)
+    twin = Twin(
+        TwinConfig(name="level", route=Route(segments=(Level(length_m=5.0),)), sensors=("ahrs", "encoder", "insole")), 5
+    )
     samples, footprints = walked(twin)
     return geometry(twin.size, twin.rig), tuple(samples), tuple(footprints)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -28,7 +27,6 @@ from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.zhao2023.zhao_walks import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
 
 
 def layout(*segments: Segment):
@@ -188,20 +186,6 @@ def test_beyond_a_turn_places_count_along_the_way(off_m: float, found: bool) -> 
     assert approach.found == found
     assert approach.distance_m == pytest.approx(off_m if found else math.nan, nan_ok=True)
     assert [s.straddles for s in scores.steps] == [False] * (len(scores.steps) - 2) + [True, False]
-
-
-def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
-    rows = [condition(seed) for seed in SEEDS]
-    assert len({(c.height_group, c.pattern, c.terrain, c.mount, c.member) for c in rows}) == len(SEEDS) == 540
-    assert set(Counter((c.height_group, c.pattern, c.terrain, c.mount) for c in rows).values()) == {3}
-    for first in (0, 1, 37, 480):
-        some = rows[first : first + 60]
-        for name, values in (("terrain", TERRAINS), ("mount", MOUNTS), ("height_group", GROUPS)):
-            assert Counter(getattr(c, name) for c in some) == {value: 60 // len(values) for value in values}
-    for first in range(0, 540, 60):
-        assert Counter(c.pattern for c in rows[first : first + 60]) == dict.fromkeys(PATTERNS, 20)
-    assert condition(0) in rows
-    assert len(MODES) == 5
 
 
 def test_who_pauses_does_not_walk_steadily():

@@ -127,7 +127,7 @@ def test_the_experiment_prints_its_figures_beside_the_papers():
             for i in range(3)
         ]  # fmt: skip
 
-    walks = {walk: {m: steps("LG", 0.0) for m in ("proposed", "published")} for walk in shim_table5.WALKS}
+    walks = {walk: {m: steps("LG", 0.0) for m in ("proposed", "published")} for walk, _ in shim_table5.CASES.values()}
     walks["shim_stairs"] = {m: steps("SA", 0.165) + steps("SD", -0.165) for m in ("proposed", "published")}
     false = {"proposed": 1, "published": 3}
     cases = [{"subject": who, "fell": [], "walks": walks, "false_steps": false} for who in (1, 2)]

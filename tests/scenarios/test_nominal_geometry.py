@@ -12,12 +12,14 @@ from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.studies.shim2019.shim_table5 import SENSORS
 
 
 def recorded(path, seed):
     """The true geometry of a short walk, and that in its recording."""
-    twin = Twin(TwinConfig(name="level", route=Route(segments=(Level(length_m=2.0),)), sensors=SENSORS), seed)
+    twin = Twin(
+        TwinConfig(name="level", route=Route(segments=(Level(length_m=2.0),)), sensors=("ahrs", "encoder", "insole")),
+        seed,
+    )
     record(twin, path)
     return geometry(twin.size, twin.rig), of_recording(Recording(path))
 

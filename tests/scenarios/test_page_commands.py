@@ -16,10 +16,10 @@ from stridetwin.cli import COMMANDS, main
 from stridetwin.estimators import registry
 from stridetwin.report import runner
 from stridetwin.scenarios import record
+from stridetwin.scenarios.built_in import experiments
 from stridetwin.scenarios.campaign.campaign_file import campaigns
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.studies.catalogue import STUDIES
 from stridetwin.studies.placement.problem_file import problems
 
 WHOLE = {"docs/bring_your_own.md", "docs/hardware.md", "docs/tutorial.md"}
@@ -211,7 +211,7 @@ def test_the_page_of_the_command_line_lists_every_command_and_experiment():
     page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
     table = page.split("## Experiments")[1].split("\n\n")[1]
     listed = [n for line in table.splitlines()[2:] for n in re.findall(r"`(\w+)`", line.split("|")[1])]
-    assert sorted(listed) == sorted(STUDIES)
+    assert sorted(listed) == sorted(experiments())
 
 
 def test_a_wrong_command_would_be_found(monkeypatch):

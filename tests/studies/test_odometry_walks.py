@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,10 +16,12 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose
-from stridetwin.studies.case import Case
+from stridetwin.studies.experiment import experiment
+from stridetwin.studies.fault_injection import fault_plans
 from stridetwin.studies.walks import recorded
 from stridetwin.studies.zhao2023 import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
-from stridetwin.studies.zhao2023.odometry_walks import METHODS, SENSORS, follow, true_path
+from stridetwin.studies.zhao2023.odometry_walks import METHODS, follow, run_case, true_path
+from tests.studies.short_experiment import make_case, shorten
 
 SHORT = """description: A few steps
 terrain:
@@ -52,14 +55,16 @@ class Standin:
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """A short walk, recorded where a case of every experiment looks for it, and its true path."""
+    """A case of the closed loop on a short walk that is recorded already, and its true path."""
     folder = tmp_path_factory.mktemp("walks")
-    scenario = folder / "short.yaml"
-    scenario.write_text(SHORT, encoding="utf-8")
-    case = Case(seed=1000, folder=folder, physics="kinematic", resume=True, keep=True)
-    with recorded(replace(load_scenario(str(scenario)).config, sensors=SENSORS), case, "head") as recording:
-        truth = true_path(recording, "head")
-    return SimpleNamespace(scenario=str(scenario), case=case, truth=truth, file=case.file("_head.mcap"))
+    case = make_case(shorten("zhao_closed_loop", folder, SHORT), folder, resume=True, keep=True)
+    with recorded(case.walks()[0], case) as recording:
+        return SimpleNamespace(folder=folder, case=case, truth=true_path(recording, "head"), rig=recording.rig)
+
+
+def case_of(walk, name: str, **changes):
+    """A case of another experiment on the same recording."""
+    return make_case(shorten(name, walk.folder, SHORT, **changes), walk.folder, resume=True, keep=True)
 
 
 def maker(truth: TruePath):
@@ -83,7 +88,7 @@ def test_time_is_counted_from_image_to_image_and_the_last_pose_of_an_instant_cou
 
 
 def test_the_closed_loop_has_every_method_and_the_paper(walk) -> None:
-    result = zhao_closed_loop.run_case(walk.scenario, walk.case, make=maker(walk.truth))
+    result = run_case(walk.case, make=maker(walk.truth))
     assert (result["subject"], result["mount"]) == ("zhao_i_1", "head")
     for method in METHODS:
         assert result["methods"][method]["loop_drift_m"] == pytest.approx(DRIFT[method], rel=0.02)
@@ -96,16 +101,13 @@ def test_the_closed_loop_has_every_method_and_the_paper(walk) -> None:
     assert collected["paper"]["vins_mono"]["loop_drift_m"] == ">10"
     lines = zhao_closed_loop.table({**collected, "cases": [result]})
     assert any(line.startswith("dvio") and "0.26" in line for line in lines)
-    assert walk.file.exists()
+    assert walk.case.recordings
 
 
 def test_an_installed_estimator_has_a_row_of_its_own(walk) -> None:
     drift = {**DRIFT, "mine": 0.1}
-    result = zhao_closed_loop.run_case(
-        walk.scenario,
-        replace(walk.case, estimators=("mine",)),
-        make=lambda method, rig, mount: Standin(walk.truth, drift[method]),
-    )
+    case = replace(walk.case, estimators=("mine",))
+    result = run_case(case, make=lambda method, rig, mount: Standin(walk.truth, drift[method]))
     assert list(result["methods"]) == [*METHODS, "mine"]
     collected = zhao_closed_loop.collect([result])
     assert collected["summary"]["mine"]["loop_drift_m"] == pytest.approx(0.1, rel=0.02)
@@ -114,25 +116,25 @@ def test_an_installed_estimator_has_a_row_of_its_own(walk) -> None:
 
 
 def test_names_that_are_no_method_are_those_of_installed_estimators(walk) -> None:
-    with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
-        made = odometry_walks.odometer("dvio", recording.rig, "head"), estimator("dvio")
-    assert isinstance(*made)
+    assert isinstance(odometry_walks.odometer("dvio", walk.rig, "head"), estimator("dvio"))
     with pytest.raises(StrideTwinError, match=r"nobody.*contact_terrain, dvio"):
         odometry_walks.odometer("nobody", Rig(), "head")
 
 
 def test_each_subject_walks_once_with_each_mount() -> None:
-    turns = [zhao_closed_loop.who_and_where(seed) for seed in zhao_closed_loop.SEEDS]
-    assert len(set(turns)) == len(turns) == 30
+    loop = experiment("zhao_closed_loop")
+    turns = [tuple(make_case(loop, Path(), seed).labels.values()) for seed in (*loop.seeds, *range(30))]
+    assert len(set(turns[:30])) == len(loop.seeds) == 30
+    assert set(turns[:30]) == set(turns[30:])  # lower seeds take the same turns
     assert {mount for _, mount in turns} == {"head", "chest"}
-    assert {zhao_closed_loop.who_and_where(seed)[1] for seed in range(30)} == {"head", "chest"}
 
 
-def test_the_bench_lays_each_sequence_beside_one_of_euroc(walk, monkeypatch) -> None:
+def test_the_bench_lays_each_sequence_beside_one_of_euroc(walk) -> None:
     names = list(dvio_bench.SEQUENCES)
-    monkeypatch.setattr(dvio_bench, "load_scenario", lambda name: load_scenario(walk.scenario))
-    walk.case.file(f"_{names[0]}.mcap").symlink_to(walk.file)
-    result = dvio_bench.run_case(walk.case, make=maker(walk.truth))
+    assert names == [level.name for level in experiment("dvio_bench").setup.design.turns["sequence"][1]]
+    sequences = {name: {"scenario": "short.yaml"} for name in names}
+    case = case_of(walk, "dvio_bench", scenarios=[], vary={"sequence": sequences})
+    result = run_case(case, make=maker(walk.truth))
     assert result["sequence"] == names[0]
     collected = dvio_bench.collect([result])
     of = collected["summary"]["dvio"]["ape_rmse_m"]
@@ -151,35 +153,35 @@ def test_ten_sequences_each_as_difficult_as_another_one_of_the_paper() -> None:
         assert load_scenario(name).config.fittings["head_camera"].calibration_sd.depth_scale == pytest.approx(0.005)
 
 
-def test_faults_are_tolerated_or_not(walk, monkeypatch) -> None:
-    monkeypatch.setattr(dvio_faults, "load_scenario", lambda name: load_scenario(walk.scenario))
+def test_faults_are_tolerated_or_not(walk) -> None:
     made = iter(range(100))
 
     def make(method: str, rig: Rig, mount: str) -> Standin:
         number = next(made)  # no fault, then one that drifts twice as far, and one that is lost and comes back
         return Standin(walk.truth, {0: 0.05, 1: 0.10}.get(number, 0.3), lost=number == 2)
 
-    result = dvio_faults.run_case(walk.case, make=make)
-    summary = dvio_faults.collect([result])["summary"]
-    assert [summary[name]["borne"] for name in dvio_faults.FAULTS][:4] == [1, 1, 1, 0]
-    assert summary["depth_off_5s"]["failures"] == 1
-    assert summary["depth_off_5s"]["unhealthy_s"] > 0.1
-    lines = dvio_faults.table({"cases": [result], "summary": summary})
-    assert len(lines) == 2 + len(dvio_faults.FAULTS)
+    case = case_of(walk, "dvio_faults")
+    result = experiment("dvio_faults").result([dvio_faults.run_case(case, make=make)])
+    summary = result["summary"]
+    assert list(summary) == list(case.setup.faults)
+    assert [figures["borne"] for figures in summary.values()][:4] == [1, 1, 1, 0]
+    assert summary["no depth for 5 s"]["failures"] == 1
+    assert summary["no depth for 5 s"]["unhealthy_s"] > 0.1
+    assert len(experiment("dvio_faults").table(result)) == 2 + len(summary)
 
 
 def test_calibration_errors_of_the_faults(walk) -> None:
-    with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
-        rig = recording.rig
-    plans = {name: fault.plan(rig, 0, 10.0) for name, fault in dvio_faults.FAULTS.items()}
-    rotated = plans["turned_2deg"].rig.cameras["/head/color"].mount.T_body_sensor
+    rig = walk.rig
+    plans = fault_plans(case_of(walk, "dvio_faults"), rig, 10.0)
+    rotated = plans["camera mount 2° off in the calibration"].rig.cameras["/head/color"].mount.T_body_sensor
     R = rotated[:3, :3].T @ rig.cameras["/head/color"].mount.T_body_sensor[:3, :3]
     assert np.degrees(np.arccos((np.trace(R) - 1) / 2)) == pytest.approx(2.0, abs=1e-4)
-    late = plans["clock_10ms"].rig.cameras["/head/color"].timeshift_cam_imu_s
+    late = plans["camera clock 10 ms off in the calibration"].rig.cameras["/head/color"].timeshift_cam_imu_s
     assert late - rig.cameras["/head/color"].timeshift_cam_imu_s == pytest.approx(0.010)
-    assert plans["imu_clips"].rig.imu("/head/imu").gyroscope_range == pytest.approx(0.6, abs=1e-4)
+    clipped = plans["IMU clips at every step and turn"]
+    assert clipped.rig.imu("/head/imu").gyroscope_range == pytest.approx(0.6, abs=1e-4)
     hard = Imu(topic="/head/imu", t_ns=0, angular_rate=np.full(3, 2.0), specific_force=np.full(3, -15.0))
-    (soft,) = plans["imu_clips"].samples([hard])
+    (soft,) = clipped.samples([hard])
     assert soft.angular_rate.tolist() == pytest.approx([0.6] * 3, abs=1e-4)
     assert soft.specific_force.tolist() == [-10.0] * 3
 

@@ -7,6 +7,7 @@ import math
 import re
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.pages.plot import library
 from stridetwin.reference.norms import reference
-from stridetwin.sim.config import Turn
+from stridetwin.sim.config import Turn, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.wearer.anthropometry import PEOPLE
@@ -26,20 +27,22 @@ from stridetwin.sim.world.obstacles import surroundings
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Odometry
-from stridetwin.studies.catalogue import experiment
-from stridetwin.studies.zhao2023 import mode_not_fooled, mode_results
+from stridetwin.studies.experiment import experiment
+from stridetwin.studies.zhao2023 import mode_results
+from stridetwin.studies.zhao2023.mode_results import PATTERNS, TERRAINS
 from stridetwin.studies.zhao2023.mode_walks import (
     EDGES,
     FORGETFUL,
     GROUPS,
+    MOUNTS,
     ForgetfulMap,
     SharedMap,
     pitch_down,
     spread,
     together,
 )
-from stridetwin.studies.zhao2023.zhao_walks import TRIAL_SEEDS, TRIALS, condition, subject_and_turn, trial_config
 from tests.plots import figures
+from tests.studies.short_experiment import make_case
 
 
 def step(mode: str, predicted: str, p: float) -> ScoredMode:
@@ -61,32 +64,61 @@ def row(seed: int, predicted: str = "SA", methods: tuple[str, ...] = ("proposed"
     }  # fmt: skip
 
 
-def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways() -> None:
-    turns = [subject_and_turn(seed) for seed in TRIAL_SEEDS]
-    assert len(set(turns)) == len(TRIAL_SEEDS) == 30
-    assert {who for who, _ in turns} == {name for name in PEOPLE if name.startswith("zhao_")}
+TRIALS = ("zhao_view", "zhao_directions", "zhao_disturbance")
+
+
+def labels(name: str, seed: int = 1000) -> dict:
+    """Condition of a walk of an experiment."""
+    return make_case(experiment(name), Path(), seed).labels
+
+
+def trial_config(name: str, walk: str) -> TwinConfig:
+    """The twin of a subject's first or second walk."""
+    cases = [make_case(experiment(name), Path(), seed) for seed in range(1000, 1010)]
+    return next(case for case in cases if case.labels["walk"] == walk).walks()[0].config
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways(name) -> None:
+    turns = [labels(name, seed) for seed in experiment(name).seeds]
+    assert len({tuple(turn.values()) for turn in turns}) == len(turns) == 30
     for first in (0, 10, 20):
-        some = [(who.split("_")[1].upper(), turn) for who, turn in turns[first : first + 10]]
-        assert Counter(some) == {(group, turn): 1 for group in GROUPS for turn in (0, 1)}
-    assert subject_and_turn(0) in turns
+        some = [(turn["height_group"], turn["walk"]) for turn in turns[first : first + 10]]
+        assert Counter(some) == {(group, walk): 1 for group in GROUPS for walk in ("first", "second")}
+
+
+def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
+    seeds = experiment("zhao_generality").seeds
+    rows = [labels("zhao_generality", seed) for seed in seeds]
+    assert len({tuple(row.values()) for row in rows}) == len(seeds) == 540
+    cell = ("height_group", "pattern", "terrain", "mount")
+    assert set(Counter(tuple(row[key] for key in cell) for row in rows).values()) == {3}
+    for first in (0, 1, 37, 480):
+        some = rows[first : first + 60]
+        for key, values in (("terrain", TERRAINS), ("mount", MOUNTS), ("height_group", GROUPS)):
+            assert Counter(row[key] for row in some) == {value: 60 // len(values) for value in values}
+    for first in range(0, 540, 60):
+        assert Counter(row["pattern"] for row in rows[first : first + 60]) == dict.fromkeys(PATTERNS, 20)
+    assert labels("zhao_generality", 0) in rows
+    people = {make_case(experiment("zhao_generality"), Path(), seed).walks()[0].config.person for seed in seeds[::7]}
+    assert people == {person for name, person in PEOPLE.items() if name.startswith("zhao_")}
 
 
 def test_the_second_walk_is_on_the_chest_or_to_the_other_side() -> None:
-    first, second = (next(s for s in TRIAL_SEEDS if subject_and_turn(s)[1] == turn) for turn in (0, 1))
     for name in ("zhao_directions", "zhao_disturbance"):
-        configs = [trial_config(name, seed) for seed in (first, second)]
+        configs = [trial_config(name, walk) for walk in ("first", "second")]
         assert [c.rig_mount for c in configs] == ["head", "chest"]
         assert all(c.gait.gaze.kind == "wandering" for c in configs)
-    assert trial_config("zhao_disturbance", first).route.bystanders == 2
-    assert trial_config("zhao_directions", first).fittings["head_camera"].part is not None
-    views = [trial_config("zhao_view", seed) for seed in (first, second)]
+    assert trial_config("zhao_disturbance", "first").route.bystanders == 2
+    assert trial_config("zhao_directions", "first").fittings["head_camera"].part is not None
+    views = [trial_config("zhao_view", walk) for walk in ("first", "second")]
     turns = [[s.angle_rad for s in c.route.segments if isinstance(s, Turn)] for c in views]
     assert turns == [[pytest.approx(math.pi / 2)], [pytest.approx(-math.pi / 2)]]
     assert all(c.gait.gaze.sway_yaw_rad > 0.6 and c.rig_mount == "head" for c in views)
 
 
 def test_walls_of_a_corridor_stand_at_its_borders_and_nowhere_on_the_way() -> None:
-    config = trial_config("zhao_view", TRIAL_SEEDS[0])
+    config = trial_config("zhao_view", "first")
     layout = lay_out(config.route)
     walls = [mark.box for mark in surroundings("corridor", layout, -1.0)]
     for s in np.arange(0.5, layout.profile[-1].s1 - 1.0, 0.25):
@@ -107,7 +139,7 @@ def _distance(box, p) -> float:
 
 @pytest.mark.parametrize("mount", ["head", "chest"])
 def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
-    config = replace(trial_config("zhao_view", TRIAL_SEEDS[0]), rig_mount=mount, sensors=("head_imu", "head_camera"))
+    config = replace(trial_config("zhao_view", "first"), rig_mount=mount, sensors=("head_imu", "head_camera"))
     pitch = {}
     for degrees in (None, 8.0):
         asked = None if degrees is None else math.radians(degrees)
@@ -145,15 +177,15 @@ def test_predicted_probabilities_are_compared_with_the_share_of_correct_predicti
 @pytest.mark.parametrize("name", [*TRIALS, "zhao_generality", "zhao_baselines"])
 def test_table_and_page_have_the_papers_figures(name) -> None:
     methods = ("proposed", "published", *([FORGETFUL] if name == "zhao_baselines" else []))
-    more = {} if name in TRIALS else vars(condition(1000))
+    more = labels(name)
     results = [row(1000, methods=methods) | more, row(1001, "LG", methods) | more]
     study = experiment(name)
-    result = json.loads(json.dumps({"experiment": name, **study.collect(results), "cases": results}))
+    result = json.loads(json.dumps(study.result(results)))
     assert result["summary"]["proposed"]["walks_accuracy_pct"]["mean"] == 75.0
     assert result["summary"]["proposed"]["walks_accuracy_pct"]["sd"] == 25.0
     lines = study.table(result)
     accuracy = next(line for line in lines if line.startswith("accuracy %"))
-    theirs = mode_results.paper(name)["published"]["accuracy_pct"]["mean"]
+    theirs = result["paper"]["published"]["accuracy_pct"]["mean"]
     assert accuracy.split()[2 : 3 + len(methods)] == [*["75.00"] * len(methods), f"{theirs:.2f}"]
     assert ("Table II" in lines) == (name not in TRIALS)
     assert ("one image" in "\n".join(lines)) == (FORGETFUL in methods)
@@ -187,12 +219,12 @@ def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
 
 
 def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
-    persons = [condition(1000), condition(1001)]
-    results = [row(1000 + i, predicted) | vars(persons[i // 2]) for i, predicted in enumerate(["SA", "SA", "LG", "LG"])]
+    persons = [labels("zhao_generality", seed) for seed in (1000, 1001)]
+    results = [row(1000 + i, predicted) | persons[i // 2] for i, predicted in enumerate(["SA", "SA", "LG", "LG"])]
     results[1]["fell_at_s"] = 3.5
-    result = {"experiment": "zhao_generality", **experiment("zhao_generality").collect(results), "cases": results}
+    result = experiment("zhao_generality").result(results)
     mean = result["summary"]["proposed"]["walks_accuracy_pct"]
-    assert mean["over"] == len({(p.height_group, p.member) for p in persons}) == 2
+    assert mean["over"] == len({(p["height_group"], p["member"]) for p in persons}) == 2
     assert mean["of"] == "persons"
     assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
     assert "walks that ended by a fall: 1001" in mode_results.overall(result)
@@ -210,15 +242,17 @@ def test_sizes_that_were_not_seen_are_counted() -> None:
 def test_steps_without_a_prediction_count() -> None:
     steps = [step("LG", "LG", 0.9), replace(step("LG", "", 0.9), probabilities=())]
     rows = {"steps": ModeScores(steps=steps).rows()["steps"], "alarms_pct": 0.0}
-    case = {"seed": 1000, "fell": [], "traps": {t: dict.fromkeys(METHODS, rows) for t in mode_not_fooled.TRAPS}}
-    result = {"cases": [case], **mode_not_fooled.collect([case])}
+    study = experiment("mode_not_fooled")
+    traps = [walk.labels["trap"] for walk in make_case(study, Path()).walks()]
+    case = {"seed": 1000, "fell": [], "traps": {trap: dict.fromkeys(METHODS, rows) for trap in traps}}
+    result = study.result([case])
     for of in result["summary"]["proposed"].values():
         assert (of["steps"], of["accuracy_pct"], of["predicted"]["LG"], of["predicted"][""]) == (2, 50.0, 1, 1)
-    assert len(mode_not_fooled.table(result)) == 3 + len(mode_not_fooled.TRAPS)
+    assert len(study.table(result)) == 3 + len(traps) == 10
 
 
 def test_a_map_without_memory_knows_only_the_last_image() -> None:
-    rig = standard_rig(replace(trial_config("zhao_view", TRIAL_SEEDS[0]), sensors=("head_imu", "head_camera")))
+    rig = standard_rig(replace(trial_config("zhao_view", "first"), sensors=("head_imu", "head_camera")))
     places = np.array([[1.5, 0.0], [3.0, 0.0]])
     known = {}
     for kind in (TerrainMap, SharedMap, ForgetfulMap):

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 from frail_pool import make_frail
 
+from stridetwin.scenarios.built_in import experiments
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.studies import catalogue, registry
+from stridetwin.studies import experiment as experiment_module
+from stridetwin.studies import registry
 from stridetwin.studies.case import Case
-from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
+from stridetwin.studies.experiment import Experiment, experiment
 from stridetwin.studies.registry import Options, run_experiment
 
 
@@ -34,9 +36,16 @@ def ran(monkeypatch) -> list[int]:
         seeds.append(case.seed)
         return {"seed": case.seed, "physics": case.physics}
 
-    small = Experiment(seeds=range(5, 9), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(catalogue._LOADED, "small", small)
+    small = Experiment(
+        name="small", seeds=tuple(range(5, 9)), run_case=run_case, collect=collected, table=lambda result: []
+    )
+    monkeypatch.setitem(experiment_module._LOADED, "small", small)
     return seeds
+
+
+def make_small(seeds, run_case) -> Experiment:
+    """An experiment without walks."""
+    return Experiment(name="small", seeds=tuple(seeds), run_case=run_case, collect=collected, table=lambda result: [])
 
 
 def run(folder, **options):
@@ -100,8 +109,7 @@ def test_estimators_of_another_kind_and_unknown_ones_are_refused_with_the_valid_
 def test_rows_with_other_estimators_have_keys_of_their_own(tmp_path) -> None:
     study = experiment("zhao_closed_loop")
     jobs = [
-        registry._job("zhao_closed_loop", study, Case(seed=1, folder=tmp_path, estimators=estimators))
-        for estimators in ((), ("dvio",))
+        registry._job(study, Case(seed=1, folder=tmp_path, estimators=estimators)) for estimators in ((), ("dvio",))
     ]
     assert jobs[0].key != jobs[1].key
     assert jobs[0].task.walks_key == jobs[1].task.walks_key
@@ -135,7 +143,7 @@ def test_one_process_at_a_time_runs_cases_in_a_folder(tmp_path, ran) -> None:
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
     case = Case(seed=1, folder=tmp_path)
     names = ("zhao_generality", "zhao_generality_given_poses", "zhao_generality_shallow", "zhao_view")
-    jobs = [registry._job(name, experiment(name), case) for name in names]
+    jobs = [registry._job(experiment(name), case) for name in names]
     assert len({job.key for job in jobs} | {job.task.walks_key for job in jobs}) == 2 * len(names)
 
 
@@ -148,8 +156,8 @@ def test_a_recording_of_another_version_is_not_reused(tmp_path, monkeypatch) -> 
         walk.touch()
         return {"seed": case.seed}
 
-    only = Experiment(seeds=range(1, 2), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(catalogue._LOADED, "small", only)
+    only = make_small((1,), run_case)
+    monkeypatch.setitem(experiment_module._LOADED, "small", only)
     neighbour = tmp_path / "seed_10_head.mcap"
     neighbour.touch()
 
@@ -169,9 +177,13 @@ def test_a_recording_of_another_version_is_not_reused(tmp_path, monkeypatch) -> 
 @pytest.mark.parametrize("damaged", [b"", b'{"cut', b"[1]", b"\xff"])
 def test_a_damaged_row_is_run_again(tmp_path, monkeypatch, damaged) -> None:
     small = Experiment(
-        seeds=range(1, 3), run_case=lambda case: {"seed": case.seed}, collect=collected, table=lambda result: []
+        name="small",
+        seeds=(1, 2),
+        run_case=lambda case: {"seed": case.seed},
+        collect=collected,
+        table=lambda result: [],
     )
-    monkeypatch.setitem(catalogue._LOADED, "small", small)
+    monkeypatch.setitem(experiment_module._LOADED, "small", small)
     run(tmp_path)
     (tmp_path / "seed_1.json").write_bytes(damaged)
     assert [c["seed"] for c in run(tmp_path, resume=True)["cases"]] == [1, 2]
@@ -188,8 +200,10 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
         time.sleep(0.02)
         return {"seed": case.seed, "much": "x" * 100_000}
 
-    slow = Experiment(seeds=range(count), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(catalogue._LOADED, "small", slow)
+    slow = Experiment(
+        name="small", seeds=tuple(range(count)), run_case=run_case, collect=collected, table=lambda result: []
+    )
+    monkeypatch.setitem(experiment_module._LOADED, "small", slow)
     options = Options(folder=tmp_path / "rows", resume=True)
     run_experiment("small", replace(options, subset=1), lambda *_: None)  # caches
     killed, done = 0, 1
@@ -213,10 +227,11 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
 
 
 def test_every_experiment_is_listed_and_others_are_refused(tmp_path) -> None:
-    for name, study in STUDIES.items():
+    assert len(experiments()) == 26
+    for name in experiments():
         loaded = experiment(name)
-        assert study.description
+        assert loaded.description
         assert loaded.seeds
-        assert loaded.source[0].endswith(study.module)
+        assert loaded.module.startswith("stridetwin.studies.")
     with pytest.raises(StrideTwinError, match="jao_loop_126m"):
         run_experiment("magic", Options(folder=tmp_path), lambda *_: None)

@@ -1,19 +1,18 @@
 """The table of faults: what is done to samples and geometry, and what a small one comes to."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.studies.case import Case
+from stridetwin.studies.experiment import experiment
+from stridetwin.studies.fault_injection import fault_plans
 from stridetwin.studies.shim2019 import shim_faults
-from stridetwin.studies.shim2019.shim_faults import FAULTS, walk_of
-from stridetwin.studies.shim2019.shim_table5 import SENSORS
+from tests.studies.short_experiment import make_case, shorten
 
 pytest.importorskip("mujoco")
+MOUNT_OFF = "left foot's AHRS mount 2° off in the geometry"
 
 SHORT = """
 description: a few steps
@@ -23,15 +22,18 @@ gait: {stand_s: 1}
 """
 
 
-def test_geometry_errors_are_where_the_fault_says():
-    config = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)), sensors=SENSORS)
+def test_geometry_errors_are_where_the_fault_says(tmp_path):
+    case = make_case(experiment("shim_faults"), tmp_path)
+    sensors = case.setup.sensors
+    config = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)), sensors=sensors)
     twin = Twin(config, 0)
+    plans = fault_plans(case, twin.rig, 10.0)
 
-    def geometry_of(name):
-        plan = FAULTS[name].plan(twin.rig, 0, 10.0)
-        return nominal_geometry(twin.size, plan.rig, 0, FAULTS[name].faults)
+    def geometry_of(label):
+        return nominal_geometry(twin.size, plans[label].rig, 0, [fault for fault, _ in plans[label].planned])
 
-    exo, long, rotated = (geometry_of(name) for name in ("none", "link_10mm", "mount_2deg"))
+    long, rotated = map(geometry_of, ("left thigh 10 mm too long in the geometry", MOUNT_OFF))
+    exo = geometry_of("no fault")
     apart = [b.a - a.a for a, b in zip(exo.legs["l"].rows, long.legs["l"].rows, strict=True)]
     assert apart[exo.legs["l"].knee.frame - 1] == max(apart) == pytest.approx(0.010)
     assert np.count_nonzero(apart) == 1
@@ -44,30 +46,26 @@ def test_geometry_errors_are_where_the_fault_says():
         assert other.legs["r"].rows == exo.legs["r"].rows
 
 
-def test_walks_that_differ_are_walked_anew():
-    plain = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)))
-    other = {name for name in FAULTS if walk_of(name, plain) != plain}
-    assert other == {"shuffle", "mode_1"}
-
-
-def test_a_small_table(monkeypatch, tmp_path):
-    scenario = tmp_path / "short.yaml"
-    scenario.write_text(SHORT)
-    few = {name: FAULTS[name] for name in ("none", "heel_dead", "link_10mm", "ahrs_dead")}
-    few["ahrs_dead"] = replace(
-        few["ahrs_dead"], faults=tuple(replace(f, at_s=1.0) for f in few["ahrs_dead"].faults)
-    )  # fmt: skip
-    monkeypatch.setattr(shim_faults, "WALKS", (str(scenario),))
-    monkeypatch.setattr(shim_faults, "FAULTS", few)
-    case = shim_faults.run_case(Case(seed=0, folder=tmp_path, physics="kinematic"))
-    result = shim_faults.collect([case])
+def test_a_small_table(tmp_path):
+    faults = {
+        "no fault": [],
+        "heel dead": [{"kind": "dead_cell", "topic": "/foot_l/insole", "at_s": 0, "cell": "heel"}],
+        "thigh long": [{"kind": "miscalibration", "topic": "/exo/knee_l/encoder", "thigh_mm": 10}],
+        "AHRS dead": [{"kind": "dropout", "topic": "/exo/thigh_l/ahrs", "at_s": 1}],
+    }
+    manners = {"subject": [1], "manner": {"usual": {}, "shuffling": {"gait.shuffle": 1}}}
+    study = shorten("shim_faults", tmp_path, SHORT, faults=faults, vary=manners)
+    row = shim_faults.run_case(make_case(study, tmp_path, seed=0))
+    result = study.result([row])
     of = result["summary"]
-    assert of["none"]["classification_accuracy_pct"] == 100.0
-    assert case["faults"]["link_10mm"] != case["faults"]["none"] != case["faults"]["heel_dead"]
-    assert of["link_10mm"]["elevation_max_mm"] < 35.0
-    assert of["none"]["false_steps"] == 0
-    assert of["heel_dead"]["wrong_pct"] == 0.0
-    assert of["ahrs_dead"]["steps_missed"] == of["ahrs_dead"]["steps"] > 0
-    lines = shim_faults.table(result | {"cases": [case]})
-    assert len(lines) == 3 + len(few)
-    assert lines[1].endswith("none")
+    assert list(of) == [*faults, "shuffling"]
+    assert row["faults"]["shuffling"] != row["faults"]["no fault"]
+    assert of["no fault"]["classification_accuracy_pct"] == 100.0
+    assert row["faults"]["thigh long"] != row["faults"]["no fault"] != row["faults"]["heel dead"]
+    assert of["thigh long"]["elevation_max_mm"] < 35.0
+    assert of["no fault"]["false_steps"] == 0
+    assert of["heel dead"]["wrong_pct"] == 0.0
+    assert of["AHRS dead"]["steps_missed"] == of["AHRS dead"]["steps"] > 0
+    lines = study.table(result)
+    assert len(lines) == 4 + len(of)
+    assert lines[2].endswith("none")

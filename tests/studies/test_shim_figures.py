@@ -26,7 +26,7 @@ def rows(mode, elevation, sd):
 
 @pytest.fixture(scope="module")
 def html():
-    walks = {walk: {m: rows("LG", 0.0, 0.02) for m in METHODS} for walk in shim_table5.WALKS}
+    walks = {walk: {m: rows("LG", 0.0, 0.02) for m in METHODS} for walk, _ in shim_table5.CASES.values()}
     walks["shim_stairs"] = {m: rows("SA", 0.165, 0.02) + rows("SD", -0.165, 0.02) for m in METHODS}
     of_all = {"physics": "dynamic", "fell": [], "walks": walks, "false_steps": dict.fromkeys(METHODS, 0)}
     cases = [{"seed": who, "subject": who, **of_all} for who in (1, 2)]

@@ -11,9 +11,10 @@ import yaml
 from stridetwin.batch.run import ROWS
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.studies.design import make_scenario
 from stridetwin.studies.study_file.results import collect_result, csv_text, table_rows
 from stridetwin.studies.study_file.run import FILES, Options, run_study
-from stridetwin.studies.study_file.study import make_scenario, read_study
+from stridetwin.studies.study_file.study import read_study
 
 ROOT = Path(__file__).parents[2]
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}], "gait": {"stand_s": 1}}

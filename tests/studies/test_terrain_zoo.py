@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +12,11 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode
 from stridetwin.sim.world.terrain import Terrain
+from stridetwin.studies.experiment import experiment
 from stridetwin.studies.terrain_zoo import zoo_walk
-from stridetwin.studies.terrain_zoo.kinds import KINDS, drawn, names
-from stridetwin.studies.terrain_zoo.zoo_results import collect, report, table
-from stridetwin.studies.terrain_zoo.zoo_walk import VARIANTS, kind_of
+from stridetwin.studies.terrain_zoo.kinds import KINDS, drawn
+from stridetwin.studies.terrain_zoo.zoo_results import report, table
+from stridetwin.studies.terrain_zoo.zoo_walk import kinds_of
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -30,20 +30,14 @@ def test_walks_of_a_kind_can_be_laid_out_and_differ(name: str) -> None:
 
 
 def test_a_quarter_of_the_kinds_is_kept_from_tuning_and_the_sets_share_no_seed() -> None:
-    reporting, tuning = VARIANTS["terrain_zoo"][0], VARIANTS["terrain_zoo_tuning"][0]
+    reporting, tuning = (experiment(name).seeds for name in ("terrain_zoo", "terrain_zoo_tuning"))
     assert len(reporting) >= 200
     assert tuning[-1] < 1000 <= reporting[0]
     kept = [name for name, entry in KINDS.items() if not entry.tuned]
     assert len(kept) >= len(KINDS) / 4
-    assert not {kind_of(seed, names(tuning=True)) for seed in tuning} & set(kept)
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_consecutive_walks_are_of_every_kind(name: str) -> None:
-    seeds, kinds = VARIANTS[name]
-    for first in (seeds[0], seeds[5]):
-        found = Counter(kind_of(seed, kinds) for seed in range(first, first + len(kinds)))
-        assert found == dict.fromkeys(kinds, 1)
+    assert not set(kinds_of("tuned")) & set(kept)
+    assert [len(seeds) % len(kinds_of(kinds)) for seeds, kinds in ((reporting, "all"), (tuning, "tuned"))] == [0, 0]
+    assert kinds_of("level") == ["level"]
 
 
 def test_tilt_is_the_angle_between_the_verticals_whatever_the_heading() -> None:
@@ -75,7 +69,7 @@ def row(kind: str, seed: int, predicted: str, slope_rad: float) -> dict:
 
 def test_figures_by_kind_and_of_the_kinds_kept_from_tuning() -> None:
     rows = [row("level", 1, "LG", 0.0), row("crest", 2, "RA", math.radians(2.0))]
-    result = {"experiment": "terrain_zoo", **collect(rows), "cases": rows}
+    result = experiment("terrain_zoo").result(rows)
     groups = result["summary"]["groups"]
     assert groups["all"]["right_pct"] == 87.5
     assert groups["level"]["sure_and_wrong_pct"] == 0.0

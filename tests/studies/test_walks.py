@@ -14,9 +14,11 @@ from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Image, Imu
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.case import Case
+from stridetwin.studies.experiment import experiment
 from stridetwin.studies.jao2020 import jao_faults, jao_walk
 from stridetwin.studies.jao2020.two_feet import FEET, METHODS, figures
-from stridetwin.studies.walks import recorded_walk
+from stridetwin.studies.walks import recorded_shoes
+from tests.studies.short_experiment import make_case, shorten
 
 pytest.importorskip("mujoco")
 
@@ -31,17 +33,15 @@ sensors:
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory) -> tuple[str, Case, dict]:
-    """Scenario, case and result of a walk whose recordings are kept."""
+def short(tmp_path_factory) -> tuple[Case, dict]:
+    """A case whose recordings are kept, and its row."""
     folder = tmp_path_factory.mktemp("walk")
-    scenario = folder / "short.yaml"
-    scenario.write_text(SHORT)
-    case = Case(seed=3, folder=folder, physics="kinematic", keep=True)
-    return str(scenario), case, jao_walk.run_case(str(scenario), case)
+    case = make_case(shorten("jao_loop_126m", folder, SHORT), folder, seed=3, keep=True)
+    return case, jao_walk.run_case(case)
 
 
 def test_every_method_has_figures_in_every_case(short) -> None:
-    _, _, result = short
+    _, result = short
     assert set(result["cases"]) == set(jao_walk.CASES)
     for case in result["cases"].values():
         assert set(case) == {*METHODS, "sightings"}
@@ -52,8 +52,8 @@ def test_every_method_has_figures_in_every_case(short) -> None:
 
 
 def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
-    scenario, case, _ = short
-    with recorded_walk(scenario, replace(case, resume=True)) as walk:
+    case, _ = short
+    with recorded_shoes(replace(case, resume=True)) as walk:
         limit = walk.rig().imu("/foot_l/imu").gyroscope_range
         assert limit == pytest.approx(math.radians(450), rel=0.1)
         assert walk.rig(wide=True).imu("/foot_l/imu").gyroscope_range == 0.0
@@ -72,22 +72,22 @@ def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
 
 
 def test_recordings_are_used_again_and_go_unless_they_are_kept(short, tmp_path) -> None:
-    scenario, case, _ = short
+    case, _ = short
     stamps = [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")]
-    with recorded_walk(scenario, replace(case, resume=True)):
+    with recorded_shoes(replace(case, resume=True)):
         pass
     assert [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")] == stamps
     other = replace(case, folder=tmp_path, resume=True, keep=False)
     for end in (".mcap", "_wide.mcap"):
         other.file(end).write_bytes(case.file(end).read_bytes())
-    with recorded_walk(scenario, other):
+    with recorded_shoes(other):
         assert other.file(".mcap").exists()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
-    _, _, result = short
-    found = jao_walk.collect("jao_loop_126m", [result, result])
+    _, result = short
+    found = jao_walk.collect([result | {"scenario": "jao_loop_126m"}] * 2)
     lines = jao_walk.table({**found, "cases": [result, result]})
     (row, *_) = [line for line in lines if line.startswith("zupt_relative_position")]
     assert row.split()[3:5] == ["1.53", "0.87"]
@@ -96,17 +96,17 @@ def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
     }
 
 
-def test_exchanged_parts_are_refused_and_named_on_rendered_images(short, monkeypatch) -> None:
-    scenario, case, _ = short
-    named = ("none", "shoes_exchanged", "cameras_exchanged", "imus_exchanged")
-    monkeypatch.setattr(jao_faults, "SCENARIO", scenario)
-    monkeypatch.setattr(jao_faults, "FAULTS", {name: jao_faults.FAULTS[name] for name in named})
-    result = jao_faults.run_case(replace(case, resume=True))
-    found = jao_faults.collect([result])
-    assert np.max(found["summary"]["none"]["end_error_m"]) < 0.06
-    for name, words in zip(named[1:], ("IMUs and cameras", "the cameras", "the IMUs")):
-        assert words in found["summary"][name]["error"]
-    assert len(jao_faults.table({**found, "cases": [result]})) == 2 + len(named)
+def test_exchanged_parts_are_refused_and_named_on_rendered_images(short) -> None:
+    case, _ = short
+    study = experiment("jao_faults")
+    labels = ("no fault", "left and right exchanged", "cameras exchanged", "IMUs exchanged")
+    faults = {label: study.setup.faults[label] for label in labels}
+    row = jao_faults.run_case(replace(case, resume=True, setup=replace(case.setup, faults=faults)))
+    result = study.result([row])
+    assert np.max(result["summary"]["no fault"]["end_error_m"]) < 0.06
+    for label, words in zip(labels[1:], ("IMUs and cameras", "the cameras", "the IMUs")):
+        assert words in result["summary"][label]["error"]
+    assert len(study.table(result)) == 2 + len(labels)
 
 
 def straight(side: float) -> tuple[TruePath, FootInsPath]:

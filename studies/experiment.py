@@ -1,0 +1,168 @@
+"""The experiments of the catalogue: study files in `experiments/` whose figures and tables a Python module computes.
+
+`stridetwin experiment NAME` runs them. A file says which walks are simulated, as every study file does (`design`); its
+hooks name the module that turns one case into a row, and the one that makes the table of a paper from all rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field
+
+from stridetwin.scenarios.built_in import experiments
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.fields import FileModel
+from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import read_yaml
+from stridetwin.studies.case import Case, Setup
+from stridetwin.studies.design import DesignFile, read_design
+from stridetwin.studies.tables import Column, rows_table
+
+Result = dict[str, Any]
+_OF_TABLES = ("study", "tables", "report", "columns", "title", "kind")
+"""Keys of a file that do not change the rows."""
+
+
+class Hook(FileModel):
+    """A module of the studies; the other keys are arguments of its function."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    module: str
+
+    def load(self) -> Any:
+        """The module."""
+        return import_module(f"stridetwin.studies.{self.module}")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of its function."""
+        return dict(self.model_extra or {})
+
+
+HookInFile = Annotated[Hook, BeforeValidator(lambda node: {"module": node} if isinstance(node, str) else node)]
+
+
+class ExperimentFile(DesignFile):
+    """An experiment of the catalogue.
+
+    Attributes:
+        run: Module with `run_case`, from a case to its row.
+        tables: Module with `collect`, from all rows to `summary` and `paper`, and with `table` or `rows` (lines, or
+            labelled figures for `columns`) and `report` (an HTML page) if it has them; that of `run` by default.
+        report: Module with `report`, if it is another one.
+        columns: Of the table: header, width and format (`tables.Column`).
+        title: Lines above the columns; `{count}` is the number of cases.
+        sensors: Groups of sensors that are simulated; by default those of the scenarios.
+        faults: Each is injected into the same walk, instead of being a factor.
+        like: Name of another experiment, whose keys this one takes over.
+        kind: Kind of the installed estimators that can be run besides those of the experiment; "" if none can.
+    """
+
+    run: HookInFile
+    tables: HookInFile | None = None
+    report: HookInFile | None = None
+    columns: tuple[Column, ...] = ()
+    title: str = ""
+    sensors: tuple[str, ...] = Field(default=())
+    kind: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """An experiment with its modules.
+
+    Attributes:
+        name: In the catalogue.
+        description: What is compared, in one line.
+        seeds: One seed per case.
+        setup: What the cases walk; None if `run_case` makes its own walks.
+        module: Name of the module of `run_case`.
+        content: What determines a row beside the code.
+        kind: See `ExperimentFile`.
+        run_case: From a case to a result that JSON can hold; runs in a process of its own.
+        collect: From the results to `summary` and `paper`.
+        table: From the result to lines of text.
+        report: From the result to an HTML page with figures; None if there is none.
+    """
+
+    name: str
+    description: str = ""
+    seeds: tuple[int, ...]
+    setup: Setup | None = None
+    module: str = ""
+    content: str = ""
+    kind: str = ""
+    run_case: Callable[[Case], Result]
+    collect: Callable[[list[Result]], Result]
+    table: Callable[[Result], list[str]]
+    report: Callable[[Result], str] | None = None
+
+    def result(self, rows: list[Result]) -> Result:
+        """`experiment`, `description`, `summary`, `paper` and `cases`, as JSON holds them."""
+        return {"experiment": self.name, "description": self.description, **self.collect(rows), "cases": rows}
+
+
+_LOADED: dict[str, Experiment] = {}
+
+
+def descriptions() -> dict[str, str]:
+    """What each experiment compares, in one line."""
+    return {name: str(_read(path)["study"]) for name, path in experiments().items()}
+
+
+def experiment(name: str) -> Experiment:
+    """An experiment of the catalogue, with its modules imported.
+
+    Raises:
+        StrideTwinError: The name is not one of `experiments`; the message lists the valid ones.
+    """
+    if name not in _LOADED:
+        if name not in experiments():
+            raise StrideTwinError(f"invalid experiment {name!r}: expected {', '.join(experiments())}")
+        _LOADED[name] = read_experiment(experiments()[name])
+    return _LOADED[name]
+
+
+def read_experiment(path: Path) -> Experiment:
+    """An experiment from its file, with its modules imported.
+
+    Raises:
+        ConfigError: The message names the file, the field, the value and what is valid.
+    """
+    data = _read(path)
+    file = validated(ExperimentFile, data, path)
+    has_walks = bool(file.scenarios or file.vary)
+    design = read_design(file, data, path, cross_faults=False) if has_walks else None
+    hook, tables = file.run, file.tables or file.run
+    run, tables_module = hook.load(), tables.load()
+    rows = getattr(tables_module, "rows", None)
+    return Experiment(
+        name=path.stem,
+        description=file.study,
+        seeds=file.seeds,
+        setup=None if design is None else Setup(design=design, sensors=file.sensors, faults=file.faults),
+        module=run.__name__,
+        content=repr({key: value for key, value in data.items() if key not in _OF_TABLES}),
+        kind=file.kind,
+        run_case=partial(run.run_case, **hook.arguments),
+        collect=partial(tables_module.collect, **tables.arguments),
+        table=partial(rows_table, file.title, file.columns, rows) if file.columns else tables_module.table,
+        report=getattr(file.report.load() if file.report else tables_module, "report", None),
+    )
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Plain data of an experiment's file; `like: NAME` adds the keys of another one beside it."""
+    data: dict[str, Any] = read_yaml(path)
+    parent = data.pop("like", None)
+    if parent is None:
+        return data
+    inherited = _read(experiments()[parent])
+    merged = {key: inherited[key] | data[key] for key in ("set", "vary") if key in inherited and key in data}
+    return inherited | data | merged
