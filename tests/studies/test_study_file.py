@@ -10,6 +10,7 @@ import yaml
 
 from stridetwin.batch.run import ROWS
 from stridetwin.cli.main import main
+from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.design import make_scenario
 from stridetwin.studies.study_file.results import collect_result, csv_text, table_rows
@@ -154,3 +155,65 @@ def test_the_example_takes_25_lines_and_is_the_one_in_the_documentation(tmp_path
 def test_options_of_built_in_experiments_are_refused(tmp_path, capsys):
     assert main(["experiment", str(write_study(tmp_path)), "--keep"]) == 2
     assert "command line: --keep: invalid True: expected none" in capsys.readouterr().err
+
+
+def turning_study(folder, **changes):
+    keys = {
+        "seeds": {"first": 10, "count": 12},
+        "vary": {
+            "speed": {"slow": {"gait.speed_mps": 0.8}, "fast": {"gait.speed_mps": 1.2}},
+            "group": {"i": {"person": "zhao_i_{member}"}, "ii": {"person": "zhao_ii_{member}"}},
+            "member": [1, 2, 3],
+            "side": ["head", "chest"],
+        },
+        "turns": {"group": {}, "member": {"every": 2}, "side": {"every": 6, "add": ["group"]}},
+        "set": {"sensors": ["foot_imu"], "camera_mount": "{side}"},
+        "faults": {},
+    }
+    return write_study(folder, **(keys | changes))
+
+
+def test_levels_take_turns_from_seed_to_seed(tmp_path):
+    study = read_study(turning_study(tmp_path))
+    assert study.seeds == tuple(range(10, 22))
+    assert [combination.labels for combination in study.combinations] == [{"speed": "slow"}, {"speed": "fast"}]
+    walks = [study.walks(seed)[1] for seed in study.seeds]
+    assert [walk.labels["group"] for walk in walks] == ["i", "ii"] * 6
+    assert [walk.labels["member"] for walk in walks] == [*"112233"] * 2
+    assert [walk.labels["side"] for walk in walks] == ["head", "chest"] * 3 + ["chest", "head"] * 3
+    config = make_scenario(study, walks[3], tmp_path).config
+    assert (config.person, config.rig_mount, config.gait.speed_mps) == (PEOPLE["zhao_ii_2"], "chest", 1.2)
+    later = Options(folder=tmp_path, first=15).of(study)  # other seeds take the turns that they have in the file
+    assert later.levels(15)["member"].name == "3"
+    header, first = csv_text(study, [fake_row(usual=0.1)] * 24).splitlines()[:2]
+    assert header == "group,member,side,speed,seed,method,score,value"
+    assert first.startswith("i,1,head,slow,10,usual,end_error_m,")
+
+
+def test_a_level_sets_the_whole_scenario(tmp_path):
+    vary = {"walk": {"straight": {"scenario": "level_20m"}, "stairs": {"scenario": "stairs_16", "gait.speed_mps": 1.0}}}
+    study = read_study(write_study(tmp_path, scenarios=[], vary=vary, faults={}))
+    configs = [make_scenario(study, combination, tmp_path).config for combination in study.combinations]
+    assert [(config.name, len(config.route.segments) > 1) for config in configs] == [("level_20m", 0), ("stairs_16", 1)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"turns": {"sped": {}}}, r"turns.sped: invalid 'sped': expected .*mean 'speed'"),
+        (
+            {"turns": {"group": {"add": ["member"]}, "member": {}}},
+            r"turns.group.add\[0\]: invalid 'member': expected ",
+        ),
+        ({"turns": {"group": {"every": 0}}}, r"turns.group.every: invalid 0: expected a whole number, 1-10000"),
+        ({"set": {"camera_mount": "{hat}"}}, "set.camera_mount: invalid '{hat}': expected names of factors .*: .*side"),
+        (
+            {"scenarios": []},
+            r"scenarios: invalid \[\]: expected one or more scenarios, or a factor",
+        ),
+        ({"seeds": {"first": 3}}, r"seeds.count: missing"),
+    ],
+)
+def test_an_error_of_turns_names_its_place(tmp_path, changes, message):
+    with pytest.raises(StrideTwinError, match=message):
+        run_study(read_study(turning_study(tmp_path, **changes)), Options(folder=tmp_path / "out"), silent)
