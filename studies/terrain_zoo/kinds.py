@@ -45,38 +45,6 @@ _BMI = (19.0, 30.0)
 _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """A kind in the catalogue.
-
-    Attributes:
-        words: Description, for tables.
-        make: From a random walk to one of this kind.
-        tuned: Whether parameters may be tuned on walks of this kind.
-    """
-
-    words: str
-    make: Kind
-    tuned: bool = True
-
-
-KINDS: dict[str, Entry] = {}
-
-
-def _kind(words: str, *, tuned: bool = True) -> Callable[[Kind], Kind]:
-    def add(make: Kind) -> Kind:
-        KINDS[make.__name__] = Entry(words=words, make=make, tuned=tuned)
-        return make
-
-    return add
-
-
-def drawn(name: str, seed: int) -> TwinConfig:
-    """The walk of a kind and a seed."""
-    rng = np.random.default_rng([seed, sum(name.encode())])
-    return replace(KINDS[name].make(anyone(rng), rng), name=name)
-
-
 def anyone(rng: Rng) -> TwinConfig:
     """Anyone on level ground: person, gait, camera and surroundings are drawn."""
     height_m = float(rng.uniform(1.52, 1.93))
@@ -114,10 +82,14 @@ def _ramp(rng: Rng, low_deg: float, high_deg: float, length_m: float = 4.0, *, d
     return Ramp(angle_rad=angle, rise_m=max(0.06, length_m * math.tan(angle)), down=down)
 
 
-def _ramps(config: TwinConfig, rng: Rng, low_deg: float, high_deg: float) -> TwinConfig:
+def _ramps(low_deg: float, high_deg: float) -> Kind:
     """Up, a landing, and down."""
-    up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
-    return _over(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
+
+    def make(config: TwinConfig, rng: Rng) -> TwinConfig:
+        up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
+        return _over(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
+
+    return make
 
 
 def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Stairs:
@@ -131,6 +103,11 @@ def _up_and_down(config: TwinConfig, rng: Rng, stair: Stairs) -> TwinConfig:
     return _over(config, stair, Level(length_m=float(rng.uniform(1.5, 2.5))), replace(stair, down=True))
 
 
+def _stairs(riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Kind:
+    """A stair up, a landing, and down."""
+    return lambda config, rng: _up_and_down(config, rng, _stair(rng, riser_mm, tread_mm, risers))
+
+
 def _usual_stair(rng: Rng) -> Stairs:
     return _stair(rng, (140, 190), (260, 320), (3, 5))
 
@@ -140,102 +117,52 @@ def _stair_and_ramp(config: TwinConfig, rng: Rng, low_deg: float = 4.0, high_deg
     return _over(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
 
 
-@_kind("level, 15 m straight")
-def level(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """As drawn."""
+def _camera(**changes: Any) -> Kind:
+    """A stair and a ramp, seen by a changed camera."""
+    return lambda config, rng: _stair_and_ramp(_seen_by(config, **changes), rng)
+
+
+def _as_drawn(config: TwinConfig, rng: Rng) -> TwinConfig:
+    """The random walk itself, on level ground."""
     del rng
     return config
 
 
-@_kind("ramps of 2-3.5°")
-def ramp_2_3(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Slopes near the threshold of a ramp."""
-    return _ramps(config, rng, 2.0, 3.5)
-
-
-@_kind("ramps of 3.5-6°")
-def ramp_3_6(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Slopes that wheelchairs need."""
-    return _ramps(config, rng, 3.5, 6.0)
-
-
-@_kind("ramps of 6-16°")
-def ramp_6_16(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Steep ramps."""
-    return _ramps(config, rng, 6.0, 16.0)
-
-
-@_kind("a ramp of 4-8° with a landing")
-def ramp_with_landing(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _ramp_with_landing(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Two ramps of one direction."""
     down = bool(rng.integers(2))
     first = _ramp(rng, 4.0, 8.0, 3.0, down=down)
     return _over(config, first, Level(length_m=float(rng.uniform(1.3, 2.0))), first)
 
 
-@_kind("a path with a cross slope of 1-4°")
-def cambered(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _cambered(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Level along, tilted across."""
     cross = math.radians(float(rng.choice([-1, 1]) * rng.uniform(1.0, 4.0)))
     segments = (Level(length_m=3.0), Level(length_m=5.0, cross_slope_rad=cross), Level(length_m=3.0))
     return replace(config, route=replace(config.route, segments=segments))
 
 
-@_kind("a ramp directly before or after a stair")
-def ramp_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _ramp_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Without a landing between them."""
     stair = replace(_usual_stair(rng), down=bool(rng.integers(2)))
     ramp = _ramp(rng, 4.0, 9.0, 3.0, down=bool(rng.integers(2)))
     return _over(config, *((ramp, stair) if rng.integers(2) else (stair, ramp)))
 
 
-@_kind("a ramp up directly followed by one down", tuned=False)
-def crest(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _crest(config: TwinConfig, rng: Rng) -> TwinConfig:
     """A crest or a dip between slopes."""
     up, down = (_ramp(rng, 4.0, 9.0, 3.5, down=way) for way in (False, True))
     return _over(config, *((up, down) if rng.integers(2) else (down, up)))
 
 
-@_kind("stairs of 100-220 mm")
-def stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Common and steep flights."""
-    return _up_and_down(config, rng, _stair(rng, (100, 220), (250, 350), (3, 6)))
-
-
-@_kind("stairs of 60-120 mm")
-def low_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Low and deep steps."""
-    return _up_and_down(config, rng, _stair(rng, (60, 120), (300, 450), (3, 6)))
-
-
-@_kind("stairs with treads of 400-600 mm")
-def deep_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Treads of one or two paces."""
-    return _up_and_down(config, rng, _stair(rng, (90, 160), (400, 600), (3, 4)))
-
-
-@_kind("uneven stairs")
-def uneven_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _uneven_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Every riser of its own height."""
     even = _usual_stair(rng)
     heights = tuple(float(h) for h in even.heights_m[0] + rng.uniform(-0.02, 0.02, even.risers))
     return _up_and_down(config, rng, replace(even, riser_m=heights))
 
 
-@_kind("a kerb of 80-150 mm")
-def kerb(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """One riser up, one down."""
-    return _up_and_down(config, rng, _stair(rng, (80, 150), (300, 300), (1, 1)))
-
-
-@_kind("thresholds of 20-45 mm")
-def threshold(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Rises that are no stair."""
-    return _up_and_down(config, rng, _stair(rng, (20, 45), (300, 300), (1, 1)))
-
-
-@_kind("a kerb, a gentle ramp, three steps down", tuned=False)
-def street(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _street(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Different ground within a few metres."""
     step = _stair(rng, (90, 140), (300, 300), (1, 1))
     steps = replace(_stair(rng, (130, 180), (280, 330), (3, 3)), down=True)
@@ -243,8 +170,7 @@ def street(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _over(config, step, landing, _ramp(rng, 3.5, 6.0, 3.0, down=False), landing, steps)
 
 
-@_kind("stairs step by step")
-def step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Both feet on each tread."""
     gait = replace(
         config.gait, stairs="step_by_step", leading_foot=str(rng.choice(["l", "r"])),
@@ -253,52 +179,45 @@ def step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _up_and_down(replace(config, gait=gait), rng, _stair(rng, (130, 190), (260, 330), (4, 6)))
 
 
-@_kind("stairs two at a time")
-def two_at_a_time(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _two_at_a_time(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Every second tread on the way up, by people whose legs are long enough for these stairs; each on the way down."""
     gait = replace(config.gait, stairs="two_at_a_time", speed_mps=float(rng.uniform(0.9, 1.5)))
     person = replace(config.person, height_m=float(rng.uniform(1.75, 1.95)))
     return _up_and_down(replace(config, gait=gait, person=person), rng, _stair(rng, (130, 165), (250, 290), (4, 8)))
 
 
-@_kind("a limp on stairs and a ramp")
-def limp(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _limp(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Steps of unequal length."""
     gait = replace(config.gait, asymmetry=float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.25)))
     return _stair_and_ramp(replace(config, gait=gait), rng, 4.0, 9.0)
 
 
-@_kind("shuffling over a ramp and a stair")
-def shuffle(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _shuffle(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Short flat steps."""
     gait = replace(config.gait, shuffle=float(rng.uniform(0.3, 0.8)), speed_mps=float(rng.uniform(0.5, 0.9)))
     ramp = _ramp(rng, 4.0, 7.0, 3.0, down=False)
     return _over(replace(config, gait=gait), ramp, Level(length_m=1.5), replace(_usual_stair(rng), down=True))
 
 
-@_kind("a stroll with pauses")
-def stroll(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _stroll(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Changing speed, and standing still anywhere."""
     gait = Gait.of_pattern("wander", gaze=config.gait.gaze)
     return _stair_and_ramp(replace(config, gait=gait), rng, 4.0, 9.0)
 
 
-@_kind("fast over stairs")
-def fast(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _fast(config: TwinConfig, rng: Rng) -> TwinConfig:
     """At 1.5 to 1.9 m/s."""
     gait = Gait.of_pattern("jog", gaze=config.gait.gaze, speed_mps=float(rng.uniform(1.5, 1.9)))
     return _up_and_down(replace(config, gait=gait), rng, _usual_stair(rng))
 
 
-@_kind("a turn just before a stair")
-def turn_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _turn_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The stair comes into view late."""
     turn = Turn(angle_rad=math.radians(float(rng.choice([-1, 1]) * rng.uniform(60, 100))), radius_m=1.2)
     return _over(config, turn, Level(length_m=float(rng.uniform(1.0, 2.0))), _usual_stair(rng))
 
 
-@_kind("stair, ramp and level side by side", tuned=False)
-def lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The way leads over one of three."""
     stair, ramp = _usual_stair(rng), _ramp(rng, 5.0, 10.0, 3.0, down=False)
     chains = ((stair,), (ramp,), (Level(length_m=3.0),))
@@ -307,66 +226,32 @@ def lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
     return _over(replace(config, route=replace(config.route, scenery="outdoor", width_m=1.2)), side_by_side)
 
 
-@_kind("a mount 2° off")
-def mount_off(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _mount_off(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The camera's nominal pose is wrong by 2° (standard deviation) about each axis, and 10 mm."""
     wrong = _seen_by(config, calibration_sd=replace(CALIBRATED, rotation_rad=math.radians(2.0), position_m=0.01))
     return _stair_and_ramp(wrong, rng)
 
 
-@_kind("camera D435")
-def d435(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Narrower, twice the noise, rolling shutter."""
-    return _stair_and_ramp(_seen_by(config, part=part("D435")), rng)
-
-
-@_kind("camera D435i, infrared", tuned=False)
-def d435i(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Global shutter and wide view."""
-    return _stair_and_ramp(_seen_by(config, part=part("D435i")), rng)
-
-
-@_kind("camera OAK-D", tuned=False)
-def oak_d(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Coarser steps of disparity."""
-    return _stair_and_ramp(_seen_by(config, part=part("OAK-D")), rng)
-
-
-@_kind("camera Azure Kinect", tuned=False)
-def azure_kinect(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Time of flight."""
-    return _stair_and_ramp(_seen_by(config, part=part("Azure-Kinect")), rng)
-
-
-@_kind("15 images per second", tuned=False)
-def slow_camera(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Half the usual rate."""
-    return _stair_and_ramp(_seen_by(config, rate_hz=15.0), rng)
-
-
-@_kind("white walls in dim light")
-def dim(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _dim(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Few points to track."""
     route = replace(config.route, texture="white", scenery="room", light=float(rng.uniform(0.5, 0.7)))
     return _up_and_down(replace(config, route=route), rng, _usual_stair(rng))
 
 
-@_kind("sunlight")
-def sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Noisy depth outdoors, with shadows."""
     route = replace(config.route, scenery="outdoor", light=float(rng.uniform(1.1, 1.3)))
     seen = _seen_by(replace(config, route=route), part=part("D455-sunlight"), shadows=True)
     return _stair_and_ramp(seen, rng, 3.5, 8.0)
 
 
-@_kind("people walking about")
-def crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Two to four of them."""
     route = replace(config.route, bystanders=int(rng.integers(2, 5)), width_m=2.4, scenery="outdoor")
     return _up_and_down(replace(config, route=route), rng, _usual_stair(rng))
 
 
-def _clutter(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
+def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
     """A table beside the way, a stripe and a shadow on it."""
     places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
     side = float(rng.choice([-1, 1]))
@@ -377,27 +262,24 @@ def _clutter(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
     )
 
 
-@_kind("a table, paint, a shadow, a wall at the end")
-def clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Level ground with things that resemble steps."""
     width_m = float(rng.uniform(2.0, 2.4))
     length_m = 9.0
-    things = (*_clutter(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
+    things = (*_scatter_things(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
     route = replace(config.route, segments=(Level(length_m=length_m),), things=things, width_m=width_m)
     return replace(config, route=replace(route, scenery="outdoor"))
 
 
-@_kind("clutter before a stair, bystanders", tuned=False)
-def cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """A real stair among things that resemble one."""
     width_m = float(rng.uniform(2.0, 2.4))
-    route = replace(config.route, things=_clutter(rng, 1.0, 5.0), width_m=width_m, bystanders=2)
+    route = replace(config.route, things=_scatter_things(rng, 1.0, 5.0), width_m=width_m, bystanders=2)
     config = replace(config, route=replace(route, scenery="outdoor"))
     return _over(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
 
 
-@_kind("chairs, crates, a black mat", tuned=False)
-def furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
     """A level way between furniture, over a mat that has no depth."""
     width_m = float(rng.uniform(2.0, 2.4))
     places = np.arange(1.5, 8.0, 1.3) + rng.uniform(0.0, 0.5, 5)
@@ -410,3 +292,64 @@ def furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
     return replace(
         config, route=replace(config.route, segments=segments, things=tuple(things), width_m=width_m, scenery="room")
     )
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A kind in the catalogue.
+
+    Attributes:
+        words: Description, for tables.
+        make: From a random walk to one of this kind.
+        tuned: Whether parameters may be tuned on walks of this kind.
+    """
+
+    words: str
+    make: Kind
+    tuned: bool = True
+
+
+KINDS = {
+    "level": Entry("level, 15 m straight", _as_drawn),
+    "ramp_2_3": Entry("ramps of 2-3.5°", _ramps(2.0, 3.5)),
+    "ramp_3_6": Entry("ramps of 3.5-6°", _ramps(3.5, 6.0)),
+    "ramp_6_16": Entry("ramps of 6-16°", _ramps(6.0, 16.0)),
+    "ramp_with_landing": Entry("a ramp of 4-8° with a landing", _ramp_with_landing),
+    "cambered": Entry("a path with a cross slope of 1-4°", _cambered),
+    "ramp_at_stair": Entry("a ramp directly before or after a stair", _ramp_at_stair),
+    "crest": Entry("a ramp up directly followed by one down", _crest, tuned=False),
+    "stair": Entry("stairs of 100-220 mm", _stairs((100, 220), (250, 350), (3, 6))),
+    "low_stair": Entry("stairs of 60-120 mm", _stairs((60, 120), (300, 450), (3, 6))),
+    "deep_stair": Entry("stairs with treads of 400-600 mm", _stairs((90, 160), (400, 600), (3, 4))),
+    "uneven_stair": Entry("uneven stairs", _uneven_stair),
+    "kerb": Entry("a kerb of 80-150 mm", _stairs((80, 150), (300, 300), (1, 1))),
+    "threshold": Entry("thresholds of 20-45 mm", _stairs((20, 45), (300, 300), (1, 1))),
+    "street": Entry("a kerb, a gentle ramp, three steps down", _street, tuned=False),
+    "step_by_step": Entry("stairs step by step", _step_by_step),
+    "two_at_a_time": Entry("stairs two at a time", _two_at_a_time),
+    "limp": Entry("a limp on stairs and a ramp", _limp),
+    "shuffle": Entry("shuffling over a ramp and a stair", _shuffle),
+    "stroll": Entry("a stroll with pauses", _stroll),
+    "fast": Entry("fast over stairs", _fast),
+    "turn_at_stair": Entry("a turn just before a stair", _turn_at_stair),
+    "lanes": Entry("stair, ramp and level side by side", _lanes, tuned=False),
+    "mount_off": Entry("a mount 2° off", _mount_off),
+    "d435": Entry("camera D435", _camera(part=part("D435"))),
+    "d435i": Entry("camera D435i, infrared", _camera(part=part("D435i")), tuned=False),
+    "oak_d": Entry("camera OAK-D", _camera(part=part("OAK-D")), tuned=False),
+    "azure_kinect": Entry("camera Azure Kinect", _camera(part=part("Azure-Kinect")), tuned=False),
+    "slow_camera": Entry("15 images per second", _camera(rate_hz=15.0), tuned=False),
+    "dim": Entry("white walls in dim light", _dim),
+    "sunlight": Entry("sunlight", _sunlight),
+    "crowd": Entry("people walking about", _crowd),
+    "clutter": Entry("a table, paint, a shadow, a wall at the end", _clutter),
+    "cluttered_stair": Entry("clutter before a stair, bystanders", _cluttered_stair, tuned=False),
+    "furniture": Entry("chairs, crates, a black mat", _furniture, tuned=False),
+}
+"""By name, in the order of the seeds."""
+
+
+def drawn(name: str, seed: int) -> TwinConfig:
+    """The walk of a kind and a seed."""
+    rng = np.random.default_rng([seed, sum(name.encode())])
+    return replace(KINDS[name].make(anyone(rng), rng), name=name)
