@@ -7,7 +7,6 @@ the initial poses of the feet.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,16 +15,16 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
-from stridetwin.outputs.alignment import vertical_rotation
-from stridetwin.outputs.path.scores import CHI2_3_95
+from stridetwin.outputs.alignment import Rigid, vertical_rotation
+from stridetwin.outputs.path.scores import CHI2_3_95, Comparison, compare, nees_position
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
-from stridetwin.streams.trajectory import Trajectory
 
 FEET = ("l", "r")
 PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
 METHODS = (*PUBLISHED, "proposed")
+_NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))
 _TURNED = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
 Paths = dict[str, FootInsPath]
@@ -121,54 +120,41 @@ def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
         truth's time before the last estimate, where the end is scored. `feet_disagree_{rms,max}_m`: error of the
         right IMU's position relative to the left one, in the left one's heading.
     """
-    laid = {f: _laid(paths[f].trajectory, truth[f]) for f in FEET}
+    in_world = {f: compare(paths[f].trajectory, truth[f], transform=_NOT_ALIGNED) for f in FEET}
     result: dict[str, list[Any]] = {}
-    for foot, (estimate, true) in laid.items():
-        assert estimate.covariance is not None
-        whole = truth[foot].t_ns
-        error = estimate.p_frame_in_world - true.p_frame_in_world
-        P = estimate.covariance[:, :3, :3] + 1e-12 * np.eye(3)
-        nees = np.einsum("ni,ni->n", error, np.linalg.solve(P, error[..., None])[..., 0])
-        way = float(np.linalg.norm(np.diff(true.p_frame_in_world[:, :2], axis=0), axis=1).sum())
+    for foot, compared in in_world.items():
+        nees, end_m = nees_position(compared), compared.error_m[-1]
+        ahead_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
+        whole, last = truth[foot].t_ns, compared.truth.t_ns[-1]
         values = {
-            "end_error_m": error[-1].tolist(),
-            "end_error_pct": 100.0 * float(np.linalg.norm(error[-1, :2])) / way,
+            "end_error_m": end_m.tolist(),
+            "end_error_pct": 100.0 * float(np.linalg.norm(end_m[:2]) / ahead_m),
             "end_nees": float(nees[-1]),
             "nees_mean": float(nees.mean()),
             "nees_within_95_pct": 100.0 * float(np.mean(nees <= CHI2_3_95)),
-            "coverage_pct": 100.0 * float((true.t_ns[-1] - whole[0]) / (whole[-1] - whole[0])),
+            "coverage_pct": 100.0 * float((last - whole[0]) / (whole[-1] - whole[0])),
         }
         for name, value in values.items():
             result.setdefault(name, []).append(value)
-    apart = feet_disagree(laid)
+    apart = feet_disagree(in_world)
     return result | {
         "feet_disagree_rms_m": float(np.sqrt(np.mean(apart**2))),
         "feet_disagree_max_m": float(apart.max()),
     }
 
 
-def _laid(estimate: Trajectory, true: TruePath) -> tuple[Trajectory, Trajectory]:
-    """The estimate within the truth's span, and the truth at its stamps."""
-    inside = (estimate.t_ns >= true.t_ns[0]) & (estimate.t_ns <= true.t_ns[-1])
-    assert estimate.covariance is not None
-    kept = replace(
-        estimate,
-        t_ns=estimate.t_ns[inside],
-        p_frame_in_world=estimate.p_frame_in_world[inside],
-        q_world_frame=estimate.q_world_frame[inside],
-        covariance=estimate.covariance[inside],
-    )
-    return kept, true.at(kept.t_ns)
-
-
-def feet_disagree(laid: Mapping[str, tuple[Trajectory, Trajectory]]) -> Array:
+def feet_disagree(in_world: Mapping[str, Comparison]) -> Array:
     """(K,) m, error of the right IMU's position relative to the left one, at common stamps.
 
     Both are rotated about the vertical so that the left one's heading is correct, because a common heading drift is no
     disagreement of the feet.
     """
-    _, *rows = np.intersect1d(laid["l"][0].t_ns, laid["r"][0].t_ns, return_indices=True)
-    apart = [laid["r"][i].p_frame_in_world[rows[1]] - laid["l"][i].p_frame_in_world[rows[0]] for i in range(2)]
-    q = [Rotation.from_quat(laid["l"][i].q_world_frame[rows[0]], scalar_first=True) for i in range(2)]
-    turn = vertical_rotation((q[1] * q[0].inv()).as_matrix())
-    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", turn, apart[0]) - apart[1], axis=1))
+    left, right = in_world["l"], in_world["r"]
+    _, i, k = np.intersect1d(left.estimate.t_ns, right.estimate.t_ns, return_indices=True)
+    estimated = right.estimate.p_frame_in_world[k] - left.estimate.p_frame_in_world[i]
+    true = right.truth.p_frame_in_world[k] - left.truth.p_frame_in_world[i]
+    q_est, q_true = (
+        Rotation.from_quat(path.q_world_frame[i], scalar_first=True) for path in (left.estimate, left.truth)
+    )
+    turn = vertical_rotation((q_true * q_est.inv()).as_matrix())
+    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", turn, estimated) - true, axis=1))
