@@ -22,9 +22,9 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1.reader import Compression, Header, decompressors
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.errors import RecordingError, StrideTwinError, unreadable
 from stridetwin.streams.formats.bag import Channel
-from stridetwin.streams.recording.index import Notes, Problem, unreadable
+from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import (
     LARGEST_CHUNK,
     CutOffError,

@@ -25,7 +25,7 @@ from stridetwin.streams.formats.image_files import read_image_list
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
 from stridetwin.streams.kalibr import ImuNoise
 from stridetwin.streams.recording.imported import ImageStream, Source
-from stridetwin.streams.recording.index import Notes, unreadable
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
 from stridetwin.streams.validation import validated
@@ -191,12 +191,8 @@ def _sensor(folder: Path, kind: type[S]) -> S | None:
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
-    try:
-        text = read_text(file, LARGEST_SETTING)
-    except (OSError, UnicodeDecodeError) as error:
-        raise unreadable(file, error) from error
     # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
-    text = re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"!!opencv-matrix|^%.*$", "", read_text(file, LARGEST_SETTING), flags=re.MULTILINE)
     return validated(kind, parse_yaml(text, str(file)), file)
 
 

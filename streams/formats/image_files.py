@@ -16,7 +16,7 @@ from stridetwin.streams.bounded_images import LARGEST_IMAGE, MOST_PIXELS, decode
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
 from stridetwin.streams.recording.imported import ImageStream
-from stridetwin.streams.recording.index import Notes, unreadable
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_images import rgb_from_bgr
 from stridetwin.streams.rig import CameraCalibration
@@ -79,12 +79,10 @@ def png_is_sound(data: bytes) -> bool:
 
 
 def _pixels(path: Path) -> NDArray[Any]:
+    data = read_bytes(path, LARGEST_IMAGE)
     try:
-        data = read_bytes(path, LARGEST_IMAGE)
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
         pixels = decode_image(data) if sound else None
-    except OSError as error:
-        raise unreadable(path, error) from error
     except ValueError as error:
         raise ConfigError(
             path, "", f"a damaged image: {error}", f"a PNG or JPEG of up to {MOST_PIXELS} pixels"
@@ -130,7 +128,7 @@ def read_image_list(
         try:
             name = (separator or " ").join(row.words[1:])
             path = _listed(file, folder, row.line, name)
-            t_ns = row_stamp(file, row, stamp)
+            t_ns = row_stamp(file, row.line, row.words[0], stamp)
         except ConfigError as error:
             notes.invalid(error)
             continue

@@ -81,7 +81,7 @@ def _is_raw_iphone(file: Path) -> bool:
     """Whether Sensor Logger's metadata name an iPhone whose frames are not those of Android."""
     try:
         rows = list(csv.reader(lines(file, "utf-8-sig")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except csv.Error as error:
         raise StrideTwinError(f"{file}: cannot be read: {error}") from error
     row = dict(zip(*rows[:2])) if len(rows) > 1 else {}
     return row.get("platform", "").lower() == "ios" and row.get("standardisation", "").lower() != "true"

@@ -85,13 +85,13 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
         StrideTwinError: The table cannot be read, or lacks stamps, an axis or a unit; names file and column.
     """
     quantity = quantity_of(path.stem) if quantity is None else quantity
+    text = lines(path, "utf-8-sig")
+    if path.suffix == ".sto":
+        return _vectors(path, text, quantity)
     try:
-        text = lines(path, "utf-8-sig")
-        return (
-            _vectors(path, text, quantity) if path.suffix == ".sto" else _scalars(path, text, request, notes, quantity)
-        )
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        return _scalars(path, text, request, notes, quantity)
+    except csv.Error as error:
+        raise StrideTwinError(f"{path}: cannot be read: {error}") from error
 
 
 def _scalars(path: Path, text: Iterator[str], request: TableRequest, notes: Notes, quantity: str) -> list[Part]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, unreadable
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
@@ -28,7 +28,7 @@ from stridetwin.streams.formats.stray_scanner import is_stray_scanner, read_stra
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recording.imported import ImportedContents, Source
-from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration, unreadable
+from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME

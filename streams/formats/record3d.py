@@ -21,7 +21,7 @@ from stridetwin.streams.fields import Count, Number, Positive
 from stridetwin.streams.formats.arkit import COLOR, DEPTH, arkit_path, path_topic, scanner_rig
 from stridetwin.streams.formats.image_files import image_stream
 from stridetwin.streams.recording.imported import ImageStream, Source
-from stridetwin.streams.recording.index import Notes, unreadable
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Block, Depth
 from stridetwin.streams.validation import validated
 
@@ -63,8 +63,8 @@ def read_record3d(path: Path, notes: Notes) -> Source:
     file = next(path / name for name in _METADATA if (path / name).is_file())
     try:
         content = json.loads(read_text(file, LARGEST_TEXT))
-    except (OSError, ValueError) as error:
-        raise unreadable(file, error) if isinstance(error, OSError) else StrideTwinError(f"{file}: {error}") from error
+    except ValueError as error:
+        raise StrideTwinError(f"{file}: {error}") from error
     known = validated(_Metadata, content, file)
     count = len(known.poses)
     given = known.frameTimestamps if len(known.frameTimestamps) == count else []
@@ -111,10 +111,7 @@ def _depth(stamps: list[int], files: list[Path], shape: tuple[int, int]) -> Imag
 def _depth_of(file: Path, shape: tuple[int, int]) -> Any:
     """(H, W) m of a file of float32, compressed or not."""
     size = 4 * shape[0] * shape[1]
-    try:
-        data = read_bytes(file, size + 4096)
-    except OSError as error:
-        raise unreadable(file, error) from error
+    data = read_bytes(file, size + 4096)
     if data.startswith(_LZFSE):
         with needing(f"{file}: depth compressed with LZFSE", "record3d"):
             import lzfse

@@ -56,16 +56,13 @@ def read_tum(path: str | Path) -> Trajectory:
     """
     stamps: list[int] = []
     rows: list[list[float]] = []
-    try:
-        for number, line in enumerate(lines(Path(path)), 1):
-            words = line.partition("#")[0].replace(",", " ").split()
-            if words:
-                rows.append(_row(path, number, words))
-                stamps.append(_stamp(path, number, words[0]))
-                if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
-                    raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    for number, line in enumerate(lines(Path(path)), 1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if words:
+            rows.append(_row(path, number, words))
+            stamps.append(_stamp(path, number, words[0]))
+            if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
+                raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
     if not rows:
         raise StrideTwinError(f"{path}: no pose: expected rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)

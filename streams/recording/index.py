@@ -310,11 +310,6 @@ def _copy(block: Block[Any]) -> Block[Any]:
     return replace(block, t_ns=block.t_ns.copy(), columns=columns)
 
 
-def unreadable(path: Path, error: Exception) -> StrideTwinError:
-    """The error for a file that cannot be read, in one line."""
-    return StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}")
-
-
 def is_ours(path: Path, if_damaged: bool) -> bool:
     """Whether an MCAP file begins like our recordings; `if_damaged` for one that cannot be read that far."""
     try:
