@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, unreadable
-from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
+from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag import Bag, read_bag, side_of
@@ -20,21 +20,17 @@ from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, 
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridged
-from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
-from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest
-from stridetwin.streams.formats.record3d import is_record3d, read_record3d
-from stridetwin.streams.formats.stray_scanner import is_stray_scanner, read_stray_scanner
+from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, implausible_imu, implausible_rates
 from stridetwin.streams.recording.imported import ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
-from stridetwin.streams.recording.topic_reader import finite, increasing
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, increasing
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -47,20 +43,20 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "euroc": lambda path: euroc.euroc_root(path) is not None,
     "tum": tum_rgbd.is_tum_rgbd,
     "7scenes": lambda path: seven_scenes.frames_folder(path) is not None,
-    "strayscanner": is_stray_scanner,
-    "record3d": is_record3d,
+    "strayscanner": iphone.is_stray_scanner,
+    "record3d": iphone.is_record3d,
     "table": is_imu_folder,
 }
 """Whether a folder has the layout of each kind."""
 _READERS: Mapping[str, Callable[[Path, Notes], Source]] = {
     "euroc": euroc.read_euroc,
-    "record3d": read_record3d,
+    "record3d": iphone.read_record3d,
     "vrs": read_aria_vrs,
 }
 _READERS_WITH_DEPTH_SCALE: Mapping[str, Callable[..., Source]] = {
     "tum": tum_rgbd.read_tum_rgbd,
     "7scenes": seven_scenes.read_seven_scenes,
-    "strayscanner": read_stray_scanner,
+    "strayscanner": iphone.read_stray_scanner,
 }
 _EVENTS = (Footprint, Point)  # irregular events
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
@@ -287,7 +283,7 @@ def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) 
 
 
 def _bridged(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
-    return bridged(topic, block, notes) if block.kind in (Imu, Accelerometer) and finite(block).all() else block
+    return bridged(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
 
 
 def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
@@ -337,23 +333,18 @@ def _check_plausible(source: Source, notes: Notes) -> None:
         if block.kind in (Imu, Accelerometer):
             _check_inertial(topic, block, notes)
     for topic, images in source.images.items():
-        rising = images.t_ns[increasing(images.t_ns, -1)]
+        rising = images.t_ns[increasing(images.t_ns)]
         if len(rising) >= _FEWEST:
             for found in implausible_rates(rising, IMAGE_RATES_HZ):
                 notes.problem(Problem(topic, int(rising[0]), str(found)))
 
 
 def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
-    keep = increasing(block.t_ns, -1) & finite(block)
-    t_ns = block.t_ns[keep]
-    if len(t_ns) < _FEWEST:
+    block = block[increasing(block.t_ns) & block.finite]
+    if len(block) < _FEWEST:
         return
-    columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
-    for found in (
-        *implausible_rates(t_ns, IMU_RATES_HZ),
-        *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
-    ):
-        notes.problem(Problem(topic, int(t_ns[0]), str(found)))
+    for found in implausible_imu(block):
+        notes.problem(Problem(topic, int(block.t_ns[0]), str(found)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:

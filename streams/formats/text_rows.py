@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Stamps
 
 LONGEST_STAMP = 19
 
@@ -57,7 +56,7 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
 
 def numbers(
     path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
-) -> tuple[NDArray[np.int64], Array]:
+) -> tuple[Stamps, Array]:
     """Stamps (N,) ns from the first word of each row, and the columns (N, K).
 
     Args:
@@ -99,6 +98,37 @@ def row_stamp(path: Path, line: int, word: str, stamp: Callable[[str], int]) -> 
         return stamp(word)
     except ValueError as error:
         raise ConfigError(path, f"line {line}, time stamp", word, str(error)) from None
+
+
+def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -> Array:
+    """The square matrix of numbers that a file consists of.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is no such matrix; the message says what is `valid`.
+    """
+    _, rows = read_text_rows(path, separator)
+    try:
+        matrix = np.array([[float(word) for word in row.words] for row in rows])
+    except ValueError:
+        matrix = np.zeros(0)
+    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+        raise ConfigError(
+            path, "matrix", [row.text for row in rows[:size]], valid or f"{size} rows of {size} finite numbers"
+        )
+    return matrix
+
+
+def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float, float, float]:
+    """The intrinsics (fu, fv, pu, pv), pixels, of a camera matrix.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is no such matrix.
+    """
+    valid = "fx 0 cx / 0 fy cy / 0 0 1 in pixels, focal lengths above 0"
+    K = read_matrix(path, separator, 3, valid)
+    if min(K[0, 0], K[1, 1]) <= 0:
+        raise ConfigError(path, "matrix", K.tolist(), valid)
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
 
 
 def integer_nanoseconds(word: str) -> int:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
@@ -28,7 +27,7 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
-from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
+from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Stamps
 from stridetwin.streams.trajectory import Trajectory
 
 PER_METRE = 5000.0
@@ -92,7 +91,7 @@ def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
     return blocks
 
 
-def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[NDArray[np.int64], Array]:
+def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Stamps, Array]:
     """Stamps (N,) ns and (N, K) columns of a file, by the names in its header, or in this order after the stamp."""
     header, rows = read_text_rows(file, None)
     named = all(name in header for name in names)

@@ -14,7 +14,7 @@ from stridetwin.streams.recording.mcap_scan import DamagedError, Messages
 from stridetwin.streams.recording.ros_images import IMAGES, image_kind, read_image_message
 from stridetwin.streams.recording.ros_samples import SMALL, Small, small_for, stamps
 from stridetwin.streams.recording.ros_types import typestore_for
-from stridetwin.streams.samples import Block, Depth, Image, Sample
+from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
 
 READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
 
@@ -44,7 +44,7 @@ class TopicReader:
         """Whether the topic carries images, which are decoded one at a time."""
         return self.typename in IMAGES
 
-    def times(self, messages: Messages) -> NDArray[np.int64]:
+    def times(self, messages: Messages) -> Stamps:
         """(N,) stamps of images, without decoding them."""
         if self.kind is None:
             self.kind = self.image_kind(messages.payload(0))
@@ -96,7 +96,7 @@ class TopicReader:
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
-    def _decode(self, layout: Layout, rows: NDArray[np.void], log_time: NDArray[np.int64]) -> Block[Any]:
+    def _decode(self, layout: Layout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
         small = self._small = self._small or small_for(self.typename, rows[:1])
         self.kind = small.kind
         try:
@@ -130,29 +130,6 @@ def concatenated(blocks: list[Block[Any]]) -> Block[Any]:
         columns={name: np.concatenate([b.columns[name] for b in blocks]) for name in first.columns},
         constants=first.constants,
     )
-
-
-def selected(block: Block[Any], keep: NDArray[np.bool_]) -> Block[Any]:
-    """The rows of a block selected by a mask (N,)."""
-    if keep.all():
-        return block
-    columns = {name: values[keep] for name, values in block.columns.items()}
-    return Block(topic=block.topic, kind=block.kind, t_ns=block.t_ns[keep], columns=columns, constants=block.constants)
-
-
-def finite(block: Block[Any]) -> NDArray[np.bool_]:
-    """(N,) whether every number of a sample is finite."""
-    keep = np.ones(len(block), bool)
-    for values in block.columns.values():
-        if values.dtype.kind == "f":
-            keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    return keep
-
-
-def increasing(t_ns: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
-    """(N,) whether each stamp is after every previous stamp, and after `last`."""
-    before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
-    return np.asarray(t_ns > before)
 
 
 def header_stamp(payload: bytes) -> int:
