@@ -241,6 +241,8 @@ class Footprint(Sample):
 
 
 S = TypeVar("S", bound=Sample)
+LATEST_NS = 2**31 * 1_000_000_000
+"""Stamps are below this; those of the ROS messages that hold them end there."""
 
 
 def copy_sample(sample: S) -> S:

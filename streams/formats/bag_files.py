@@ -55,14 +55,9 @@ class McapBag:
             schemas: dict[int, records.Schema] = {}
             unpacking = Unpacking(path)
             for opcode, _, body in self._records(path):
-                found: list[Any] = []
-                if opcode == Opcode.CHUNK:
-                    found, _ = self._chunk(path, body, unpacking)
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    unpacking.took(0, 1)
-                    found = [parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body)]
-                for record in found:
-                    self._register(i, record, schemas, channels)
+                if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
+                    for record in self._contents(path, opcode, body, unpacking)[0]:
+                        self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
@@ -71,7 +66,7 @@ class McapBag:
             unpacking = Unpacking(path)
             for opcode, offset, body in self._records(path):
                 if opcode == Opcode.CHUNK:
-                    _, by_channel = self._chunk(path, body, unpacking)
+                    _, by_channel = self._contents(path, opcode, body, unpacking)
                     for channel, found in by_channel.items():
                         topic = self._topics[i].get(channel, "")
                         if topic in topics:
@@ -103,17 +98,14 @@ class McapBag:
         except OSError as error:
             raise unreadable(path, error) from error
         except DamagedError as error:
-            if "no MCAP" in str(error):
-                raise RecordingError(f"{path}: {error}") from error
             cut = "; the part before can be read" if isinstance(error, CutOffError) else ""
             self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
-    def _chunk(self, path: Path, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
+    def _contents(self, path: Path, opcode: int, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
         try:
-            chunk = parse(records.Chunk, body)
-            if not chunk.uncompressed_crc:
+            if opcode == Opcode.CHUNK and not parse(records.Chunk, body).uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
-            return unpacking.contents(chunk)
+            return unpacking.contents(opcode, body)
         except DamagedError as error:
             self._notes.problem(Problem("", None, f"{path.name}: {error}"))
             return [], {}

@@ -48,16 +48,15 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "table": is_imu_folder,
 }
 """Whether a folder has the layout of each kind."""
-_READERS: Mapping[str, Callable[[Path, Notes], Source]] = {
+_READERS: Mapping[str, Callable[..., Source]] = {
     "euroc": euroc.read_euroc,
-    "record3d": iphone.read_record3d,
-    "vrs": read_aria_vrs,
-}
-_READERS_WITH_DEPTH_SCALE: Mapping[str, Callable[..., Source]] = {
     "tum": tum_rgbd.read_tum_rgbd,
     "7scenes": seven_scenes.read_seven_scenes,
     "strayscanner": iphone.read_stray_scanner,
+    "record3d": iphone.read_record3d,
+    "vrs": read_aria_vrs,
 }
+_WITH_DEPTH_SCALE = ("tum", "7scenes", "strayscanner")
 _EVENTS = (Footprint, Point)  # irregular events
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
@@ -200,10 +199,8 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
         blocks: dict[str, Block[Any]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind in _READERS:
-        return _READERS[kind](path, notes)
-    if kind in _READERS_WITH_DEPTH_SCALE:
-        scale = {"per_metre": options.depth_scale} if options.depth_scale else {}
-        return _READERS_WITH_DEPTH_SCALE[kind](path, notes, **scale)
+        has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
+        return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
     return read_bag(_bag(path, kind, notes), kind, notes)
 
 
@@ -352,18 +349,18 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
 
     If two streams do not overlap, one has another epoch or unit; if one is short, part of it may be missing.
     """
-    longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
-    span = longest[1].last_ns - longest[1].first_ns
+    name, longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
     for topic, info in contents.topics.items():
-        late, early = info.first_ns - longest[1].first_ns, longest[1].last_ns - info.last_ns
-        slack = _SHORT * span + 2 * (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        late, early = info.first_ns - longest.first_ns, longest.last_ns - info.last_ns
+        period = (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        slack = _SHORT * (longest.last_ns - longest.first_ns) + 2 * period
         if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
             notes.warn(
                 f"{topic}: covers {info.first_ns * 1e-9:.3f} to {info.last_ns * 1e-9:.3f} s alone, "
-                f"{longest[0]} {longest[1].first_ns * 1e-9:.3f} to {longest[1].last_ns * 1e-9:.3f} s"
+                f"{name} {longest.first_ns * 1e-9:.3f} to {longest.last_ns * 1e-9:.3f} s"
             )
-        if info.last_ns < longest[1].first_ns or info.first_ns > longest[1].last_ns:
-            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest[1].first_ns else "begins only here"
-            other = f"{longest[1].first_ns * 1e-9:.6f} to {longest[1].last_ns * 1e-9:.6f} s"
-            words = f"{what}, where {longest[0]} runs from {other}: expected stamps of one clock"
+        if info.last_ns < longest.first_ns or info.first_ns > longest.last_ns:
+            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest.first_ns else "begins only here"
+            other = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
+            words = f"{what}, where {name} runs from {other}: expected stamps of one clock"
             notes.problem(Problem(topic, info.first_ns, words))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,6 +86,14 @@ def numbers(
     if not table:
         notes.invalid(ConfigError(path, "rows", 0, "at least one that is valid"))
     return np.array(stamps), np.array(table).reshape(len(stamps), len(columns))
+
+
+def write_text_rows(path: Path, header: str, separator: str, stamps: Iterable[object], table: Array) -> None:
+    """Writes a line of header, and a row of a stamp and K exact numbers for each of the N stamps and rows (N, K)."""
+    with path.open("w", encoding="ascii") as file:
+        file.write(f"{header}\n")
+        for t, row in zip(stamps, table.tolist()):
+            file.write(separator.join([str(t), *map(repr, row)]) + "\n")
 
 
 def row_stamp(path: Path, line: int, word: str, stamp: Callable[[str], int]) -> int:

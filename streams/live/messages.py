@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from stridetwin.streams.bounded_images import check_pixels, image_size
-from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import Layout, layout_of
@@ -197,10 +196,7 @@ class LiveRecorder:
         self._infos = CameraInfos(Rig())
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
-        try:
-            self._file = McapWriter(partial_path(path))
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
+        self._file = McapWriter(path)
         self._file.metadata(VERSION_RECORD, version_metadata())
 
     def __enter__(self) -> Self:
@@ -209,10 +205,10 @@ class LiveRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.finish()
         if self.count:
-            os.replace(partial_path(self.path), self.path)
+            self._file.finish()
         else:
+            self._file.abandon()
             partial_path(self.path).unlink()
 
     def know(self, rig: Rig, metadata: Mapping[str, str]) -> None:

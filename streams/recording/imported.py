@@ -13,9 +13,7 @@ import numpy as np
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_problems
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Depth, Image, Mask, Sample, Stamps, increasing
-
-LATEST_NS = 2**31 * 1_000_000_000
+from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, increasing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

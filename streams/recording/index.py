@@ -202,8 +202,6 @@ class RecordingIndex:
         except CutOffError as error:
             self.notes.problem(Problem("", None, f"{error}; {self._until()}"))
         except DamagedError as error:
-            if "no MCAP" in str(error):
-                raise RecordingError(f"{self.path}: {error}") from error
             self.notes.problem(Problem("", None, str(error)))
 
     def _until(self) -> str:
@@ -211,8 +209,8 @@ class RecordingIndex:
         return "there is no sample before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
 
     def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
-        if opcode == Opcode.CHUNK:
-            found, messages = self._unpacking.contents(parse(records.Chunk, body))
+        if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
+            found, messages = self._unpacking.contents(opcode, body)
             for record in found:
                 self._register(record)
             self._index_chunk(offset, messages)
@@ -224,9 +222,6 @@ class RecordingIndex:
                 self.schema_version = read_version(metadata.metadata, self.path)
             elif metadata.name == METADATA_NAME:
                 self.metadata.update(metadata.metadata)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            self._unpacking.took(0, 1)
-            self._register(parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body))
         elif opcode == Opcode.MESSAGE:
             raise RecordingError(f"{self.path}: messages outside chunks are not read: expected chunked MCAP")
 
@@ -316,7 +311,7 @@ def is_ours(path: Path, if_damaged: bool) -> bool:
                 return True
             if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
                 return False
-    except (DamagedError, OSError):
+    except (DamagedError, RecordingError, OSError):
         return if_damaged
     return False
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.serde import SerdeError
 
 from stridetwin.streams.recording.cdr import Layout, layout_of
 from stridetwin.streams.recording.mcap_scan import DamagedError, Messages
@@ -57,10 +56,7 @@ class TopicReader:
         Raises:
             ValueError: The message cannot be decoded.
         """
-        try:
-            return image_kind(payload, self.typename, self._store)
-        except SerdeError as error:
-            raise ValueError(str(error)) from error
+        return image_kind(payload, self.typename, self._store)
 
     def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
         """One image, of this topic or (if an import renames it) of another.
@@ -68,10 +64,7 @@ class TopicReader:
         Raises:
             ValueError: The message cannot be decoded.
         """
-        try:
-            return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
-        except SerdeError as error:
-            raise ValueError(str(error)) from error
+        return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
 
     def block(self, messages: Messages) -> Block[Any]:
         """All messages as one block, with unchecked stamps.
@@ -103,13 +96,12 @@ class TopicReader:
             columns = small.read(rows)
         except (IndexError, KeyError) as error:
             raise ValueError(f"{self.typename} with an invalid value: {error}") from error
-        constants = small.constants(layout)
         return Block(
             topic=self.topic,
             kind=small.kind,
             t_ns=stamps(rows, log_time),
             columns=columns,
-            constants=constants,
+            constants=small.constants(layout),
         )
 
 
