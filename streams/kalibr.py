@@ -183,13 +183,8 @@ class _OwnCamera(FileModel):
     readout_s: NotNegative = 0.0
 
 
-_OwnImu: Any = create_model(
-    "_OwnImu",
-    __base__=FileModel,
-    part=(str, ""),
-    mount=(_Mount, ...),
-    **{name: (NotNegative, 0.0) for name in _BEYOND_NOISE},
-)
+_more: dict[str, Any] = {name: (NotNegative, 0.0) for name in _BEYOND_NOISE}
+_OwnImu = create_model("_OwnImu", __base__=FileModel, part=(str, ""), mount=(_Mount, ...), **_more)
 
 
 class _Board(FileModel):

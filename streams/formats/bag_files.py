@@ -8,7 +8,7 @@ import sqlite3
 import struct
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -321,33 +321,28 @@ def _close(reader: Any) -> None:
     reader.close()
 
 
+def _database(path: Path) -> closing[sqlite3.Connection]:
+    return closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True))
+
+
 def check_tables(path: Path) -> None:
     """Rejects an SQLite file with more than tables of plain columns: other objects can generate rows without data.
 
     Raises:
         RecordingError: The file has other objects.
     """
-    with suppress(sqlite3.Error):  # damaged files are reported by `sqlite_is_sound`
-        connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
-        try:
-            kinds = connection.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(
-                1000
-            )
-            for name, kind, text in kinds:
-                columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
-                if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
-                    raise RecordingError(f"{path}: invalid {kind} {name[:60]!r}: expected tables of plain columns")
-        finally:
-            connection.close()
+    with suppress(sqlite3.Error), _database(path) as database:  # damaged files are reported by `sqlite_is_sound`
+        kinds = database.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(1000)
+        for name, kind, text in kinds:
+            columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
+            if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
+                raise RecordingError(f"{path}: invalid {kind} {name[:60]!r}: expected tables of plain columns")
 
 
 def sqlite_is_sound(path: Path) -> bool:
     """Whether SQLite's own check of the file's structure passes; there is no checksum of the row data."""
     try:
-        connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
-        try:
-            return bool(connection.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
-        finally:
-            connection.close()
+        with _database(path) as database:
+            return bool(database.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
     except sqlite3.Error:
         return False

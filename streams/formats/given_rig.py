@@ -123,7 +123,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     Returns:
         The rig, and the file's names of sensors that match no stream; these are omitted.
     """
-    imus, cameras, others = (_by_number(t) for t in (rig.imus, rig.cameras, rig.others))
+    imus, cameras, others = (list(enumerate(t.values())) for t in (rig.imus, rig.cameras, rig.others))
     found: dict[str, str] = {}
     for stem, items in (("imu", imus), ("cam", cameras), ("", others)):
         for i, item in items:
@@ -170,10 +170,6 @@ def report_unmatched(file: Path, rig: Rig, left: Iterable[str], streams: Streams
         notes.invalid(ConfigError(file, "rostopic", ", ".join(left), valid))
     elif left:
         notes.warn(f"{file}: {', '.join(left)}: no stream of this name; its calibration is not used")
-
-
-def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
-    return list(enumerate(items.values()))
 
 
 def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:

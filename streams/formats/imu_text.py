@@ -28,7 +28,6 @@ from stridetwin.streams.formats.imu_columns import (
     TIME,
     UNITS,
     Columns,
-    Signal,
     columns_of,
     mapped_columns,
     missing_axis,
@@ -147,13 +146,10 @@ def _scalars(path: Path, text: Iterator[str], request: TableRequest, notes: Note
     else:
         there = ", ".join(header) or "none"
         raise ConfigError(path, "t", None, f"a column of time; the table has {there}; without one: {RATE} HZ")
-    return _parts(path, columns.signals, t, table[:, len(at) :])
-
-
-def _parts(path: Path, signals: Sequence[Signal], t: Array, values: Array) -> list[Part]:
+    values = table[:, len(at) :]
     return [
         Part(file=path, sensor=s.sensor, quantity=s.quantity, t=t, values=s.factor * values[:, 3 * k : 3 * k + 3])
-        for k, s in enumerate(signals)
+        for k, s in enumerate(columns.signals)
     ]
 
 

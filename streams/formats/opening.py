@@ -328,20 +328,13 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     """Rejects implausible units and rates, which would silently corrupt an estimate."""
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
-            _check_inertial(topic, block, notes)
+            sound = block[increasing(block.t_ns) & block.finite]
+            for found in implausible_imu(sound) if len(sound) >= _FEWEST else ():
+                notes.problem(Problem(topic, int(sound.t_ns[0]), str(found)))
     for topic, images in source.images.items():
         rising = images.t_ns[increasing(images.t_ns)]
-        if len(rising) >= _FEWEST:
-            for found in implausible_rates(rising, IMAGE_RATES_HZ):
-                notes.problem(Problem(topic, int(rising[0]), str(found)))
-
-
-def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
-    block = block[increasing(block.t_ns) & block.finite]
-    if len(block) < _FEWEST:
-        return
-    for found in implausible_imu(block):
-        notes.problem(Problem(topic, int(block.t_ns[0]), str(found)))
+        for found in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+            notes.problem(Problem(topic, int(rising[0]), str(found)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:

@@ -96,7 +96,7 @@ def write_text_rows(path: Path, header: str, separator: str, stamps: Iterable[ob
             file.write(separator.join([str(t), *map(repr, row)]) + "\n")
 
 
-def row_stamp(path: Path, line: int, word: str, stamp: Callable[[str], int]) -> int:
+def row_stamp(path: str | Path, line: int, word: str, stamp: Callable[[str], int]) -> int:
     """Stamp of a row, ns, from its first word.
 
     Raises:

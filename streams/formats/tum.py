@@ -10,6 +10,7 @@ import numpy as np
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
+from stridetwin.streams.formats.text_rows import row_stamp
 from stridetwin.streams.trajectory import Trajectory
 
 LATEST_S = 9e9  # range of 64-bit nanoseconds
@@ -60,7 +61,7 @@ def read_tum(path: str | Path) -> Trajectory:
         words = line.partition("#")[0].replace(",", " ").split()
         if words:
             rows.append(_row(path, number, words))
-            stamps.append(_stamp(path, number, words[0]))
+            stamps.append(row_stamp(path, number, words[0], decimal_seconds))
             if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
                 raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
     if not rows:
@@ -72,13 +73,6 @@ def read_tum(path: str | Path) -> Trajectory:
         p_frame_in_world=table[:, 1:4],
         q_world_frame=q / np.linalg.norm(q, axis=1, keepdims=True),
     )
-
-
-def _stamp(path: str | Path, number: int, word: str) -> int:
-    try:
-        return decimal_seconds(word)
-    except ValueError as error:
-        raise ConfigError(path, f"line {number}, t", word, str(error)) from None
 
 
 def _row(path: str | Path, number: int, words: list[str]) -> list[float]:
