@@ -47,8 +47,7 @@ def _without_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[
     if not same.any():
         return block
     notes.warn(f"{name}: {int(same.sum())} repeated rows are left out")
-    keep = np.concatenate(([True], ~same))
-    return replace(block, t_ns=block.t_ns[keep], columns={n: c[keep] for n, c in block.columns.items()})
+    return block[np.concatenate(([True], ~same))]
 
 
 def _spread(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
