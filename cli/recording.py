@@ -78,7 +78,7 @@ def export(
     """
     from stridetwin.outputs.truth import true_path
     from stridetwin.scenarios.files import staged
-    from stridetwin.streams.formats.euroc_export import write_euroc
+    from stridetwin.streams.formats.euroc import write_euroc
     from stridetwin.streams.formats.mcap_export import write_rosbag2
     from stridetwin.streams.formats.opensim_export import write_opensim
     from stridetwin.streams.formats.tum import write_tum

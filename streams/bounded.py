@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, unreadable
 
 LARGEST_TEXT = 256 << 20
 """Largest text table or list, bytes: 2 h of an IMU at 200 Hz take a sixth of it."""
@@ -23,9 +24,9 @@ def read_bytes(path: Path, most: int) -> bytes:
 
     Raises:
         ConfigError: The file has more than `most` bytes.
-        OSError: The file cannot be read.
+        StrideTwinError: The file cannot be read.
     """
-    with path.open("rb") as file:
+    with _one_error(path), path.open("rb") as file:
         size = path.stat().st_size
         data = file.read(most + 1) if size <= most else b""
     if size > most or len(data) > most:
@@ -38,10 +39,10 @@ def read_text(path: Path, most: int, encoding: str = "utf-8") -> str:
 
     Raises:
         ConfigError: The file has more than `most` bytes.
-        OSError: The file cannot be read.
-        UnicodeDecodeError: The file is not text.
+        StrideTwinError: The file cannot be read, or is not text.
     """
-    text = read_bytes(path, most).decode(encoding)
+    with _one_error(path):
+        text = read_bytes(path, most).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -51,10 +52,9 @@ def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
     Raises:
         ConfigError: The file is larger than `LARGEST_TEXT`, has more than `MOST_LINES`, or has a line longer than
             `LONGEST_LINE`.
-        OSError: The file cannot be read.
-        UnicodeDecodeError: The file is not text.
+        StrideTwinError: The file cannot be read, or is not text.
     """
-    with path.open(encoding=encoding) as file:
+    with _one_error(path), path.open(encoding=encoding) as file:
         if (size := path.stat().st_size) > LARGEST_TEXT:
             raise ConfigError(path, "size in bytes", size, f"up to {LARGEST_TEXT}")
         for number in itertools.count(1):
@@ -66,3 +66,13 @@ def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
             if number > MOST_LINES:
                 raise ConfigError(path, "lines", f"more than {MOST_LINES}", f"up to {MOST_LINES}")
             yield line.rstrip("\n")
+
+
+@contextmanager
+def _one_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except UnicodeDecodeError as error:
+        raise StrideTwinError(f"{path}: is not text in UTF-8") from error

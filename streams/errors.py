@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 _LONGEST_SHOWN = 400
 _MOST_LINES = 30
@@ -40,6 +41,11 @@ def was_interrupted(error: BaseException) -> bool:
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
     return cause is not None
+
+
+def unreadable(path: Path, error: OSError) -> StrideTwinError:
+    """The error to raise about a file that cannot be read."""
+    return StrideTwinError(f"{path}: cannot be read: {error.strerror or error}")
 
 
 class Missing:

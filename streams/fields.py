@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -81,8 +81,9 @@ def text(*, key: str | None = None) -> Any:
 
 def words(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
     """One of a few words; with a mapping, the value that belongs to the word."""
+    values = dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}
     info = _named(key)
-    info.metadata.append(Words(dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}))
+    info.metadata.append(ReadAs(Literal[tuple(values)], values.__getitem__))
     return info
 
 
@@ -142,18 +143,6 @@ class Required:
                 if key not in node:
                     raise refused(Missing(), "this key", key)
         return node
-
-
-class Words:
-    """Annotation: one of the words, which is replaced by its value."""
-
-    def __init__(self, valid: Mapping[str, Any]) -> None:
-        self._valid = valid
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """A literal of the words."""
-        literal = core_schema.literal_schema(list(self._valid))
-        return core_schema.no_info_after_validator_function(self._valid.__getitem__, literal)
 
 
 class OneKey:

@@ -165,14 +165,13 @@ class _Imu(ImuNoise):
     update_rate: Positive
 
 
-class _Mount(FileModel):
-    body: str
-    T_body_sensor: RigidTransform
-
-
 class _CameraMount(FileModel):
     body: str
     T_body_sensor: RigidTransform | None = None
+
+
+class _Mount(_CameraMount):
+    T_body_sensor: RigidTransform
 
 
 class _OwnCamera(FileModel):
@@ -184,16 +183,8 @@ class _OwnCamera(FileModel):
     readout_s: NotNegative = 0.0
 
 
-class _OwnImu(FileModel):
-    part: str = ""
-    mount: _Mount
-    gyroscope_bias_sd: NotNegative = 0.0
-    accelerometer_bias_sd: NotNegative = 0.0
-    gyroscope_range: NotNegative = 0.0
-    accelerometer_range: NotNegative = 0.0
-    gyroscope_scale_sd: NotNegative = 0.0
-    gyroscope_misalignment_sd: NotNegative = 0.0
-    accelerometer_scale_sd: NotNegative = 0.0
+_more: dict[str, Any] = {name: (NotNegative, 0.0) for name in _BEYOND_NOISE}
+_OwnImu = create_model("_OwnImu", __base__=FileModel, part=(str, ""), mount=(_Mount, ...), **_more)
 
 
 class _Board(FileModel):
@@ -272,7 +263,7 @@ def _fields(model: BaseModel) -> dict[str, Any]:
     return values | {"mount": Mount(**dict(values["mount"]))}
 
 
-def _imu(name: str, imu: _Imu, own: _OwnImu | None) -> ImuCalibration:
+def _imu(name: str, imu: _Imu, own: BaseModel | None) -> ImuCalibration:
     noise = dict(imu)
     topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
     more: dict[str, Any] = _fields(own) if own else {"part": "", "mount": Mount(body=PLAIN_BODY)}

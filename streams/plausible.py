@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Block, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
 IMAGE_RATES_HZ = (0.2, 1000.0)
@@ -42,18 +42,18 @@ class Implausible:
         return f"{self.field}: invalid {self.value}: expected {self.valid}"
 
 
-def median_rate(t_ns: NDArray[np.int64]) -> float:
+def median_rate(t_ns: Stamps) -> float:
     """Rate in Hz from the median step of (N,) increasing stamps; 0 for fewer than two."""
     return 1e9 / float(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0.0
 
 
-def mean_rate(t_ns: NDArray[np.int64]) -> float:
+def mean_rate(t_ns: Stamps) -> float:
     """Rate in Hz from the first to the last of (N,) increasing stamps; 0 for fewer than two."""
     span = int(t_ns[-1] - t_ns[0]) if len(t_ns) > 1 else 0
     return (len(t_ns) - 1) * 1e9 / span if span > 0 else 0.0
 
 
-def implausible_rates(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Iterator[Implausible]:
+def implausible_rates(t_ns: Stamps, valid_hz: tuple[float, float]) -> Iterator[Implausible]:
     """Implausible rates, as wrong units of time cause."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
@@ -61,7 +61,7 @@ def implausible_rates(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) ->
         yield Implausible("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
 
 
-def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float, bool]:
+def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
     """Median magnitude, m/s², of specific force at rest, and whether the sensor is ever at rest.
 
     It is at rest in windows of 0.25 s in which the magnitude hardly changes: a foot is in every stance, a walking head
@@ -79,17 +79,16 @@ def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
 
-def implausible_units(
-    t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None
-) -> Iterator[Implausible]:
-    """Implausible units of an IMU's (N, 3) columns: gravity must be visible, and rates are limited."""
-    force, rests = force_at_rest(t_ns, specific_force)
+def implausible_imu(block: Block[Any]) -> Iterator[Implausible]:
+    """Implausible rate and units of an IMU or an accelerometer: gravity must be visible, and rates are limited."""
+    yield from implausible_rates(block.t_ns, IMU_RATES_HZ)
+    force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:
         hint = next((words for (low, high), words in _HINTS if low <= force < high), "")
         where = " at rest" if rests else ""
         yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
-    if angular_rate is not None:
-        fastest = float(np.percentile(np.abs(angular_rate), 99.9))
+    if "angular_rate" in block.columns:
+        fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
         if fastest > _FASTEST:
             yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")

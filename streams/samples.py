@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -239,6 +241,8 @@ class Footprint(Sample):
 
 
 S = TypeVar("S", bound=Sample)
+LATEST_NS = 2**31 * 1_000_000_000
+"""Stamps are below this; those of the ROS messages that hold them end there."""
 
 
 def copy_sample(sample: S) -> S:
@@ -262,7 +266,7 @@ class Block(Generic[S]):
 
     topic: str
     kind: type[S]
-    t_ns: NDArray[np.int64]
+    t_ns: Stamps
     columns: Mapping[str, NDArray[Any]]
     constants: Mapping[str, Any] = field(default_factory=dict)
 
@@ -274,3 +278,23 @@ class Block(Generic[S]):
         for i, t in enumerate(self.t_ns.tolist()):
             row = {n: self.columns[n][i] for n in names}
             yield self.kind(topic=self.topic, t_ns=t, **row, **self.constants)
+
+    def __getitem__(self, which: slice | Mask) -> Block[S]:
+        """Some of the samples: a slice, or a copy of those of a (N,) mask."""
+        columns = {name: values[which] for name, values in self.columns.items()}
+        return replace(self, t_ns=self.t_ns[which], columns=columns)
+
+    @property
+    def finite(self) -> Mask:
+        """(N,) whether every number of a sample is finite."""
+        keep = np.ones(len(self), bool)
+        for values in self.columns.values():
+            if values.dtype.kind == "f":
+                keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+        return keep
+
+
+def increasing(t_ns: Stamps, last: int = -1) -> Mask:
+    """(N,) whether each stamp is after every previous stamp, and after `last`."""
+    before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
+    return np.asarray(t_ns > before)

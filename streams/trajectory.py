@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Mask, Stamps
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,7 +22,7 @@ class Trajectory:
         covariance: (N, 6, 6) of position (m) and of rotation about the world axes (rad), or None.
     """
 
-    t_ns: NDArray[np.int64]
+    t_ns: Stamps
     p_frame_in_world: Array
     q_world_frame: Array
     covariance: Array | None = None
@@ -41,7 +40,7 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def __getitem__(self, which: slice | NDArray[np.bool_]) -> Trajectory:
+    def __getitem__(self, which: slice | Mask) -> Trajectory:
         """Some of the poses: a slice, or those of a (N,) mask."""
         return Trajectory(
             t_ns=self.t_ns[which],

@@ -82,7 +82,7 @@ def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> Str
         absent = context["below"][-1] if isinstance(context["value"], Missing) else None
         return ConfigError(source, _joined(path, absent), context["value"], context["valid"])
     if isinstance(last, int):  # an item of a list of fixed length
-        value = _value(data, steps)
+        value = [data, *(inner for _, inner in _walk(data, steps))][-1]
     if kind == "too_short" and value:  # items of it are wrong
         return None
     if isinstance(last, int) or not (last or isinstance(value, dict)):
@@ -110,11 +110,6 @@ def _joined(path: str, step: Any) -> str:
     if step is None:
         return path
     return f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
-
-
-def _value(data: object, steps: Iterable[Any]) -> object:
-    """The value at a location."""
-    return [data, *(value for _, value in _walk(data, steps))][-1]
 
 
 def _walk(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:

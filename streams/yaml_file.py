@@ -56,12 +56,7 @@ def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> Any:
         ConfigError: The file is too large, or contains other than plain data.
         StrideTwinError: The file cannot be read or is not such YAML; the message names the line.
     """
-    try:
-        return parse_yaml(read_text(Path(path), LARGEST_SETTING), str(path), most_values=most_values)
-    except UnicodeDecodeError as error:
-        raise StrideTwinError(f"{path}: is not text in UTF-8") from error
-    except OSError as error:
-        raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return parse_yaml(read_text(Path(path), LARGEST_SETTING), str(path), most_values=most_values)
 
 
 def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> Any:

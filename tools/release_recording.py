@@ -15,7 +15,6 @@ from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import read_scenario
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
-from stridetwin.streams.recording.topic_reader import selected
 from stridetwin.streams.rig import Rig
 
 SCENARIO = """
@@ -48,7 +47,7 @@ def main() -> None:
                 rows = np.arange(len(block))
                 keep = rows % EVERY[topic] == 0 if topic in EVERY else rows < FEW
                 if topic not in LEFT_OUT:
-                    writer.write(selected(block, keep & (block.t_ns <= UNTIL_NS)))
+                    writer.write(block[keep & (block.t_ns <= UNTIL_NS)])
     print(f"{output}: {output.stat().st_size} bytes")
 
 

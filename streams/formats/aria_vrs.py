@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import StrideTwinError, needing
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Image, Imu
+from stridetwin.streams.samples import Block, Image, Imu, Stamps
 
 EXTRA = "aria"
 IMUS = {"imu-right": "/head/imu", "imu-left": "/head/imu_left"}
@@ -67,7 +66,7 @@ def _imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
     return Block(topic=topic, kind=Imu, t_ns=t_ns, columns=columns)
 
 
-def _camera(provider: Any, stream: Any, t_ns: NDArray[np.int64]) -> ImageStream:
+def _camera(provider: Any, stream: Any, t_ns: Stamps) -> ImageStream:
     def load(topic: str, i: int) -> Image:
         image, _ = provider.get_image_data_by_index(stream, i)
         return Image(topic=topic, t_ns=int(t_ns[i]), pixels=np.ascontiguousarray(image.to_numpy_array(), np.uint8))

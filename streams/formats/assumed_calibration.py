@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
@@ -16,7 +15,7 @@ from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Block, Depth, Image, Imu
+from stridetwin.streams.samples import Block, Depth, Image, Imu, Stamps
 
 BODY = "head"
 GIVE = "give one with --rig FILE (Kalibr YAML)"
@@ -70,7 +69,7 @@ def image_size(images: ImageStream) -> tuple[int, int] | None:
     return shape[1], shape[0]
 
 
-def _assumed_imu(topic: str, t_ns: NDArray[np.int64], notes: Notes) -> ImuCalibration:
+def _assumed_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
     notes.warn(
         f"{topic}: no calibration; assumed the noise of a consumer IMU ({math.degrees(_GYRO_NOISE):.3g} °/s/√Hz, "
         f"{_ACCEL_NOISE:.2g} m/s²/√Hz) at the origin of {body_of(topic)}; {GIVE}"

@@ -8,7 +8,7 @@ import sqlite3
 import struct
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,9 +22,9 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1.reader import Compression, Header, decompressors
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.errors import RecordingError, StrideTwinError, unreadable
 from stridetwin.streams.formats.bag import Channel
-from stridetwin.streams.recording.index import Notes, Problem, unreadable
+from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import (
     LARGEST_CHUNK,
     CutOffError,
@@ -55,14 +55,9 @@ class McapBag:
             schemas: dict[int, records.Schema] = {}
             unpacking = Unpacking(path)
             for opcode, _, body in self._records(path):
-                found: list[Any] = []
-                if opcode == Opcode.CHUNK:
-                    found, _ = self._chunk(path, body, unpacking)
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    unpacking.took(0, 1)
-                    found = [parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body)]
-                for record in found:
-                    self._register(i, record, schemas, channels)
+                if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
+                    for record in self._contents(path, opcode, body, unpacking)[0]:
+                        self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
@@ -71,7 +66,7 @@ class McapBag:
             unpacking = Unpacking(path)
             for opcode, offset, body in self._records(path):
                 if opcode == Opcode.CHUNK:
-                    _, by_channel = self._chunk(path, body, unpacking)
+                    _, by_channel = self._contents(path, opcode, body, unpacking)
                     for channel, found in by_channel.items():
                         topic = self._topics[i].get(channel, "")
                         if topic in topics:
@@ -103,17 +98,14 @@ class McapBag:
         except OSError as error:
             raise unreadable(path, error) from error
         except DamagedError as error:
-            if "no MCAP" in str(error):
-                raise RecordingError(f"{path}: {error}") from error
             cut = "; the part before can be read" if isinstance(error, CutOffError) else ""
             self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
-    def _chunk(self, path: Path, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
+    def _contents(self, path: Path, opcode: int, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
         try:
-            chunk = parse(records.Chunk, body)
-            if not chunk.uncompressed_crc:
+            if opcode == Opcode.CHUNK and not parse(records.Chunk, body).uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
-            return unpacking.contents(chunk)
+            return unpacking.contents(opcode, body)
         except DamagedError as error:
             self._notes.problem(Problem("", None, f"{path.name}: {error}"))
             return [], {}
@@ -329,33 +321,28 @@ def _close(reader: Any) -> None:
     reader.close()
 
 
+def _database(path: Path) -> closing[sqlite3.Connection]:
+    return closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True))
+
+
 def check_tables(path: Path) -> None:
     """Rejects an SQLite file with more than tables of plain columns: other objects can generate rows without data.
 
     Raises:
         RecordingError: The file has other objects.
     """
-    with suppress(sqlite3.Error):  # damaged files are reported by `sqlite_is_sound`
-        connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
-        try:
-            kinds = connection.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(
-                1000
-            )
-            for name, kind, text in kinds:
-                columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
-                if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
-                    raise RecordingError(f"{path}: invalid {kind} {name[:60]!r}: expected tables of plain columns")
-        finally:
-            connection.close()
+    with suppress(sqlite3.Error), _database(path) as database:  # damaged files are reported by `sqlite_is_sound`
+        kinds = database.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(1000)
+        for name, kind, text in kinds:
+            columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
+            if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
+                raise RecordingError(f"{path}: invalid {kind} {name[:60]!r}: expected tables of plain columns")
 
 
 def sqlite_is_sound(path: Path) -> bool:
     """Whether SQLite's own check of the file's structure passes; there is no checksum of the row data."""
     try:
-        connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
-        try:
-            return bool(connection.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
-        finally:
-            connection.close()
+        with _database(path) as database:
+            return bool(database.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
     except sqlite3.Error:
         return False

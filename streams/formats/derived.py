@@ -6,12 +6,10 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.recording.topic_reader import increasing
-from stridetwin.streams.samples import Array, Block, Imu, Odometry
+from stridetwin.streams.samples import Array, Block, Imu, Odometry, Stamps, increasing
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -21,7 +19,7 @@ _UNIT = (0.9, 1.1)
 
 def odometry(
     name: str,
-    t_ns: NDArray[np.int64],
+    t_ns: Stamps,
     p: Array,
     q: Array,
     v: Array | None,
@@ -62,7 +60,7 @@ def odometry(
         p, v = p + rotation.apply(T_source_body[:3, 3]), None
         q = (rotation * Rotation.from_matrix(T_source_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
-    rising = np.flatnonzero(increasing(t_ns, -1))  # decreasing stamps are rejected or omitted later
+    rising = np.flatnonzero(increasing(t_ns))  # decreasing stamps are rejected or omitted later
     if len(rising) > 1:
         attitude = Rotation.from_quat(q[rising], scalar_first=True)
         rates[:, rising] = _rates(t_ns[rising], p[rising], attitude)
@@ -79,7 +77,7 @@ def odometry(
     )
 
 
-def _rates(t_ns: NDArray[np.int64], p: Array, attitude: Rotation) -> Array:
+def _rates(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
     """(2, N, 3) velocity in the world, and angular rate in the frame, from the neighbours of each pose."""
     i = np.arange(len(t_ns))
     before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
@@ -122,8 +120,8 @@ def joined_at_rates(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu
         gyro: Stream whose rates are used.
         accel: Stream whose forces are used; at least two samples.
     """
-    order = increasing(accel.t_ns, -1)
-    t, force = accel.t_ns[order], accel.columns["specific_force"][order]
+    accel = accel[increasing(accel.t_ns)]
+    t, force = accel.t_ns, accel.columns["specific_force"]
     within = (gyro.t_ns >= t[0]) & (gyro.t_ns <= t[-1])
     since: Array = (gyro.t_ns[within] - t[0]) * 1e-9
     known: Array = (t - t[0]) * 1e-9

@@ -3,17 +3,24 @@
 Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016; TUM-VI uses the same layout. The body frame is the
 IMU's; the ground truth of another frame, such as the marker of `vicon0`, is converted with its `T_BS`. Columns are
 found by the names in the header, or in the published order without a header.
+
+A recording is written as one IMU, one camera (or the two of a stereo pair), and the true states. The right camera of a
+stereo pair can be rendered from the left image and its depth (depth-image-based rendering, Fehn, SPIE 5291, 2004): the
+disparity fu·b/z is warped to the right image, nearest surface first, and the left image is sampled with it. Areas that
+only the right camera would see are filled with the adjacent background.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
@@ -21,13 +28,15 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, words
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import odometry
-from stridetwin.streams.formats.image_files import read_image_list
-from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
-from stridetwin.streams.kalibr import ImuNoise
+from stridetwin.streams.formats.image_files import chosen_camera, read_image_list, write_image
+from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows, write_text_rows
+from stridetwin.streams.kalibr import ImuNoise, write_rig
 from stridetwin.streams.recording.imported import ImageStream, Source
-from stridetwin.streams.recording.index import Notes, unreadable
+from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Array, Block, Imu, Odometry
+from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Stamps
 from stridetwin.streams.validation import validated
 from stridetwin.streams.yaml_file import parse_yaml
 
@@ -73,15 +82,15 @@ def read_euroc(path: Path, notes: Notes) -> Source:
         topic = NAMES.get(folder.name, f"/{folder.name}")
         if re.fullmatch(r"imu\d+", folder.name):
             blocks[topic] = _read_imu(folder, topic, notes)
-            if (imu := _imu_calibration(folder, topic)) is not None:
-                imus[topic] = imu
+            if (imu := _sensor(folder, _ImuSensor)) is not None:
+                imus[topic] = imu.calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
             stream = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
             if not len(stream.t_ns):
                 continue
             images[topic] = stream
-            if (camera := _camera_calibration(folder, topic)) is not None:
-                cameras[topic] = camera
+            if (camera := _sensor(folder, _CameraSensor)) is not None:
+                cameras[topic] = camera.calibration(topic)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
     if truth is not None:
         blocks[TRUTH] = _read_truth(root / truth / "data.csv", notes)
@@ -176,6 +185,11 @@ class _Sensor(BaseModel):
 class _ImuSensor(_Sensor, ImuNoise):
     rate_hz: Positive
 
+    def calibration(self, topic: str) -> ImuCalibration:
+        """The calibration of the IMU of a topic."""
+        noise = {name: getattr(self, name) for name in ImuNoise.model_fields}
+        return ImuCalibration(topic=topic, part=self.comment, rate_hz=self.rate_hz, mount=self.mount, **noise)
+
 
 class _CameraSensor(_Sensor):
     camera_model: Literal["pinhole"] = "pinhole"
@@ -185,39 +199,241 @@ class _CameraSensor(_Sensor):
     distortion_model: Annotated[str, words(_DISTORTIONS)] = "radtan"
     rate_hz: NotNegative = 0.0
 
+    def calibration(self, topic: str) -> CameraCalibration:
+        """The calibration of the camera of a topic."""
+        return CameraCalibration(
+            topic=topic,
+            part=self.comment,
+            rate_hz=self.rate_hz,
+            mount=self.mount,
+            width=self.resolution[0],
+            height=self.resolution[1],
+            intrinsics=self.intrinsics,
+            distortion_model=self.distortion_model,
+            distortion=self.distortion_coefficients,
+        )
+
 
 def _sensor(folder: Path, kind: type[S]) -> S | None:
     """The calibration of a sensor; None without its file."""
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
-    try:
-        text = read_text(file, LARGEST_SETTING)
-    except (OSError, UnicodeDecodeError) as error:
-        raise unreadable(file, error) from error
     # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
-    text = re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"!!opencv-matrix|^%.*$", "", read_text(file, LARGEST_SETTING), flags=re.MULTILINE)
     return validated(kind, parse_yaml(text, str(file)), file)
 
 
-def _imu_calibration(folder: Path, topic: str) -> ImuCalibration | None:
-    if (found := _sensor(folder, _ImuSensor)) is None:
-        return None
-    noise = {name: getattr(found, name) for name in ImuNoise.model_fields}
-    return ImuCalibration(topic=topic, part=found.comment, rate_hz=found.rate_hz, mount=found.mount, **noise)
+BASELINE_M = (0.001, 1.0)
 
 
-def _camera_calibration(folder: Path, topic: str) -> CameraCalibration | None:
-    if (found := _sensor(folder, _CameraSensor)) is None:
-        return None
-    return CameraCalibration(
-        topic=topic,
-        part=found.comment,
-        rate_hz=found.rate_hz,
-        mount=found.mount,
-        width=found.resolution[0],
-        height=found.resolution[1],
-        intrinsics=found.intrinsics,
-        distortion_model=found.distortion_model,
-        distortion=found.distortion_coefficients,
+def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
+    """The calibration of a right camera beside a left one, its axes parallel, +x away.
+
+    Raises:
+        ConfigError: An invalid baseline, or a left camera with distortion, so that the rows would not match.
+    """
+    low, high = BASELINE_M
+    if not low <= baseline_m <= high:
+        raise ConfigError("export", "--stereo-baseline", baseline_m, f"{low:g} to {high:g} m")
+    if any(left.distortion):
+        raise ConfigError(
+            left.topic, "distortion", list(left.distortion), "a camera without distortion for a right view"
+        )
+    T_left_right = np.eye(4)
+    T_left_right[0, 3] = baseline_m
+    mount = Mount(body=left.mount.body, T_body_sensor=left.mount.T_body_sensor @ T_left_right)
+    part = f"virtual, {baseline_m:g} m to the right of {left.topic}"
+    return replace(left, topic=topic, part=part, mount=mount, distortion_model="radtan", depth_topic="")
+
+
+def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
+    """The right image.
+
+    Args:
+        left: (H, W) or (H, W, 3) uint8.
+        depth: (H, W) m, registered to it; 0 = none, filled from the farther neighbour in the row.
+        focal_px: fu.
+        baseline_m: Distance of the two cameras.
+
+    Returns:
+        Image with the shape and type of `left`.
+    """
+    with np.errstate(divide="ignore"):
+        measured = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
+    disparity = np.nan_to_num(np.take_along_axis(measured, _background(measured), axis=1))
+    width = disparity.shape[1]
+    rows: Any
+    columns: Any
+    rows, columns = np.indices(disparity.shape)
+    seen = np.full(disparity.shape, -np.inf)
+    for reach in (np.floor, np.ceil):  # both columns next to a warped pixel, so that slopes leave no cracks
+        target = reach(columns - disparity).astype(np.int64)
+        inside = (target >= 0) & (target < width)
+        np.maximum.at(seen, (rows[inside], target[inside]), disparity[inside])
+    seen[~np.isfinite(seen)] = np.nan
+    from_column = _background(seen)
+    x = from_column + np.nan_to_num(np.take_along_axis(seen, from_column, axis=1))
+    return cv2.remap(
+        left, x.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
+
+
+def _background(disparity: Array) -> NDArray[np.int64]:
+    """(H, W) source column of each pixel: itself, or in a hole (NaN) the farther of the row's two neighbours."""
+    known = np.isfinite(disparity)
+    at = np.arange(disparity.shape[1])
+    before = np.maximum.accumulate(np.where(known, at, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, at, len(at))[:, ::-1], axis=1)[:, ::-1]
+    padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
+    left, right = (np.take_along_axis(padded, i + 1, axis=1) for i in (before, after))
+    nearest = np.where(left <= right, before, after)
+    return np.asarray(np.where(np.isfinite(np.minimum(left, right)), nearest, at), np.int64)
+
+
+RIGHT_SUFFIX = "_right"
+
+
+def write_euroc(
+    recording: Recording, folder: Path, camera_topic: str | None = None, stereo_baseline_m: float | None = None
+) -> dict[str, int]:
+    """Writes `folder/mav0` in the ASL layout, and the complete calibration beside it as `rig.yaml`.
+
+    A camera whose topic ends in `_right` becomes `cam1` beside its left camera; without one, a right camera can be made
+    from depth. The biases of the true states are not recorded and written as 0.
+
+    Args:
+        recording: Needs a camera, and an IMU on the same body.
+        folder: An empty folder.
+        camera_topic: Topic of the camera; by default the first one with depth.
+        stereo_baseline_m: Adds a virtual right camera at this distance; the camera then needs depth.
+
+    Returns:
+        Rows written, by sensor.
+
+    Raises:
+        StrideTwinError: The recording lacks the camera or the IMU.
+    """
+    camera = chosen_camera(recording, camera_topic)
+    if camera.imu_topic not in recording.topics:
+        raise ConfigError(recording.path, f"IMU of {camera.topic}", camera.imu_topic, "an IMU on the camera's body")
+    imu = recording.rig.imu(camera.imu_topic)
+    root = folder / "mav0"
+    counts = {"imu0": _write_imu(recording, imu, root / "imu0")}
+    cameras = [camera]
+    right = f"{camera.topic}{RIGHT_SUFFIX}"
+    if stereo_baseline_m is not None:
+        cameras.append(right_camera(camera, stereo_baseline_m, right))
+        counts |= _write_stereo(recording, cameras[0], cameras[1], imu, root)
+    else:
+        cameras += [recording.rig.cameras[right]] if right in recording.topics else []
+        for i, each in enumerate(cameras):
+            images = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
+            counts[f"cam{i}"] = _write_camera(images, each, imu, root / f"cam{i}")
+    truth = f"/truth{imu.topic}/odometry"
+    if truth in recording.topics:
+        counts["state_groundtruth_estimate0"] = _write_truth(recording, truth, root / "state_groundtruth_estimate0")
+    write_rig(_both_names(recording.rig, imu, cameras), folder / RIG_NAME)
+    return counts
+
+
+def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
+    block = recording.block(imu.topic)
+    header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(IMU_COLUMNS, IMU_UNITS))]
+    _write_csv(folder, header, block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
+    lines = [
+        "sensor_type: imu",
+        f"comment: {_quoted(imu.part)}",
+        _transform(np.eye(4)),
+        f"rate_hz: {imu.rate_hz!r}",
+        f"gyroscope_noise_density: {imu.gyroscope_noise_density!r}  # rad/s/sqrt(Hz)",
+        f"gyroscope_random_walk: {imu.gyroscope_random_walk!r}  # rad/s^2/sqrt(Hz)",
+        f"accelerometer_noise_density: {imu.accelerometer_noise_density!r}  # m/s^2/sqrt(Hz)",
+        f"accelerometer_random_walk: {imu.accelerometer_random_walk!r}  # m/s^3/sqrt(Hz)",
+    ]
+    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return len(block)
+
+
+def _write_stereo(
+    recording: Recording, left: CameraCalibration, right: CameraCalibration, imu: ImuCalibration, root: Path
+) -> dict[str, int]:
+    """Both cameras of a pair with a virtual right one: the images that have depth."""
+    if left.depth_topic not in recording.topics:
+        raise ConfigError(recording.path, f"depth of {left.topic}", left.depth_topic or None, "a camera with depth")
+    times = np.intersect1d(recording.image_times(left.topic), recording.image_times(left.depth_topic))
+    baseline = float(np.linalg.norm(right.mount.T_body_sensor[:3, 3] - left.mount.T_body_sensor[:3, 3]))
+    topics = {"cam0": left, "cam1": right}
+
+    def images(camera: CameraCalibration) -> Iterator[Image]:
+        for t in times.tolist():
+            (image,) = recording.images(left.topic, t_ns=[t])
+            assert isinstance(image, Image)
+            if camera is right:
+                (depth,) = recording.images(left.depth_topic, t_ns=[t])
+                assert isinstance(depth, Depth)
+                pixels = right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
+                image = Image(topic=right.topic, t_ns=t, pixels=pixels)
+            yield image
+
+    return {name: _write_camera(images(camera), camera, imu, root / name) for name, camera in topics.items()}
+
+
+def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
+    data = folder / "data"
+    data.mkdir(parents=True)
+    rows = ["#timestamp [ns],filename"]
+    for sample in images:
+        write_image(data / f"{sample.t_ns}.png", sample)
+        rows.append(f"{sample.t_ns},{sample.t_ns}.png")
+    (folder / "data.csv").write_text("\n".join(rows) + "\n", encoding="ascii")
+    model = "radial-tangential" if camera.distortion_model == "radtan" else camera.distortion_model
+    lines = [
+        "sensor_type: camera",
+        f"comment: {_quoted(camera.part)}",
+        _transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),
+        f"rate_hz: {camera.rate_hz!r}",
+        f"resolution: [{camera.width}, {camera.height}]",
+        "camera_model: pinhole",
+        f"intrinsics: {[float(v) for v in camera.intrinsics]}  # fu, fv, cu, cv",
+        f"distortion_model: {model}",
+        f"distortion_coefficients: {[float(v) for v in camera.distortion]}",
+    ]
+    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return len(rows) - 1
+
+
+def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
+    c = recording.block(topic).columns
+    t_ns = recording.block(topic).t_ns
+    biases = [f"b_{which}_RS_S_{axis}" for which in "wa" for axis in "xyz"]
+    units = ["m"] * 3 + [""] * 4 + ["m s^-1"] * 3 + ["rad s^-1"] * 3 + ["m s^-2"] * 3
+    names = [*POSE_COLUMNS, *VELOCITY_COLUMNS, *biases]
+    header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(names, units))]
+    zeros = np.zeros((len(t_ns), 6))
+    _write_csv(folder, header, t_ns, c["p_frame_in_world"], c["q_world_frame"], c["v_frame_in_world"], zeros)
+    (folder / "sensor.yaml").write_text(f"sensor_type: visual-inertial\n{_transform(np.eye(4))}\n", encoding="utf-8")
+    return len(t_ns)
+
+
+def _write_csv(folder: Path, header: list[str], t_ns: Stamps, *columns: Array) -> None:
+    folder.mkdir(parents=True)
+    write_text_rows(folder / "data.csv", f"#{','.join(header)}", ",", t_ns.tolist(), np.column_stack(columns))
+
+
+def _both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
+    """IMU and cameras under their own topics, and under the topics that an import of this layout uses."""
+    read_as = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
+    imus = [imu, replace(imu, topic=NAMES["imu0"])]
+    # the topics of the layout come last, because they take precedence on import
+    return Rig(
+        imus={i.topic: i for i in imus}, cameras={c.topic: c for c in (*cameras, *read_as)}, boards=rig.boards
+    )  # fmt: skip
+
+
+def _transform(T: Array) -> str:
+    return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{', '.join(repr(float(v)) for v in T.ravel())}]"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

@@ -123,10 +123,10 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     Returns:
         The rig, and the file's names of sensors that match no stream; these are omitted.
     """
-    imus, cameras, others = (_by_number(t) for t in (rig.imus, rig.cameras, rig.others))
+    sensors: dict[str, Mapping[str, Any]] = {"cam": rig.cameras, "imu": rig.imus, "": rig.others}
     found: dict[str, str] = {}
-    for stem, items in (("imu", imus), ("cam", cameras), ("", others)):
-        for i, item in items:
+    for stem in ("imu", "cam", ""):
+        for i, item in enumerate(sensors[stem].values()):
             number = f"{stem}{i}" if item.mount.body == PLAIN_BODY else ""
             target = streams.find(item.topic, as_read, number)
             depth = getattr(item, "depth_topic", "")
@@ -134,7 +134,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
                 target = item.topic  # a camera that has depth alone
             if target is not None and target not in found.values():
                 found[item.topic] = target
-    links = {c.depth_topic for _, c in cameras} - {""} - found.keys()
+    links = {c.depth_topic for c in rig.cameras.values()} - {""} - found.keys()
     linked = {link: streams.find(link, as_read) or link for link in links}
     there = Rig(
         imus={t: i for t, i in rig.imus.items() if t in found},
@@ -151,7 +151,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
         t: _placed_camera(c, known.cameras.get(t), mounts, streams.imus) if t in plain else c
         for t, c in moved.cameras.items()
     }
-    left = [item.topic for _, item in (*cameras, *imus, *others) if item.topic not in found]
+    left = [item.topic for table in sensors.values() for item in table.values() if item.topic not in found]
     return Rig(imus=placed, cameras=seen, boards=moved.boards, others=moved.others), left
 
 
@@ -170,10 +170,6 @@ def report_unmatched(file: Path, rig: Rig, left: Iterable[str], streams: Streams
         notes.invalid(ConfigError(file, "rostopic", ", ".join(left), valid))
     elif left:
         notes.warn(f"{file}: {', '.join(left)}: no stream of this name; its calibration is not used")
-
-
-def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
-    return list(enumerate(items.values()))
 
 
 def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:

@@ -16,7 +16,7 @@ from stridetwin.streams.bounded_images import LARGEST_IMAGE, MOST_PIXELS, decode
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
 from stridetwin.streams.recording.imported import ImageStream
-from stridetwin.streams.recording.index import Notes, unreadable
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_images import rgb_from_bgr
 from stridetwin.streams.rig import CameraCalibration
@@ -79,12 +79,10 @@ def png_is_sound(data: bytes) -> bool:
 
 
 def _pixels(path: Path) -> NDArray[Any]:
+    data = read_bytes(path, LARGEST_IMAGE)
     try:
-        data = read_bytes(path, LARGEST_IMAGE)
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
         pixels = decode_image(data) if sound else None
-    except OSError as error:
-        raise unreadable(path, error) from error
     except ValueError as error:
         raise ConfigError(
             path, "", f"a damaged image: {error}", f"a PNG or JPEG of up to {MOST_PIXELS} pixels"
@@ -123,39 +121,39 @@ def read_image_list(
         StrideTwinError: The list cannot be read, is empty, or a row is invalid, unless lenient.
     """
     _, rows = read_text_rows(file, separator)
-    stamps: list[int] = []
-    files: list[Path] = []
-    missing: list[str] = []
+    listed: list[tuple[int, Path]] = []
     for row in rows:
         try:
-            name = (separator or " ").join(row.words[1:])
-            path = _listed(file, folder, row.line, name)
-            t_ns = row_stamp(file, row, stamp)
+            path = _listed(file, folder, row.line, (separator or " ").join(row.words[1:]))
+            listed.append((row_stamp(file, row.line, row.words[0], stamp), path))
         except ConfigError as error:
             notes.invalid(error)
-            continue
-        if _is_file(path):
-            stamps.append(t_ns)
-            files.append(path)
-        else:
-            missing.append(name)
-    if missing:
-        lacking = f"{len(missing)} of {len(rows)} images are listed and missing, the first of them {missing[0]}"
-        notes.warn(f"{file.name}: {lacking}; they are left out")
-    if not files and not missing:
+    if not listed:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
-    return image_stream(stamps, files, per_metre)
+    return image_stream(existing(file.name, folder, listed, notes), per_metre)
 
 
-def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> ImageStream:
-    """Image files with stamps as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
+def existing(place: str, folder: Path, listed: list[tuple[int, Path]], notes: Notes) -> list[tuple[int, Path]]:
+    """The images, each with its stamp, that are there; those that are missing from `folder` are reported."""
+    there = [(t_ns, path) for t_ns, path in listed if _is_file(path)]
+    if len(there) < len(listed):
+        first = next(path for _, path in listed if not _is_file(path)).relative_to(folder)
+        lacking = (
+            f"{len(listed) - len(there)} of {len(listed)} images are listed and missing, the first of them {first}"
+        )
+        notes.warn(f"{place}: {lacking}; they are left out")
+    return there
+
+
+def image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
+    """Image files, each with its stamp, as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
 
     def load(topic: str, i: int) -> Image | Depth:
-        if per_metre is None:
-            return read_image(files[i], topic, stamps[i])
-        return read_depth(files[i], topic, stamps[i], per_metre)
+        t_ns, path = files[i]
+        return read_image(path, topic, t_ns) if per_metre is None else read_depth(path, topic, t_ns, per_metre)
 
-    return ImageStream(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
+    t_ns = np.array([t for t, _ in files], np.int64)
+    return ImageStream(kind=Image if per_metre is None else Depth, t_ns=t_ns, load=load)
 
 
 def _listed(file: Path, folder: Path, line: int, name: str) -> Path:

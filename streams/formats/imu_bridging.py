@@ -6,10 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block
+from stridetwin.streams.samples import Array, Block, Stamps
 
 LONGEST_S = 0.1
 """Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
@@ -48,8 +47,7 @@ def _without_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[
     if not same.any():
         return block
     notes.warn(f"{name}: {int(same.sum())} repeated rows are left out")
-    keep = np.concatenate(([True], ~same))
-    return replace(block, t_ns=block.t_ns[keep], columns={n: c[keep] for n, c in block.columns.items()})
+    return block[np.concatenate(([True], ~same))]
 
 
 def _spread(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
@@ -87,7 +85,7 @@ def _filled(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     return replace(block, t_ns=stamps, columns=columns)
 
 
-def _between(t_ns: NDArray[np.int64], lacking: NDArray[np.int64]) -> NDArray[np.int64]:
+def _between(t_ns: Stamps, lacking: Stamps) -> Stamps:
     """The stamps with as many evenly spaced ones after each as are lacking there."""
     places = np.concatenate(([0], np.cumsum(lacking + 1)))
     since = np.interp(np.arange(places[-1] + 1), places, (t_ns - t_ns[0]).astype(np.float64))
@@ -96,7 +94,7 @@ def _between(t_ns: NDArray[np.int64], lacking: NDArray[np.int64]) -> NDArray[np.
     return np.asarray(stamps, np.int64)
 
 
-def _interpolated(stamps: NDArray[np.int64], t_ns: NDArray[np.int64], column: Array) -> Array:
+def _interpolated(stamps: Stamps, t_ns: Stamps, column: Array) -> Array:
     since, known = (stamps - t_ns[0]).astype(np.float64), (t_ns - t_ns[0]).astype(np.float64)
     flat = column.reshape(len(t_ns), -1)
     made = np.column_stack([np.interp(since, known, flat[:, k]) for k in range(flat.shape[1])])

@@ -1,19 +1,36 @@
 """Which columns of a table are time, specific force and angular rate, and in which units, by the table's header.
 
 Units in the header count before those that are usual for a kind of file (`Dialect`). A mapping names the columns of
-any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`.
+any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`. Units are read in any usual spelling.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.units import ACCEL, GYRO, TIME, UNITS, factor_of, unit_of
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
+TIME, ACCEL, GYRO = "time", "accel", "gyro"
+UNITS: Mapping[str, Mapping[str, float]] = {
+    TIME: {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9},
+    ACCEL: {"m/s²": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3},
+    GYRO: {"rad/s": 1.0, "deg/s": math.pi / 180, "mdeg/s": math.pi / 180e3},
+}
+"""Factor to s, m/s² and rad/s of each unit, by quantity."""
+_SPELLINGS = {
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
+    "us": "µs", "usec": "µs", "microseconds": "µs", "nanoseconds": "ns", "nsec": "ns",
+    "m/s^2": "m/s²", "m/s2": "m/s²", "m/s/s": "m/s²", "ms^-2": "m/s²", "ms⁻²": "m/s²", "ms-2": "m/s²", "m.s-2": "m/s²",
+    "ms^-²": "m/s²", "m/sec^2": "m/s²", "m*s^-2": "m/s²", "milli-g": "mg", "gees": "g",
+    "rad/sec": "rad/s", "rads^-1": "rad/s", "rads-1": "rad/s", "rps": "rad/s",
+    "°/s": "deg/s", "º/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "deg/sec": "deg/s", "dps": "deg/s",
+    "degrees/second": "deg/s", "mdps": "mdeg/s",
+}  # fmt: skip
 AXES = "xyz"
 OPTION = "--columns"
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
@@ -145,7 +162,7 @@ def mapped_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]
             if lacking := [key for key in keys if key not in places]:
                 raise ConfigError(path, OPTION, ",".join(mapping), f"also {lacking[0]}, as in {EXAMPLE}")
             x, y, z = (places[key] for key in keys)
-            factor = factor_of(quantity, units[keys[0]])
+            factor = UNITS[quantity][units[keys[0]]]
             signals.append(Signal(sensor="", quantity=quantity, at=(x, y, z), factor=factor))
     return Columns(names=tuple(header), time=places.get("t"), time_unit=units.get("t", ""), signals=tuple(signals))
 
@@ -165,6 +182,19 @@ def parsed_mapping(text: str) -> dict[str, str]:
             )
         mapping[key] = value
     return mapping
+
+
+def unit_of(text: str) -> tuple[str, str] | None:
+    """Quantity and usual spelling of a unit, such as (`accel`, `m/s²`) for `m/s^2`; None for an unknown one.
+
+    Args:
+        text: As in a header, of any case but for `G`, which is also gauss.
+    """
+    word = text.strip().replace("μ", "µ").replace(" ", "").replace("**", "^")
+    if word == "G":
+        return None
+    word = _SPELLINGS.get(word.lower(), word.lower())
+    return next(((quantity, word) for quantity, units in UNITS.items() if word in units), None)
 
 
 def missing_axis(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
@@ -221,4 +251,4 @@ def _signal(
     if len(units) != 1 or not (unit := units.pop()):
         valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
         raise ConfigError(path, f"header, unit of {header[x]}", named[x][1] or None, valid)
-    return Signal(sensor=sensor, quantity=kind, at=(x, y, z), factor=factor_of(kind, unit))
+    return Signal(sensor=sensor, quantity=kind, at=(x, y, z), factor=UNITS[kind][unit])

@@ -18,14 +18,12 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.formats.derived import joined_at_rates
 from stridetwin.streams.formats.imu_bridging import bridged
-from stridetwin.streams.formats.imu_columns import AXES, missing_axis
-from stridetwin.streams.formats.imu_folder import folder_parts
-from stridetwin.streams.formats.imu_text import SUFFIXES, Part, TableRequest, read_text_table
+from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis
+from stridetwin.streams.formats.imu_text import SUFFIXES, Part, TableRequest, folder_parts, read_text_table
 from stridetwin.streams.formats.tum import LATEST_S
-from stridetwin.streams.formats.units import ACCEL, GYRO
-from stridetwin.streams.plausible import IMU_RATES_HZ, implausible_rates, implausible_units
+from stridetwin.streams.plausible import implausible_imu
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
 MIN_ROWS = 20
 _FREE_BYTES, _BYTES_PER_BYTE = 16 << 20, 20
@@ -114,16 +112,12 @@ def _imu(path: Path, sensor: str, parts: Mapping[str, Part], notes: Notes) -> Bl
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
-    force_column, rate_column = block.columns["specific_force"], block.columns["angular_rate"]
-    for found in (
-        *implausible_rates(block.t_ns, IMU_RATES_HZ),
-        *implausible_units(block.t_ns, force_column, rate_column),
-    ):
+    for found in implausible_imu(block):
         raise ConfigError(path, found.field, found.value, found.valid)
     return block
 
 
-def _nanoseconds(t: Array) -> NDArray[np.int64]:
+def _nanoseconds(t: Array) -> Stamps:
     return np.rint(t * 1e9).astype(np.int64)
 
 

@@ -1,4 +1,9 @@
-"""Text tables of inertial sensors: CSV of many apps and loggers, Xsens `.txt`, OpenSense `.sto`."""
+"""Text tables of inertial sensors: CSV of many apps and loggers, Xsens `.txt`, OpenSense `.sto`.
+
+A folder may have forces and rates in separate tables. Sensor Logger: `TotalAcceleration.csv`, or `Accelerometer.csv`
+and `Gravity.csv`; `Metadata.csv` names the platform, since iPhones report forces with the opposite sign. phyphox,
+MetaMotion, Movesense and OpenSense name force and rate in the files' names.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ import math
 import re
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
@@ -16,15 +21,17 @@ import numpy as np
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_columns import (
+    ACCEL,
     AXES,
+    GYRO,
     OPTION,
+    TIME,
+    UNITS,
     Columns,
-    Signal,
     columns_of,
     mapped_columns,
     missing_axis,
 )
-from stridetwin.streams.formats.units import ACCEL, GYRO, TIME, UNITS, factor_of
 from stridetwin.streams.plausible import IMU_RATES_HZ
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
@@ -38,6 +45,15 @@ _QUANTITIES = (
     (ACCEL, re.compile(r"acc(?:el|_|$)|_acc", re.IGNORECASE)),
     (GYRO, re.compile(r"gyr|angular|rotation_?rate", re.IGNORECASE)),
 )
+
+_WITHOUT_GRAVITY = re.compile(r"linear(?!_?accelerations?\.sto)|user", re.IGNORECASE)
+_OTHER = re.compile(r"gravity|uncalibrated|metadata|magnet|orientation|annotation", re.IGNORECASE)
+_WORDS = re.compile(
+    r"[\W_]*(?:linear_accelerations?|angular_velocity|(?:total)?accel\w*?(?:eration|erometer)|gyr(?:o|oscope)?|acc(?:el)?"
+    r"|rotation_?rate)(?![a-z]).*",
+    re.IGNORECASE,
+)
+_TOTAL, _GRAVITY, _METADATA = "TotalAcceleration.csv", "Gravity.csv", "Metadata.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,13 +101,13 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
         StrideTwinError: The table cannot be read, or lacks stamps, an axis or a unit; names file and column.
     """
     quantity = quantity_of(path.stem) if quantity is None else quantity
+    text = lines(path, "utf-8-sig")
+    if path.suffix == ".sto":
+        return _vectors(path, text, quantity)
     try:
-        text = lines(path, "utf-8-sig")
-        return (
-            _vectors(path, text, quantity) if path.suffix == ".sto" else _scalars(path, text, request, notes, quantity)
-        )
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        return _scalars(path, text, request, notes, quantity)
+    except csv.Error as error:
+        raise StrideTwinError(f"{path}: cannot be read: {error}") from error
 
 
 def _scalars(path: Path, text: Iterator[str], request: TableRequest, notes: Notes, quantity: str) -> list[Part]:
@@ -130,13 +146,10 @@ def _scalars(path: Path, text: Iterator[str], request: TableRequest, notes: Note
     else:
         there = ", ".join(header) or "none"
         raise ConfigError(path, "t", None, f"a column of time; the table has {there}; without one: {RATE} HZ")
-    return _parts(path, columns.signals, t, table[:, len(at) :])
-
-
-def _parts(path: Path, signals: Sequence[Signal], t: Array, values: Array) -> list[Part]:
+    values = table[:, len(at) :]
     return [
         Part(file=path, sensor=s.sensor, quantity=s.quantity, t=t, values=s.factor * values[:, 3 * k : 3 * k + 3])
-        for k, s in enumerate(signals)
+        for k, s in enumerate(columns.signals)
     ]
 
 
@@ -168,7 +181,7 @@ def _unwrapped(counts: Array, name: str) -> Array:
 def _time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> float:
     """Factor of the stamps to s; without a unit, the only one that gives a rate of an IMU."""
     if columns.time_unit:
-        return factor_of(TIME, columns.time_unit)
+        return UNITS[TIME][columns.time_unit]
     assert columns.time is not None
     steps = np.diff(t)
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
@@ -237,3 +250,60 @@ def _vectors(path: Path, text: Iterator[str], quantity: str) -> list[Part]:
         Part(file=path, sensor=name, quantity=quantity, t=stamps, values=np.array(rows).reshape(-1, len(AXES)))
         for name, rows in vectors.items()
     ]
+
+
+def is_imu_folder(path: Path) -> bool:
+    """Whether a folder has a table of forces and one of rates, by the names of its files."""
+    return {ACCEL, GYRO} <= {quantity_of(file.stem) for file in _tables(path)}
+
+
+def folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[Part]:
+    """The forces and rates of the tables in a folder; those of one sensor have the same name.
+
+    Raises:
+        StrideTwinError: A table cannot be read, or only forces without gravity are there.
+    """
+    found: list[Part] = []
+    for file in _tables(path):
+        sensor = _WORDS.sub("", file.stem)
+        for part in read_text_table(file, request, notes):
+            name = part.sensor or sensor
+            if all((other.sensor, other.quantity) != (name, part.quantity) for other in found):
+                found.append(replace(part, sensor=name))
+    if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
+        (gravity,) = read_text_table(path / _GRAVITY, request, notes, ACCEL)
+        found = [_with_gravity(p, gravity) if p.quantity == ACCEL else p for p in found]
+        notes.warn(f"{_GRAVITY} is added to the forces")
+    if all(part.quantity != ACCEL for part in found):
+        without = next((f.name for f in sorted(path.iterdir()) if _WITHOUT_GRAVITY.search(f.name)), None)
+        raise ConfigError(path, "forces", without, "an accelerometer with gravity, as the sensor measures it")
+    if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):
+        notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
+        found = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in found]
+    if len({part.sensor for part in found}) == 1:
+        found = [replace(part, sensor="") for part in found]
+    return found
+
+
+def _with_gravity(force: Part, gravity: Part) -> Part:
+    added = np.column_stack([np.interp(force.t, gravity.t, gravity.values[:, k]) for k in range(3)])
+    return replace(force, values=force.values + added)
+
+
+def _tables(path: Path) -> list[Path]:
+    """The tables of forces and rates in a folder; forces with gravity before those that get it added."""
+    files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and quantity_of(f.stem)]
+    files = [f for f in files if not _OTHER.search(f.name) and not _WITHOUT_GRAVITY.search(f.name)]
+    if (path / _TOTAL).is_file():
+        files = [f for f in files if f.name == _TOTAL or quantity_of(f.stem) == GYRO]
+    return files
+
+
+def _is_raw_iphone(file: Path) -> bool:
+    """Whether Sensor Logger's metadata name an iPhone whose frames are not those of Android."""
+    try:
+        rows = list(csv.reader(lines(file, "utf-8-sig")))
+    except csv.Error as error:
+        raise StrideTwinError(f"{file}: cannot be read: {error}") from error
+    row = dict(zip(*rows[:2])) if len(rows) > 1 else {}
+    return row.get("platform", "").lower() == "ios" and row.get("standardisation", "").lower() != "true"

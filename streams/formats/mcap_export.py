@@ -20,7 +20,6 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.ros_types import typestore
-from stridetwin.streams.recording.topic_reader import selected
 from stridetwin.streams.samples import Depth, Image
 
 _SECOND_NS = 1_000_000_000
@@ -53,9 +52,7 @@ def _write(recording: Recording, path: Path, progress: Callable[[float], None]) 
             for block in blocks:
                 first, last = np.searchsorted(block.t_ns, (since, until))
                 if first < last:
-                    here = np.zeros(len(block), bool)
-                    here[first:last] = True
-                    writer.write(selected(block, here))
+                    writer.write(block[first:last])
             while image is not None and image.t_ns < until:
                 writer.write(image)
                 image = next(images, None)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
-from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, unreadable
+from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag import Bag, read_bag, side_of
@@ -20,21 +20,17 @@ from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, 
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridged
-from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
-from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest
-from stridetwin.streams.formats.record3d import is_record3d, read_record3d
-from stridetwin.streams.formats.stray_scanner import is_stray_scanner, read_stray_scanner
+from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, implausible_imu, implausible_rates
 from stridetwin.streams.recording.imported import ImportedContents, Source
-from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration, unreadable
+from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
-from stridetwin.streams.recording.topic_reader import finite, increasing
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, increasing
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -47,21 +43,20 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "euroc": lambda path: euroc.euroc_root(path) is not None,
     "tum": tum_rgbd.is_tum_rgbd,
     "7scenes": lambda path: seven_scenes.frames_folder(path) is not None,
-    "strayscanner": is_stray_scanner,
-    "record3d": is_record3d,
+    "strayscanner": iphone.is_stray_scanner,
+    "record3d": iphone.is_record3d,
     "table": is_imu_folder,
 }
 """Whether a folder has the layout of each kind."""
-_READERS: Mapping[str, Callable[[Path, Notes], Source]] = {
+_READERS: Mapping[str, Callable[..., Source]] = {
     "euroc": euroc.read_euroc,
-    "record3d": read_record3d,
-    "vrs": read_aria_vrs,
-}
-_READERS_WITH_DEPTH_SCALE: Mapping[str, Callable[..., Source]] = {
     "tum": tum_rgbd.read_tum_rgbd,
     "7scenes": seven_scenes.read_seven_scenes,
-    "strayscanner": read_stray_scanner,
+    "strayscanner": iphone.read_stray_scanner,
+    "record3d": iphone.read_record3d,
+    "vrs": read_aria_vrs,
 }
+_WITH_DEPTH_SCALE = ("tum", "7scenes", "strayscanner")
 _EVENTS = (Footprint, Point)  # irregular events
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
@@ -204,10 +199,8 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
         blocks: dict[str, Block[Any]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind in _READERS:
-        return _READERS[kind](path, notes)
-    if kind in _READERS_WITH_DEPTH_SCALE:
-        scale = {"per_metre": options.depth_scale} if options.depth_scale else {}
-        return _READERS_WITH_DEPTH_SCALE[kind](path, notes, **scale)
+        has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
+        return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
     return read_bag(_bag(path, kind, notes), kind, notes)
 
 
@@ -287,7 +280,7 @@ def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) 
 
 
 def _bridged(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
-    return bridged(topic, block, notes) if block.kind in (Imu, Accelerometer) and finite(block).all() else block
+    return bridged(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
 
 
 def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
@@ -335,25 +328,13 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     """Rejects implausible units and rates, which would silently corrupt an estimate."""
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
-            _check_inertial(topic, block, notes)
+            sound = block[increasing(block.t_ns) & block.finite]
+            for found in implausible_imu(sound) if len(sound) >= _FEWEST else ():
+                notes.problem(Problem(topic, int(sound.t_ns[0]), str(found)))
     for topic, images in source.images.items():
-        rising = images.t_ns[increasing(images.t_ns, -1)]
-        if len(rising) >= _FEWEST:
-            for found in implausible_rates(rising, IMAGE_RATES_HZ):
-                notes.problem(Problem(topic, int(rising[0]), str(found)))
-
-
-def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
-    keep = increasing(block.t_ns, -1) & finite(block)
-    t_ns = block.t_ns[keep]
-    if len(t_ns) < _FEWEST:
-        return
-    columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
-    for found in (
-        *implausible_rates(t_ns, IMU_RATES_HZ),
-        *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
-    ):
-        notes.problem(Problem(topic, int(t_ns[0]), str(found)))
+        rising = images.t_ns[increasing(images.t_ns)]
+        for found in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+            notes.problem(Problem(topic, int(rising[0]), str(found)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
@@ -361,18 +342,18 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
 
     If two streams do not overlap, one has another epoch or unit; if one is short, part of it may be missing.
     """
-    longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
-    span = longest[1].last_ns - longest[1].first_ns
+    name, longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
     for topic, info in contents.topics.items():
-        late, early = info.first_ns - longest[1].first_ns, longest[1].last_ns - info.last_ns
-        slack = _SHORT * span + 2 * (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        late, early = info.first_ns - longest.first_ns, longest.last_ns - info.last_ns
+        period = (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        slack = _SHORT * (longest.last_ns - longest.first_ns) + 2 * period
         if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
             notes.warn(
                 f"{topic}: covers {info.first_ns * 1e-9:.3f} to {info.last_ns * 1e-9:.3f} s alone, "
-                f"{longest[0]} {longest[1].first_ns * 1e-9:.3f} to {longest[1].last_ns * 1e-9:.3f} s"
+                f"{name} {longest.first_ns * 1e-9:.3f} to {longest.last_ns * 1e-9:.3f} s"
             )
-        if info.last_ns < longest[1].first_ns or info.first_ns > longest[1].last_ns:
-            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest[1].first_ns else "begins only here"
-            other = f"{longest[1].first_ns * 1e-9:.6f} to {longest[1].last_ns * 1e-9:.6f} s"
-            words = f"{what}, where {longest[0]} runs from {other}: expected stamps of one clock"
+        if info.last_ns < longest.first_ns or info.first_ns > longest.last_ns:
+            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest.first_ns else "begins only here"
+            other = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
+            words = f"{what}, where {name} runs from {other}: expected stamps of one clock"
             notes.problem(Problem(topic, info.first_ns, words))

@@ -16,7 +16,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
 from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import image_stream
-from stridetwin.streams.formats.text_rows import read_text_rows
+from stridetwin.streams.formats.text_rows import read_camera_matrix, read_matrix
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import Rig
@@ -58,7 +58,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
     _warn_of_missing(found, notes)
     images = {
-        topic: image_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)
+        topic: image_stream([(_stamp(frame), file) for frame, file in files.items()], scale)
         for topic, files, scale in ((COLOR, found["color"], None), (DEPTH, found["depth"], per_metre))
         if files
     }
@@ -97,22 +97,11 @@ def _poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
 
 
 def _pose(file: Path) -> Array:
-    T = _matrix(file, 4)
+    T = read_matrix(file, None, 4)
     R = T[:3, :3]
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-2) and np.linalg.det(R) > 0 and np.allclose(T[3], (0, 0, 0, 1))):
         raise ConfigError(file, "pose", np.round(T, 4).tolist(), "a rigid transform, camera to world")
     return T
-
-
-def _matrix(file: Path, size: int) -> Array:
-    _, rows = read_text_rows(file, None)
-    try:
-        table = np.array([[float(w) for w in row.words] for row in rows])
-    except ValueError:
-        table = np.zeros(0)
-    if table.shape != (size, size) or not np.isfinite(table).all():
-        raise ConfigError(file, "matrix", f"{len(rows)} rows", f"{size} rows of {size} finite numbers")
-    return table
 
 
 def _rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
@@ -123,10 +112,7 @@ def _rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
     if size is None:
         return Rig()
     if file is not None:
-        K = _matrix(file, 3)
-        intrinsics = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
-        if min(intrinsics[:2]) <= 0:
-            raise ConfigError(file, "matrix", list(intrinsics), "fx 0 cx / 0 fy cy / 0 0 1, focal lengths above 0")
+        intrinsics = read_camera_matrix(file, None)
     elif size == (640, 480):
         intrinsics = _PUBLISHED
     else:

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.recording.index import Notes, unreadable
-from stridetwin.streams.samples import Array
+from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.samples import Array, Stamps
 
 LONGEST_STAMP = 19
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """One line.
 
     Attributes:
@@ -36,7 +34,7 @@ class Row:
     @property
     def words(self) -> list[str]:
         """Its words."""
-        return [w.strip() for w in self.text.split(self.separator)]
+        return [*map(str.strip, self.text.split(self.separator))]
 
 
 def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
@@ -47,21 +45,18 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
     """
     header: list[str] = []
     rows: list[Row] = []
-    try:
-        for number, line in enumerate(lines(path, "utf-8-sig"), 1):
-            content, mark, comment = line.partition("#")
-            if content := content.strip():
-                rows.append(Row(number, content, separator))
-            elif mark and not rows:
-                header = [w.strip() for w in comment.strip().split(separator)]
-    except (OSError, UnicodeDecodeError) as error:
-        raise unreadable(path, error) from error
+    for number, line in enumerate(lines(path, "utf-8-sig"), 1):
+        content, mark, comment = line.partition("#")
+        if content := content.strip():
+            rows.append(Row(number, content, separator))
+        elif mark and not rows:
+            header = Row(number, comment.strip(), separator).words
     return header, rows
 
 
 def numbers(
     path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
-) -> tuple[NDArray[np.int64], Array]:
+) -> tuple[Stamps, Array]:
     """Stamps (N,) ns from the first word of each row, and the columns (N, K).
 
     Args:
@@ -78,8 +73,13 @@ def numbers(
     for row in rows:
         words = row.words
         try:
-            values = [_number(path, row, name, words[at] if at < len(words) else None) for name, at in columns]
-            stamps.append(row_stamp(path, row, stamp))
+            values = [float(words[at]) for _, at in columns]
+        except (ValueError, IndexError):
+            values = [math.nan]
+        try:
+            if not all(map(math.isfinite, values)):
+                raise _no_number(path, row, columns)
+            stamps.append(row_stamp(path, row.line, words[0], stamp))
             table.extend(values)
         except ConfigError as error:
             notes.invalid(error)
@@ -88,16 +88,55 @@ def numbers(
     return np.array(stamps), np.array(table).reshape(len(stamps), len(columns))
 
 
-def row_stamp(path: Path, row: Row, stamp: Callable[[str], int]) -> int:
-    """Stamp of a row, ns.
+def write_text_rows(path: Path, header: str, separator: str, stamps: Iterable[object], table: Array) -> None:
+    """Writes a line of header, and a row of a stamp and K exact numbers for each of the N stamps and rows (N, K)."""
+    with path.open("w", encoding="ascii") as file:
+        file.write(f"{header}\n")
+        for t, row in zip(stamps, table.tolist()):
+            file.write(separator.join([str(t), *map(repr, row)]) + "\n")
+
+
+def row_stamp(path: str | Path, line: int, word: str, stamp: Callable[[str], int]) -> int:
+    """Stamp of a row, ns, from its first word.
 
     Raises:
-        ConfigError: Its first word is not a stamp.
+        ConfigError: The word is not a stamp.
     """
     try:
-        return stamp(row.words[0])
+        return stamp(word)
     except ValueError as error:
-        raise ConfigError(path, f"line {row.line}, time stamp", row.words[0], str(error)) from None
+        raise ConfigError(path, f"line {line}, time stamp", word, str(error)) from None
+
+
+def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -> Array:
+    """The square matrix of numbers that a file consists of.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is no such matrix; the message says what is `valid`.
+    """
+    _, rows = read_text_rows(path, separator)
+    try:
+        matrix = np.array([[float(word) for word in row.words] for row in rows])
+    except ValueError:
+        matrix = np.zeros(0)
+    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+        raise ConfigError(
+            path, "matrix", [row.text for row in rows[:size]], valid or f"{size} rows of {size} finite numbers"
+        )
+    return matrix
+
+
+def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float, float, float]:
+    """The intrinsics (fu, fv, pu, pv), pixels, of a camera matrix.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is no such matrix.
+    """
+    valid = "fx 0 cx / 0 fy cy / 0 0 1 in pixels, focal lengths above 0"
+    K = read_matrix(path, separator, 3, valid)
+    if min(K[0, 0], K[1, 1]) <= 0:
+        raise ConfigError(path, "matrix", K.tolist(), valid)
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
 
 
 def integer_nanoseconds(word: str) -> int:
@@ -108,11 +147,15 @@ def integer_nanoseconds(word: str) -> int:
     return value
 
 
-def _number(path: Path, row: Row, name: str, word: str | None) -> float:
+def _no_number(path: Path, row: Row, columns: Sequence[tuple[str, int]]) -> ConfigError:
+    """The error about the first of these columns that is not a finite number."""
+    words = dict(enumerate(row.words))
+    name, at = next((name, at) for name, at in columns if not _is_finite(words.get(at, "")))
+    return ConfigError(path, f"line {row.line}, {name}", words.get(at), "a finite number")
+
+
+def _is_finite(word: str) -> bool:
     try:
-        value = float(word or "nan")
+        return math.isfinite(float(word))
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigError(path, f"line {row.line}, {name}", word, "a finite number")
-    return value
+        return False

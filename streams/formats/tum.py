@@ -10,6 +10,7 @@ import numpy as np
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
+from stridetwin.streams.formats.text_rows import row_stamp
 from stridetwin.streams.trajectory import Trajectory
 
 LATEST_S = 9e9  # range of 64-bit nanoseconds
@@ -56,16 +57,13 @@ def read_tum(path: str | Path) -> Trajectory:
     """
     stamps: list[int] = []
     rows: list[list[float]] = []
-    try:
-        for number, line in enumerate(lines(Path(path)), 1):
-            words = line.partition("#")[0].replace(",", " ").split()
-            if words:
-                rows.append(_row(path, number, words))
-                stamps.append(_stamp(path, number, words[0]))
-                if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
-                    raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    for number, line in enumerate(lines(Path(path)), 1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if words:
+            rows.append(_row(path, number, words))
+            stamps.append(row_stamp(path, number, words[0], decimal_seconds))
+            if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
+                raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
     if not rows:
         raise StrideTwinError(f"{path}: no pose: expected rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)
@@ -75,13 +73,6 @@ def read_tum(path: str | Path) -> Trajectory:
         p_frame_in_world=table[:, 1:4],
         q_world_frame=q / np.linalg.norm(q, axis=1, keepdims=True),
     )
-
-
-def _stamp(path: str | Path, number: int, word: str) -> int:
-    try:
-        return decimal_seconds(word)
-    except ValueError as error:
-        raise ConfigError(path, f"line {number}, t", word, str(error)) from None
 
 
 def _row(path: str | Path, number: int, words: list[str]) -> list[float]:

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
 from stridetwin.streams.formats.derived import joined_at_rates, odometry
 from stridetwin.streams.formats.image_files import chosen_camera, read_image_list, write_depth, write_image
-from stridetwin.streams.formats.text_rows import numbers, read_text_rows
+from stridetwin.streams.formats.text_rows import numbers, read_text_rows, write_text_rows
 from stridetwin.streams.formats.tum import decimal_seconds, seconds, write_tum
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.plausible import mean_rate
@@ -28,7 +27,7 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
-from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
+from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Stamps
 from stridetwin.streams.trajectory import Trajectory
 
 PER_METRE = 5000.0
@@ -92,7 +91,7 @@ def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
     return blocks
 
 
-def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[NDArray[np.int64], Array]:
+def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Stamps, Array]:
     """Stamps (N,) ns and (N, K) columns of a file, by the names in its header, or in this order after the stamp."""
     header, rows = read_text_rows(file, None)
     named = all(name in header for name in names)
@@ -156,16 +155,12 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
     imu = camera.imu_topic
     if imu in recording.topics:
         block = recording.block(imu)
-        rows = [
-            f"{seconds(t)} {' '.join(map(repr, a))}"
-            for t, a in zip(block.t_ns.tolist(), block.columns["specific_force"].tolist())
-        ]
-        (folder / "accelerometer.txt").write_text("\n".join(["# timestamp ax ay az", *rows]) + "\n", encoding="ascii")
-        rates = block.columns["angular_rate"].tolist()
-        rows = [f"{t} {' '.join(map(repr, w))} {a}" for (t, a), w in zip((r.split(" ", 1) for r in rows), rates)]
-        header = "# timestamp wx wy wz ax ay az"
-        (folder / "imu.txt").write_text("\n".join([header, *rows]) + "\n", encoding="ascii")
-        counts |= {"accelerometer.txt": len(rows), "imu.txt": len(rows)}
+        stamps = [seconds(t) for t in block.t_ns.tolist()]
+        force, rate = block.columns["specific_force"], block.columns["angular_rate"]
+        write_text_rows(folder / "accelerometer.txt", "# timestamp ax ay az", " ", stamps, force)
+        both = np.column_stack((rate, force))
+        write_text_rows(folder / "imu.txt", "# timestamp wx wy wz ax ay az", " ", stamps, both)
+        counts |= {"accelerometer.txt": len(block), "imu.txt": len(block)}
     path = camera_path(recording, camera)
     if path is not None:
         write_tum(path, folder / "groundtruth.txt")

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from stridetwin.streams.bounded_images import check_pixels, image_size
-from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import Layout, layout_of
@@ -87,26 +84,6 @@ class Encoder:
         return small.typename, bytes(payload)
 
 
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """Properties of a topic, from its first message.
-
-    Attributes:
-        layout: Layout of its numbers; messages with equal `marks` share it.
-        marks: Offset and bytes of the values that determine the layout.
-        small: Conversion to a sample.
-    """
-
-    layout: Layout
-    marks: tuple[tuple[int, bytes], ...]
-    small: Small
-
-    def fits(self, payload: bytes) -> bool:
-        """Whether a message has this layout."""
-        same_size = len(payload) == self.layout.dtype.itemsize
-        return same_size and all(payload.startswith(word, at) for at, word in self.marks)
-
-
 class Decoder:
     """Messages of one topic to samples.
 
@@ -123,7 +100,7 @@ class Decoder:
             expected = ", ".join(sorted(READABLE))
             raise ValueError(f"{topic}: unsupported type {typename[:60]!r}: expected one of {expected}")
         self.topic, self.typename = topic, typename
-        self._known: _Known | None = None
+        self._known: tuple[Layout, Small] | None = None
 
     def sample(self, message: Message) -> Sample | None:
         """The sample in a message of the topic; None if one of its numbers is not finite.
@@ -134,11 +111,12 @@ class Decoder:
         if self.typename in IMAGES:
             return self._image(message)
         known = self._known
-        if known is None or not known.fits(message.payload):
+        if known is None or not known[0].fits_message(message.payload):
             self._known = known = self._learn(message.payload)
-        rows = np.frombuffer(message.payload, known.layout.dtype)
+        layout, small = known
+        rows = np.frombuffer(message.payload, layout.dtype)
         try:
-            columns = known.small.read(rows)
+            columns = small.read(rows)
         except (IndexError, KeyError) as error:
             raise ValueError(f"{self.topic}: a {self.typename} with an invalid value: {error}") from error
         t_ns = int(stamps(rows, np.array([message.t_ns]))[0])
@@ -146,18 +124,15 @@ class Decoder:
         for value in values.values():
             if isinstance(value, np.ndarray | np.floating) and not np.isfinite(value).all():
                 return None
-        return known.small.kind(topic=self.topic, t_ns=t_ns, **values, **known.small.constants(known.layout))
+        return small.kind(topic=self.topic, t_ns=t_ns, **values, **small.constants(layout))
 
-    def _learn(self, payload: bytes) -> _Known:
+    def _learn(self, payload: bytes) -> tuple[Layout, Small]:
         layout = layout_of(payload, self.typename, typestore())
         small = small_for(self.typename, np.frombuffer(payload, layout.dtype))
-        if self._known is not None and small.kind is not self._known.small.kind:
-            raise ValueError(
-                f"{self.topic}: invalid {small.kind.__name__}: expected {self._known.small.kind.__name__} as before"
-            )
-        word = "<I" if layout.head[1] else ">I"
-        marks = ((0, layout.head), *((at, struct.pack(word, value)) for at, value in layout.lengths))
-        return _Known(layout, marks, small)
+        if self._known is not None and small.kind is not self._known[1].kind:
+            before = self._known[1].kind.__name__
+            raise ValueError(f"{self.topic}: invalid {small.kind.__name__}: expected {before} as before")
+        return layout, small
 
     def _image(self, message: Message) -> Image | Depth:
         try:
@@ -197,10 +172,7 @@ class LiveRecorder:
         self._infos = CameraInfos(Rig())
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
-        try:
-            self._file = McapWriter(partial_path(path))
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
+        self._file = McapWriter(path)
         self._file.metadata(VERSION_RECORD, version_metadata())
 
     def __enter__(self) -> Self:
@@ -209,10 +181,10 @@ class LiveRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.finish()
         if self.count:
-            os.replace(partial_path(self.path), self.path)
+            self._file.finish()
         else:
+            self._file.abandon()
             partial_path(self.path).unlink()
 
     def know(self, rig: Rig, metadata: Mapping[str, str]) -> None:

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.live.messages import Decoder, Message, rank_of
-from stridetwin.streams.live.wire import LATEST_NS, Counts, Hello, Link, WireError, read, read_message
+from stridetwin.streams.live.wire import Counts, Hello, Link, WireError, read, read_message
 from stridetwin.streams.recording.ros_types import typestore
-from stridetwin.streams.samples import Depth, Image, Sample
+from stridetwin.streams.samples import LATEST_NS, Depth, Image, Sample
 
 if TYPE_CHECKING:
     import zenoh

@@ -29,6 +29,7 @@ from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.live.messages import Message
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import LATEST_NS
 from stridetwin.streams.validation import adapter
 from stridetwin.streams.yaml_file import check_yaml
 
@@ -43,7 +44,6 @@ LARGEST_HELLO = 1 << 19
 """Bytes of a hello; half of it is for rig and metadata, the rest for numbers by topic."""
 LARGEST_SMALL = 1 << 16
 """Bytes of a message without an image."""
-LATEST_NS = 2**31 * 1_000_000_000
 _TOPIC = re.compile(r"(/[^/*$?#\s]+)+")
 _ROOT, _CDR = "stridetwin", "application/cdr;"
 _MARK = struct.Struct("<qQ")

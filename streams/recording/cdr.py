@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,21 +45,21 @@ class Layout:
     strings: dict[str, str | list[str]]
     head: bytes
 
+    @cached_property
+    def marks(self) -> tuple[tuple[int, bytes], ...]:
+        """Offset and 4 bytes of the values that determine the layout: the encapsulation header and every length."""
+        word = "<I" if self.head[1] else ">I"
+        return ((0, self.head), *((at, struct.pack(word, value)) for at, value in self.lengths))
+
     def fits(self, messages: NDArray[np.void]) -> bool:
         """Whether all of `messages`, (N,) raw items of this item size, have this layout."""
-        word = np.dtype("<u4" if self.head[1] else ">u4")
-        marks = [(0, np.dtype("<u4"), int.from_bytes(self.head, "little"))]
-        marks += [(at, word, value) for at, value in self.lengths]
-        view = np.dtype(
-            {
-                "names": [str(at) for at, _, _ in marks],
-                "formats": [form for _, form, _ in marks],
-                "offsets": [at for at, _, _ in marks],
-                "itemsize": self.dtype.itemsize,
-            }
-        )
-        rows = messages.view(view)
-        return all(bool(np.all(rows[str(at)] == value)) for at, _, value in marks)
+        data = messages.view(np.uint8).reshape(len(messages), -1)
+        return all(bool(np.all(data[:, at : at + 4] == np.frombuffer(word, np.uint8))) for at, word in self.marks)
+
+    def fits_message(self, payload: bytes) -> bool:
+        """Whether one message has this layout; much faster than `fits`."""
+        same_size = len(payload) == self.dtype.itemsize
+        return same_size and all(payload.startswith(word, at) for at, word in self.marks)
 
 
 class _Walk:

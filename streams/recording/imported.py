@@ -9,15 +9,11 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_problems
-from stridetwin.streams.recording.topic_reader import finite, increasing, selected
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Depth, Image, Sample
-
-LATEST_NS = 2**31 * 1_000_000_000
+from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, increasing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +27,7 @@ class ImageStream:
     """
 
     kind: type[Image] | type[Depth]
-    t_ns: NDArray[np.int64]
+    t_ns: Stamps
     load: Callable[[str, int], Image | Depth]
 
 
@@ -97,7 +93,7 @@ class ImportedContents:
         """All samples of some topics without images."""
         return {topic: self._blocks[topic] for topic in topics}
 
-    def times(self, topic: str) -> NDArray[np.int64]:
+    def times(self, topic: str) -> Stamps:
         """(N,) ns."""
         return self._blocks[topic].t_ns if topic in self._blocks else self._images[topic].t_ns
 
@@ -107,7 +103,7 @@ class ImportedContents:
         found = {i: self._image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
         return {i: image for i, image in found.items() if image is not None}
 
-    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+    def image_times(self, topic: str) -> Stamps | None:
         """(N,) ns, None for a topic without images."""
         return self._images[topic].t_ns if topic in self._images else None
 
@@ -133,11 +129,11 @@ class ImportedContents:
 
     def _sound(self, topic: str, block: Block[Any]) -> Block[Any]:
         keep = self._rising(topic, block.t_ns)
-        sound = finite(block)
+        sound = block.finite
         if not sound.all():
             at = int(np.argmin(sound))
             self._notes.problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
-        return selected(block, keep & sound)
+        return block[keep & sound]
 
     def _in_order(self, topic: str, images: ImageStream) -> ImageStream:
         keep = self._rising(topic, images.t_ns)
@@ -147,13 +143,13 @@ class ImportedContents:
         load = images.load
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
-    def _rising(self, topic: str, t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _rising(self, topic: str, t_ns: Stamps) -> Mask:
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
         if not on_clock.all():
             at = int(np.argmin(on_clock))
             what = f"invalid stamp of row {at + 1}: expected 0 to {LATEST_NS // 10**9} s"
             self._notes.problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
-        rising = increasing(np.where(on_clock, t_ns, -1), -1)
+        rising = increasing(np.where(on_clock, t_ns, -1))
         late = on_clock & ~rising
         if late.any():
             at = int(np.argmax(late))
@@ -163,5 +159,5 @@ class ImportedContents:
         return np.asarray(on_clock & rising)
 
 
-def _info(kind: type[Sample], t_ns: NDArray[np.int64]) -> TopicInfo:
+def _info(kind: type[Sample], t_ns: Stamps) -> TopicInfo:
     return TopicInfo(kind, len(t_ns), int(t_ns[0]), int(t_ns[-1]))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mcap import records
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml
@@ -24,9 +23,9 @@ from stridetwin.streams.recording.recording_schema import (
     read_version,
 )
 from stridetwin.streams.recording.ros_types import Definitions
-from stridetwin.streams.recording.topic_reader import READABLE, TopicReader, finite, increasing, selected
+from stridetwin.streams.recording.topic_reader import READABLE, TopicReader
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Imu, Sample
+from stridetwin.streams.samples import Block, Imu, Sample, Stamps, increasing
 
 KEPT_BYTES = 32 << 20
 """IMU samples of a file that stay in memory after the first pass: an hour of one IMU."""
@@ -181,7 +180,7 @@ class RecordingIndex:
         self.chunks: list[ChunkInfo] = []
         self._kept: dict[str, list[Block[Any]]] = {}
         self._room = KEPT_BYTES
-        self._parts_of_times: dict[str, list[NDArray[np.int64]]] = {}
+        self._parts_of_times: dict[str, list[Stamps]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
         self._scan()
@@ -203,8 +202,6 @@ class RecordingIndex:
         except CutOffError as error:
             self.notes.problem(Problem("", None, f"{error}; {self._until()}"))
         except DamagedError as error:
-            if "no MCAP" in str(error):
-                raise RecordingError(f"{self.path}: {error}") from error
             self.notes.problem(Problem("", None, str(error)))
 
     def _until(self) -> str:
@@ -212,8 +209,8 @@ class RecordingIndex:
         return "there is no sample before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
 
     def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
-        if opcode == Opcode.CHUNK:
-            found, messages = self._unpacking.contents(parse(records.Chunk, body))
+        if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
+            found, messages = self._unpacking.contents(opcode, body)
             for record in found:
                 self._register(record)
             self._index_chunk(offset, messages)
@@ -225,9 +222,6 @@ class RecordingIndex:
                 self.schema_version = read_version(metadata.metadata, self.path)
             elif metadata.name == METADATA_NAME:
                 self.metadata.update(metadata.metadata)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            self._unpacking.took(0, 1)
-            self._register(parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body))
         elif opcode == Opcode.MESSAGE:
             raise RecordingError(f"{self.path}: messages outside chunks are not read: expected chunked MCAP")
 
@@ -268,7 +262,7 @@ class RecordingIndex:
         if self._room < 0:
             self._kept = {}
         elif len(block):
-            self._kept.setdefault(block.topic, []).append(_copy(block))
+            self._kept.setdefault(block.topic, []).append(block)
 
     def _index_topic(self, topic: str, messages: Messages) -> Part | None:
         reader = self.readers[topic]
@@ -288,13 +282,13 @@ class RecordingIndex:
             self.notes.problem(Problem(topic, int(t[i]), what, int((~rising).sum())))
         keep = rising
         if block is not None and not topic.startswith("/truth/"):
-            sound = finite(block)
+            sound = block.finite
             if not sound.all():
                 self.notes.problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
             keep = rising & sound
         kept = t[keep]
         if block is not None and block.kind is Imu:
-            self._keep(selected(block, keep))
+            self._keep(block[keep])
         if not len(kept) or reader.kind is None:
             return None
         self._parts_of_times.setdefault(topic, []).append(kept)
@@ -302,17 +296,6 @@ class RecordingIndex:
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
         return part
-
-
-def _copy(block: Block[Any]) -> Block[Any]:
-    """A block that does not hold the chunk in memory that it was decoded from."""
-    columns = {name: values.copy() for name, values in block.columns.items()}
-    return replace(block, t_ns=block.t_ns.copy(), columns=columns)
-
-
-def unreadable(path: Path, error: Exception) -> StrideTwinError:
-    """The error for a file that cannot be read, in one line."""
-    return StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}")
 
 
 def is_ours(path: Path, if_damaged: bool) -> bool:
@@ -328,7 +311,7 @@ def is_ours(path: Path, if_damaged: bool) -> bool:
                 return True
             if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
                 return False
-    except (DamagedError, OSError):
+    except (DamagedError, RecordingError, OSError):
         return if_damaged
     return False
 

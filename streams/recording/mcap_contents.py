@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.recording.index import ChunkInfo, Part, Problem, RecordingIndex
 from stridetwin.streams.recording.mcap_scan import Messages, chunk_contents, read_chunk
-from stridetwin.streams.recording.topic_reader import TopicReader, concatenated, finite, increasing, selected
-from stridetwin.streams.samples import Block, Depth, Image, Sample
+from stridetwin.streams.recording.topic_reader import TopicReader, concatenated
+from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps, increasing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +103,11 @@ class McapContents(RecordingIndex):
             self._chunks_of[topic] = chunks, np.cumsum([chunk.parts[topic].count for chunk in chunks])
         return self._chunks_of[topic]
 
-    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+    def image_times(self, topic: str) -> Stamps | None:
         """(N,) ns, None for a topic without images."""
         return self.times(topic) if self.readers[topic].is_image else None
 
-    def times(self, topic: str) -> NDArray[np.int64]:
+    def times(self, topic: str) -> Stamps:
         """(N,) ns, from the index."""
         return self._times[topic]
 
@@ -143,7 +143,7 @@ class McapContents(RecordingIndex):
     def _kept_block(self, reader: TopicReader, messages: Messages, part: Part) -> Block[Any]:
         block = reader.block(messages)
         keep = increasing(block.t_ns, part.before)
-        return selected(block, keep if reader.topic.startswith("/truth/") else keep & finite(block))
+        return block[keep if reader.topic.startswith("/truth/") else keep & block.finite]
 
     def _kept_images(self, topic: str, messages: Messages, part: Part) -> Messages:
         t = self.readers[topic].times(messages)

@@ -61,17 +61,20 @@ class Unpacking:
         self._messages = _FREE_MESSAGES + size // _BYTES_PER_MESSAGE
         self._channels = _MOST_CHANNELS
 
-    def contents(self, chunk: records.Chunk) -> tuple[list[records.McapRecord], dict[int, Messages]]:
-        """Schemas and channels of a chunk, and its messages by channel id.
+    def contents(self, opcode: int, body: bytes) -> tuple[list[records.McapRecord], dict[int, Messages]]:
+        """Schemas and channels of a chunk, and its messages by channel id; or the one schema or channel.
 
         Raises:
             DamagedError: The chunk contradicts its header.
             RecordingError: The file is a decompression bomb.
         """
+        if opcode != Opcode.CHUNK:
+            self.took(0, 1)
+            return [parse(_RECORDS[opcode], body)], {}
+        chunk = parse(records.Chunk, body)
         self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)
         self._stop(self._bytes, "bytes unpacked")
-        data = decompress(chunk)
-        return chunk_contents(data, self)
+        return chunk_contents(decompress(chunk), self)
 
     def took(self, messages: int, others: int) -> None:
         """Counts messages, and other records (schemas and channels).
@@ -126,13 +129,13 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
 
     Raises:
         CutOffError: The file ends too early, or a record is invalid.
-        DamagedError: Not an MCAP file, or the CRC of the data section or the summary is wrong (after the last
-            record).
+        DamagedError: The CRC of the data section or the summary is wrong (after the last record).
+        RecordingError: Not an MCAP file.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise DamagedError("this is no MCAP file")
+            raise RecordingError(f"{path}: this is no MCAP file")
         crc, problem = zlib.crc32(MAGIC), ""
         while True:
             offset = file.tell()

@@ -6,6 +6,7 @@ and their indexes.
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.files import partial_path
 from stridetwin.streams.recording.ros_types import definition
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -91,11 +94,19 @@ class McapWriter:
     Messages go into lanes (images into one, the rest into another). A chunk has messages of one lane only, so that a
     reader of the small streams does not read the bulk. Chunks are compressed (zstd) and have a CRC, and so have the
     whole data section and the summary. Every finished chunk is passed to the operating system at once, so that a killed
-    process loses only the open chunks; so are attachments and metadata.
+    process loses only the open chunks; so are attachments and metadata. The file grows under a hidden name beside
+    `path`, and is renamed when it is finished.
+
+    Raises:
+        RecordingError: The file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("wb")
+        self._path = path
+        try:
+            self._file = partial_path(path).open("wb")
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
         self._crc = 0
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._schemas: list[records.Schema] = []
@@ -173,7 +184,7 @@ class McapWriter:
         self._file.flush()
 
     def finish(self) -> None:
-        """Writes the open chunks, the summary and the footer, and closes the file."""
+        """Writes the open chunks, the summary and the footer, closes the file and gives it its name."""
         self._finish_chunks()
         self._append(_encoded(records.DataEnd(self._crc)))
         start = self._file.tell()
@@ -195,9 +206,10 @@ class McapWriter:
         tail = summary + offsets + footer
         self._file.write(tail + zlib.crc32(tail).to_bytes(4, "little") + MAGIC)
         self._file.close()
+        os.replace(partial_path(self._path), self._path)
 
     def abandon(self) -> None:
-        """Writes the open chunks and closes the file without a summary."""
+        """Writes the open chunks and closes the hidden file without a summary."""
         self._finish_chunks()
         self._file.close()
 

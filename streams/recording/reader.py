@@ -20,7 +20,7 @@ from stridetwin.streams.recording.mcap_contents import McapContents, Message
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.writer import RecordingWriter
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Depth, Image, Sample
+from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
 
 if TYPE_CHECKING:
     import pandas
@@ -141,7 +141,7 @@ class Recording:
                 raise RecordingError(f"{self.path}: {topic} carries images: expected samples() or images()")
         return self._contents.blocks(wanted)
 
-    def times(self, topic: str) -> NDArray[np.int64]:
+    def times(self, topic: str) -> Stamps:
         """(N,) ns, stamps of a topic's samples, which are not decoded for that.
 
         Raises:
@@ -190,7 +190,7 @@ class Recording:
             raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}: expected 0 to {len(times) - 1}")
         return [found[i] for i in wanted]
 
-    def image_times(self, topic: str) -> NDArray[np.int64]:
+    def image_times(self, topic: str) -> Stamps:
         """(N,) ns, stamps of a topic's images.
 
         Raises:

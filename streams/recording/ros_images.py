@@ -57,27 +57,23 @@ def depth_message(sample: Depth, encoding: str) -> bytes:
         pixels: NDArray[Any] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
     else:
         pixels = np.ascontiguousarray(sample.depth, "<f4")
-    height, width = pixels.shape
-    values = {
-        "height": height,
-        "width": width,
-        "encoding": encoding,
-        "step": width * pixels.itemsize,
-        "data": pixels.reshape(-1).view(np.uint8),
-    }
-    return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
+    return _raw_message(sample, pixels, encoding)
 
 
 def raw_image_message(sample: Image) -> bytes:
     """A colour or grey image in an Image, every pixel as it is."""
-    pixels = np.ascontiguousarray(sample.pixels)
+    return _raw_message(sample, np.ascontiguousarray(sample.pixels), "mono8" if sample.pixels.ndim == 2 else "rgb8")
+
+
+def _raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: str) -> bytes:
+    """An Image of contiguous pixels (H, W) or (H, W, 3)."""
     height, width = pixels.shape[:2]
     values = {
         "height": height,
         "width": width,
-        "encoding": "mono8" if pixels.ndim == 2 else "rgb8",
+        "encoding": encoding,
         "step": pixels.nbytes // height,
-        "data": pixels.reshape(-1),
+        "data": pixels.reshape(-1).view(np.uint8),
     }
     return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
 

@@ -7,7 +7,7 @@ ROS and us are converted here: quaternions are x, y, z, w in ROS, and an odometr
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -54,22 +54,31 @@ class Small:
     Attributes:
         kind: The sample's type.
         typename: The message's type.
-        fixed: (topic, rig, constants) to the values that are equal in all messages of the topic, by dotted path.
         write: Columns to message fields, by dotted path.
         read: Message rows to columns.
+        fixed: Values that are equal in all messages of the type, by dotted path.
+        of_topic: (topic, rig, constants) to further values that are equal in all messages of the topic.
+        frame: Frame id in the header; "" for the sensor's own.
         constants: Strings of a message to the block's constants.
     """
 
     kind: type[Sample]
     typename: str
-    fixed: Callable[[str, Rig, Mapping[str, Any]], dict[str, Any]]
     write: Callable[[Columns], dict[str, NDArray[Any]]]
     read: Callable[[Rows], dict[str, NDArray[Any]]]
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    of_topic: Callable[[str, Rig, Mapping[str, Any]], dict[str, Any]] = lambda *_: {}
+    frame: str = ""
     constants: Callable[[Layout], dict[str, Any]] = lambda _: {}
+
+    def values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+        """The values that are equal in all messages of a topic, by dotted path."""
+        frame = {"header.frame_id": self.frame or frame_id(topic)}
+        return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
     def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, Layout]:
         """One serialised message of a topic, and the layout of its numbers."""
-        payload = serialise(self.typename, self.fixed(topic, rig, constants))
+        payload = serialise(self.typename, self.values(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 
 
@@ -124,36 +133,20 @@ def _f8(values: NDArray[Any]) -> Array:
     return values.astype(np.float64)
 
 
-def _in_world(*_: object) -> dict[str, Any]:
-    return {"header.frame_id": "world"}
+def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+    if topic not in rig.imus:
+        return {}
+    imu = rig.imus[topic]
+    return {
+        "angular_velocity_covariance": np.eye(3).ravel() * imu.gyroscope_noise_density**2 * imu.rate_hz,
+        "linear_acceleration_covariance": np.eye(3).ravel() * imu.accelerometer_noise_density**2 * imu.rate_hz,
+    }
 
 
-def _in_sensor(topic: str, *_: object) -> dict[str, Any]:
-    return {"header.frame_id": frame_id(topic)}
-
-
-def _imu_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
-    fixed = {"header.frame_id": frame_id(topic), "orientation.w": 1.0, "orientation_covariance": _ABSENT}
-    if topic in rig.imus:
-        imu = rig.imus[topic]
-        fixed["angular_velocity_covariance"] = np.eye(3).ravel() * imu.gyroscope_noise_density**2 * imu.rate_hz
-        fixed["linear_acceleration_covariance"] = np.eye(3).ravel() * imu.accelerometer_noise_density**2 * imu.rate_hz
-    return fixed
-
-
-def _accelerometer_fixed(topic: str, *_: object) -> dict[str, Any]:
-    absent = {"orientation_covariance": _ABSENT, "angular_velocity_covariance": _ABSENT}
-    return {"header.frame_id": frame_id(topic), "orientation.w": 1.0} | absent
-
-
-def _ahrs_fixed(topic: str, *_: object) -> dict[str, Any]:
-    return {"header.frame_id": frame_id(topic), "linear_acceleration_covariance": _ABSENT}
-
-
-def _range_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, Any]:
     parameters = rig.others[topic].parameters if topic in rig.others else {}
     named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
-    return {"header.frame_id": frame_id(topic), **{k: parameters.get(v, 0.0) for k, v in named.items()}}
+    return {k: parameters.get(v, 0.0) for k, v in named.items()}
 
 
 def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:
@@ -161,8 +154,8 @@ def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
-def _encoder_fixed(topic: str, *_: object) -> dict[str, Any]:
-    return {"header.frame_id": frame_id(topic), "name": [joint_name(topic)], "position": np.zeros(1)}
+def _encoder_joint(topic: str, *_: object) -> dict[str, Any]:
+    return {"name": [joint_name(topic)], "position": np.zeros(1)}
 
 
 def joint_name(topic: str) -> str:
@@ -171,16 +164,10 @@ def joint_name(topic: str) -> str:
     return parts[-2] if len(parts) > 1 else parts[0]
 
 
-def _joints_fixed(topic: str, _: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+def _joints(_: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
     names = list(constants["names"])
     zeros = np.zeros(len(names))
-    return {
-        "header.frame_id": frame_id(topic),
-        "name": names,
-        "position": zeros,
-        "velocity": zeros,
-        "effort": zeros,
-    }
+    return {"name": names, "position": zeros, "velocity": zeros, "effort": zeros}
 
 
 def _joints_read(rows: Rows) -> dict[str, NDArray[Any]]:
@@ -189,8 +176,8 @@ def _joints_read(rows: Rows) -> dict[str, NDArray[Any]]:
     return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
 
 
-def _odometry_fixed(topic: str, *_: object) -> dict[str, Any]:
-    return {"header.frame_id": "world", "child_frame_id": frame_id(topic)}
+def _child_frame(topic: str, *_: object) -> dict[str, Any]:
+    return {"child_frame_id": frame_id(topic)}
 
 
 def _odometry_write(c: Columns) -> dict[str, NDArray[Any]]:
@@ -237,14 +224,14 @@ def _footprint_read(rows: Rows) -> dict[str, NDArray[Any]]:
     }
 
 
-def _renamed(kind: type[Sample], typename: str, fixed: Callable[..., dict[str, Any]], **paths: str) -> Small:
+def _renamed(kind: type[Sample], typename: str, paths: Mapping[str, str], **more: Any) -> Small:
     """A sample whose fields are message fields with another name."""
     return Small(
         kind,
         typename,
-        fixed,
         lambda c: {path: c[name] for name, path in paths.items()},
         lambda rows: {name: _f8(rows[path]) for name, path in paths.items()},
+        **more,
     )
 
 
@@ -254,72 +241,78 @@ SMALL: dict[type[Sample], Small] = {
         _renamed(
             Imu,
             "sensor_msgs/msg/Imu",
-            _imu_fixed,
-            angular_rate="angular_velocity",
-            specific_force="linear_acceleration",
+            {"angular_rate": "angular_velocity", "specific_force": "linear_acceleration"},
+            fixed={"orientation.w": 1.0, "orientation_covariance": _ABSENT},
+            of_topic=_imu_noise,
         ),
         _renamed(
             Accelerometer,
             "sensor_msgs/msg/Imu",
-            _accelerometer_fixed,
-            specific_force="linear_acceleration",
+            {"specific_force": "linear_acceleration"},
+            fixed={
+                "orientation.w": 1.0,
+                "orientation_covariance": _ABSENT,
+                "angular_velocity_covariance": _ABSENT,
+            },
         ),
         Small(
             Ahrs,
             "sensor_msgs/msg/Imu",
-            _ahrs_fixed,
             lambda c: {"orientation": _xyzw(c["q_world_sensor"]), "angular_velocity": c["angular_rate"]},
             lambda r: {"q_world_sensor": _wxyz(r["orientation"]), "angular_rate": _f8(r["angular_velocity"])},
+            fixed={"linear_acceleration_covariance": _ABSENT},
         ),
         Small(
             Range,
             "sensor_msgs/msg/Range",
-            _range_fixed,
             lambda c: {"range": np.where(c["distance"] == 0.0, np.inf, c["distance"])},
             _range_read,
+            of_topic=_range_limits,
         ),
         Small(
             Encoder,
             "sensor_msgs/msg/JointState",
-            _encoder_fixed,
             lambda c: {"position": c["angle"][:, None]},
             lambda r: {"angle": _f8(r["position"][:, 0])},
+            of_topic=_encoder_joint,
         ),
         Small(
             Joints,
             "sensor_msgs/msg/JointState",
-            _joints_fixed,
             lambda c: {"position": c["position"], "velocity": c["velocity"], "effort": c["torque"]},
             _joints_read,
-            lambda layout: {"names": tuple(layout.strings["name"])},
+            of_topic=_joints,
+            constants=lambda layout: {"names": tuple(layout.strings["name"])},
         ),
-        Small(Odometry, "nav_msgs/msg/Odometry", _odometry_fixed, _odometry_write, _odometry_read),
+        Small(
+            Odometry,
+            "nav_msgs/msg/Odometry",
+            _odometry_write,
+            _odometry_read,
+            of_topic=_child_frame,
+            frame="world",
+        ),
         _renamed(
             Wrench,
             "geometry_msgs/msg/WrenchStamped",
-            _in_world,
-            force_in_world="wrench.force",
-            torque_in_world="wrench.torque",
+            {"force_in_world": "wrench.force", "torque_in_world": "wrench.torque"},
+            frame="world",
         ),
-        _renamed(Point, "geometry_msgs/msg/PointStamped", _in_world, p_in_world="point"),
+        _renamed(Point, "geometry_msgs/msg/PointStamped", {"p_in_world": "point"}, frame="world"),
         Small(
             FootPhase,
             "std_msgs/msg/UInt8",
-            lambda *_: {},
             lambda c: {"data": c["phase"]},
             lambda r: {"phase": r["data"].astype(np.int64)},
         ),
-        _renamed(Insole, "stridetwin_msgs/msg/Insole", _in_sensor, force="force"),
-        _renamed(Interaction, "stridetwin_msgs/msg/Interaction", _in_sensor, force="force"),
+        _renamed(Insole, "stridetwin_msgs/msg/Insole", {"force": "force"}),
+        _renamed(Interaction, "stridetwin_msgs/msg/Interaction", {"force": "force"}),
         _renamed(
             Actuator,
             "stridetwin_msgs/msg/Actuator",
-            _in_sensor,
-            torque_command="torque_command",
-            torque="torque",
-            speed="speed",
+            {name: name for name in ("torque_command", "torque", "speed")},
         ),
-        Small(Footprint, "stridetwin_msgs/msg/Footprint", _in_world, _footprint_write, _footprint_read),
+        Small(Footprint, "stridetwin_msgs/msg/Footprint", _footprint_write, _footprint_read, frame="world"),
     )
 }
 _BY_TYPE = {small.typename: small for small in SMALL.values()}

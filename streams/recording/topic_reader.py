@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.serde import SerdeError
 
 from stridetwin.streams.recording.cdr import Layout, layout_of
 from stridetwin.streams.recording.mcap_scan import DamagedError, Messages
 from stridetwin.streams.recording.ros_images import IMAGES, image_kind, read_image_message
 from stridetwin.streams.recording.ros_samples import SMALL, Small, small_for, stamps
 from stridetwin.streams.recording.ros_types import typestore_for
-from stridetwin.streams.samples import Block, Depth, Image, Sample
+from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
 
 READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
 
@@ -44,7 +43,7 @@ class TopicReader:
         """Whether the topic carries images, which are decoded one at a time."""
         return self.typename in IMAGES
 
-    def times(self, messages: Messages) -> NDArray[np.int64]:
+    def times(self, messages: Messages) -> Stamps:
         """(N,) stamps of images, without decoding them."""
         if self.kind is None:
             self.kind = self.image_kind(messages.payload(0))
@@ -57,10 +56,7 @@ class TopicReader:
         Raises:
             ValueError: The message cannot be decoded.
         """
-        try:
-            return image_kind(payload, self.typename, self._store)
-        except SerdeError as error:
-            raise ValueError(str(error)) from error
+        return image_kind(payload, self.typename, self._store)
 
     def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
         """One image, of this topic or (if an import renames it) of another.
@@ -68,10 +64,7 @@ class TopicReader:
         Raises:
             ValueError: The message cannot be decoded.
         """
-        try:
-            return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
-        except SerdeError as error:
-            raise ValueError(str(error)) from error
+        return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
 
     def block(self, messages: Messages) -> Block[Any]:
         """All messages as one block, with unchecked stamps.
@@ -96,20 +89,19 @@ class TopicReader:
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
-    def _decode(self, layout: Layout, rows: NDArray[np.void], log_time: NDArray[np.int64]) -> Block[Any]:
+    def _decode(self, layout: Layout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
         small = self._small = self._small or small_for(self.typename, rows[:1])
         self.kind = small.kind
         try:
             columns = small.read(rows)
         except (IndexError, KeyError) as error:
             raise ValueError(f"{self.typename} with an invalid value: {error}") from error
-        constants = small.constants(layout)
         return Block(
             topic=self.topic,
             kind=small.kind,
             t_ns=stamps(rows, log_time),
             columns=columns,
-            constants=constants,
+            constants=small.constants(layout),
         )
 
 
@@ -130,29 +122,6 @@ def concatenated(blocks: list[Block[Any]]) -> Block[Any]:
         columns={name: np.concatenate([b.columns[name] for b in blocks]) for name in first.columns},
         constants=first.constants,
     )
-
-
-def selected(block: Block[Any], keep: NDArray[np.bool_]) -> Block[Any]:
-    """The rows of a block selected by a mask (N,)."""
-    if keep.all():
-        return block
-    columns = {name: values[keep] for name, values in block.columns.items()}
-    return Block(topic=block.topic, kind=block.kind, t_ns=block.t_ns[keep], columns=columns, constants=block.constants)
-
-
-def finite(block: Block[Any]) -> NDArray[np.bool_]:
-    """(N,) whether every number of a sample is finite."""
-    keep = np.ones(len(block), bool)
-    for values in block.columns.values():
-        if values.dtype.kind == "f":
-            keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
-    return keep
-
-
-def increasing(t_ns: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
-    """(N,) whether each stamp is after every previous stamp, and after `last`."""
-    before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
-    return np.asarray(t_ns > before)
 
 
 def header_stamp(payload: bytes) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.streams.errors import ConfigError, RecordingError
-from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import Layout
 from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter, message_rows
@@ -33,11 +31,10 @@ from stridetwin.streams.recording.ros_images import (
 )
 from stridetwin.streams.recording.ros_samples import SMALL, block_of, fill
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Depth, Image, Sample
+from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Sample
 
 _ENCODERS = 2
 _IMAGES_IN_FLIGHT = 8
-_LATEST_NS = 2**31 * 1_000_000_000
 
 
 class RecordingWriter:
@@ -76,10 +73,7 @@ class RecordingWriter:
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
         self._pool = ThreadPoolExecutor(_ENCODERS)
         rig_yaml = rig_to_yaml(rig).encode()
-        try:
-            self._file = McapWriter(partial_path(self.path))
-        except OSError as error:
-            raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._file = McapWriter(self.path)
         self._file.metadata(VERSION_RECORD, version_metadata())
         self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
@@ -94,7 +88,6 @@ class RecordingWriter:
             self._drain(0)
             if error is None:
                 self._file.finish()
-                os.replace(partial_path(self.path), self.path)
             else:
                 self._file.abandon()
         finally:
@@ -136,7 +129,7 @@ class RecordingWriter:
         t_ns = stamps if log_ns is None else np.broadcast_to(np.asarray(log_ns, np.int64), stamps.shape)
         before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
         early = t_ns <= before if log_ns is None else t_ns < np.maximum(before, 0)
-        bad = np.flatnonzero(early | (np.maximum(t_ns, abs(stamps)) >= _LATEST_NS))
+        bad = np.flatnonzero(early | (np.maximum(t_ns, abs(stamps)) >= LATEST_NS))
         if bad.size:
             i = int(bad[0])
             valid = "stamps from 0 on that increase strictly" if log_ns is None else "arrivals from 0 on in order"

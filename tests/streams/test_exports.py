@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.euroc_export import write_euroc
+from stridetwin.streams.formats.euroc import write_euroc
 from stridetwin.streams.formats.mcap_export import write_rosbag2
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.formats.opensim_export import write_opensim

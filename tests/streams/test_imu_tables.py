@@ -26,11 +26,10 @@ from logger_files import (
 
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.imu_columns import parsed_mapping
+from stridetwin.streams.formats.imu_columns import parsed_mapping, unit_of
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.formats.opening import ImportOptions, open_any, recognise
 from stridetwin.streams.formats.tum import read_tum
-from stridetwin.streams.formats.units import unit_of
 
 DATA = Path(os.environ.get("STRIDETWIN_DATA", Path(__file__).parents[3] / "shared" / "data"))
 

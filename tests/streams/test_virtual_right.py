@@ -6,7 +6,7 @@ import pytest
 from rigs import small_rig
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.euroc_export import right_camera, right_view
+from stridetwin.streams.formats.euroc import right_camera, right_view
 
 FOCAL, BASELINE, SIZE = 200.0, 0.1, (120, 160)
 

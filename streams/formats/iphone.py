@@ -1,0 +1,298 @@
+"""Folders of iPhone scanners, StrayScanner and Record3D: images, depth and the path of the camera, which is ARKit's.
+
+StrayScanner: `odometry.csv`, `camera_matrix.csv`, `rgb.mp4`, `depth/*.png` (mm) and `imu.csv`; poses are those of the
+optical frame, and depth images are smaller than those in colour. Record3D (`.r3d` is a ZIP file), unpacked: `metadata`,
+`rgbd/0.jpg`, `rgbd/0.depth` and so on; depth is float32 in m, compressed with LZFSE.
+
+ARKit's world has y up; ours z. Its camera looks along −z with y up; our optical frame along z with y down. The axes of
+the device are x to the right and y to the top of the upright phone, z out of the screen; its accelerometer reports
+forces with the opposite sign, in g.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+
+from stridetwin.streams.bounded import LARGEST_TEXT, read_bytes, read_text
+from stridetwin.streams.bounded_images import check_pixels
+from stridetwin.streams.errors import ConfigError, StrideTwinError, needing
+from stridetwin.streams.fields import Count, Number, Positive
+from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
+from stridetwin.streams.formats.derived import odometry
+from stridetwin.streams.formats.image_files import existing, image_stream
+from stridetwin.streams.formats.text_rows import Row, numbers, read_camera_matrix, read_text_rows
+from stridetwin.streams.formats.tum import decimal_seconds
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
+from stridetwin.streams.plausible import mean_rate
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Stamps
+from stridetwin.streams.validation import validated
+
+COLOR, DEPTH, IMU = "/head/color", "/head/depth", "/head/imu"
+"""Topics of a scan."""
+R_ZUP_YUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+R_ARKIT_OPTICAL = np.diag([1.0, -1.0, -1.0])
+R_DEVICE_OPTICAL = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+PER_METRE = 1000.0
+ODOMETRY, MATRIX, VIDEO, INERTIAL = "odometry.csv", "camera_matrix.csv", "rgb.mp4", "imu.csv"
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_FORCE, _RATES = ("a_x", "a_y", "a_z"), (("alpha_x", "alpha_y", "alpha_z"), ("w_x", "w_y", "w_z"))
+_MOST_IN_G = 3.0
+_METADATA = ("metadata.json", "metadata")
+_LZFSE = (b"bvx2", b"bvx1", b"bvxn", b"bvx-")
+
+
+def is_stray_scanner(path: Path) -> bool:
+    """Whether a folder has the layout."""
+    return all((path / name).is_file() for name in (ODOMETRY, MATRIX))
+
+
+def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Source:
+    """Reads a folder of StrayScanner.
+
+    Args:
+        path: The folder.
+        notes: Collects problems.
+        per_metre: Units of the depth images per metre.
+
+    Raises:
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
+    """
+    file = path / ODOMETRY
+    header, rows = _table(file)
+    t_ns, table = numbers(file, rows, _places(file, header, ("frame", *_POSE)), decimal_seconds, notes)
+    images: dict[str, ImageStream] = {}
+    if (path / VIDEO).is_file():
+        frames = _Frames(path / VIDEO, t_ns)
+        images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.image)
+    listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), table[:, 0].tolist())]
+    if (path / "depth").is_dir() and (there := existing("depth", path / "depth", listed, notes)):
+        images[DEPTH] = image_stream(there, per_metre)
+    poses = _path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
+    blocks: dict[str, Block[Any]] = {poses.topic: poses}
+    if (path / INERTIAL).is_file() and (imu := _imu(path / INERTIAL, notes)) is not None:
+        blocks[IMU] = imu
+    return Source(kind="strayscanner", blocks=blocks, images=images, rig=_stray_rig(path, images, IMU in blocks))
+
+
+def _table(file: Path) -> tuple[list[str], list[Row]]:
+    _, rows = read_text_rows(file, ",")
+    return (rows[0].words, rows[1:]) if rows else ([], [])
+
+
+def _places(file: Path, header: list[str], names: tuple[str, ...]) -> list[tuple[str, int]]:
+    for name in names:
+        if name not in header:
+            raise ConfigError(file, "header", ",".join(header), f"the columns timestamp, {', '.join(names)}")
+    return [(name, header.index(name)) for name in names]
+
+
+def _imu(file: Path, notes: Notes) -> Block[Imu] | None:
+    header, rows = _table(file)
+    rates = next((names for names in _RATES if names[0] in header), _RATES[0])
+    places = _places(file, header, (*_FORCE, *rates))
+    if not rows:
+        return None
+    t_ns, table = numbers(file, rows, places, decimal_seconds, notes)
+    in_g = float(np.median(np.linalg.norm(table[:, :3], axis=1))) < _MOST_IN_G
+    force = -(STANDARD_GRAVITY_MPS2 if in_g else 1.0) * table[:, :3]
+    unit = "g" if in_g else "m/s²"
+    notes.warn(f"{file.name}: forces taken as {unit} with the iPhone's sign, IMU at the camera in the device's axes")
+    return Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table[:, 3:], "specific_force": force})
+
+
+def _stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Rig:
+    fu, fv, pu, pv = read_camera_matrix(path / MATRIX, ",")
+    # without the video, the centre of the image is all that gives its size
+    size = (image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
+    return _rig(images, (fu, fv, pu, pv), size, imu)
+
+
+class _Frames:
+    """The first frames of a video, with stamps (N,) ns: decoded in order and, where asked for again, from the start."""
+
+    def __init__(self, path: Path, t_ns: Stamps) -> None:
+        self._path, self._t_ns = path, t_ns
+        self._frames: Iterator[Any] = iter(())
+        self._next, self._last = -1, np.zeros((0, 0, 3), np.uint8)
+
+    def image(self, topic: str, number: int) -> Image:
+        """One frame.
+
+        Raises:
+            StrideTwinError: The video cannot be decoded, or has fewer frames.
+        """
+        return Image(topic=topic, t_ns=int(self._t_ns[number]), pixels=self._pixels(number))
+
+    def _pixels(self, number: int) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB."""
+        if number == self._next - 1:
+            return self._last
+        if self._next < 0 or number < self._next:
+            self._frames, self._next = self._decoded(), 0
+        try:
+            while self._next <= number:
+                frame = next(self._frames)
+                self._next += 1
+            check_pixels(frame.width, frame.height)
+            self._last = frame.to_ndarray(format="rgb24")
+        except StopIteration:
+            count, self._next = self._next, -1
+            raise ConfigError(self._path, "frames", count, f"at least {number + 1}, as listed") from None
+        except (OSError, ValueError) as error:
+            self._next = -1
+            raise StrideTwinError(f"{self._path}: cannot be decoded: {error}") from error
+        return self._last
+
+    def _decoded(self) -> Iterator[Any]:
+        import av  # takes long to import: only where it is needed
+
+        with av.open(str(self._path)) as container:
+            yield from container.decode(video=0)
+
+
+class _Metadata(BaseModel):
+    """What is read of the metadata; poses are x, y, z, w of the rotation and the position, m."""
+
+    w: Count
+    h: Count
+    dw: Count
+    dh: Count
+    fps: Positive = 30.0
+    K: Annotated[list[Number], Field(min_length=9, max_length=9)]
+    poses: list[tuple[Number, Number, Number, Number, Number, Number, Number]]
+    frameTimestamps: list[Number] = []
+
+
+def is_record3d(path: Path) -> bool:
+    """Whether a folder has the layout."""
+    return (path / "rgbd").is_dir() and any((path / name).is_file() for name in _METADATA)
+
+
+def read_record3d(path: Path, notes: Notes) -> Source:
+    """Reads an unpacked recording of Record3D.
+
+    Args:
+        path: The folder.
+        notes: Collects problems.
+
+    Raises:
+        StrideTwinError: A file cannot be read, a value in it is invalid, or depth is compressed and its package is not
+            installed.
+    """
+    if not is_record3d(path):
+        raise ConfigError(path, "", "no metadata and no rgbd/", "an unpacked recording of Record3D")
+    file = next(path / name for name in _METADATA if (path / name).is_file())
+    try:
+        content = json.loads(read_text(file, LARGEST_TEXT))
+    except ValueError as error:
+        raise StrideTwinError(f"{file}: {error}") from error
+    known = validated(_Metadata, content, file)
+    count = len(known.poses)
+    given = known.frameTimestamps if len(known.frameTimestamps) == count else []
+    t = np.array(given) if given else np.arange(count) / known.fps
+    if not given:
+        notes.warn(f"{file.name}: no stamp for each frame; {known.fps:g} Hz assumed")
+    t_ns = np.rint(1e9 * (t - min(0.0, float(t.min(initial=0.0))))).astype(np.int64)
+    poses = np.array(known.poses, float).reshape(count, 7)
+    images: dict[str, ImageStream] = {}
+    for topic, suffix in ((COLOR, "jpg"), (DEPTH, "depth")):
+        listed = [(t, path / "rgbd" / f"{i}.{suffix}") for i, t in enumerate(t_ns.tolist())]
+        if there := existing("rgbd", path / "rgbd", listed, notes):
+            images[topic] = image_stream(there) if topic == COLOR else _depth(there, (known.dh, known.dw))
+    block = _path(images, t_ns, poses[:, 4:], poses[:, [3, 0, 1, 2]], False, notes, file)
+    fu, fv, pu, pv = (known.K[i] for i in (0, 4, 6, 7))  # by columns
+    rig = _rig(images, (fu, fv, pu, pv), (known.w, known.h), imu=False)
+    return Source(kind="record3d", blocks={block.topic: block}, images=images, rig=rig)
+
+
+def _depth(files: list[tuple[int, Path]], shape: tuple[int, int]) -> ImageStream:
+    check_pixels(shape[1], shape[0])
+    _depth_of(files[0][1], shape)  # a missing package is an error now, not in the middle of a walk
+
+    def load(topic: str, i: int) -> Depth:
+        t_ns, file = files[i]
+        raw = _depth_of(file, shape)
+        return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
+
+    return ImageStream(kind=Depth, t_ns=np.array([t for t, _ in files], np.int64), load=load)
+
+
+def _depth_of(file: Path, shape: tuple[int, int]) -> Any:
+    """(H, W) m of a file of float32, compressed or not."""
+    size = 4 * shape[0] * shape[1]
+    data = read_bytes(file, size + 4096)
+    if data.startswith(_LZFSE):
+        with needing(f"{file}: depth compressed with LZFSE", "record3d"):
+            import lzfse
+        try:
+            data = lzfse.decompress(data)
+        except (lzfse.error, ValueError) as error:
+            raise ConfigError(file, "", "damaged LZFSE data", "a depth image of Record3D") from error
+    if len(data) != size:
+        raise ConfigError(file, "size in bytes, unpacked", len(data), f"{size}: float32 of {shape[1]} x {shape[0]}")
+    return np.frombuffer(data, "<f4").reshape(shape)
+
+
+def _path(
+    images: dict[str, ImageStream], t_ns: Stamps, p: Array, q: Array, optical: bool, notes: Notes, file: object
+) -> Block[Odometry]:
+    """Poses of the camera's optical frame in a world with z up: ARKit's estimate, not the truth.
+
+    Args:
+        images: Colour or depth, whose cameras are in one place; the topic is named after the first that is there.
+        t_ns: (N,) stamps.
+        p: (N, 3) m, camera in ARKit's world.
+        q: (N, 4) quaternions (w, x, y, z), camera to ARKit's world.
+        optical: Whether the camera's frame is already the optical one.
+        notes: Collects problems.
+        file: Named by errors.
+
+    Raises:
+        ConfigError: A quaternion far from unit norm, unless lenient.
+    """
+    topic = f"{COLOR if COLOR in images else DEPTH}/odometry"
+    from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
+
+    block = odometry(topic, t_ns, p, q, None, notes, file)
+    R = Rotation.from_matrix(R_ZUP_YUP) * Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
+    if not optical:
+        R = R * Rotation.from_matrix(R_ARKIT_OPTICAL)
+    p = block.columns["p_frame_in_world"] @ R_ZUP_YUP.T
+    return odometry(topic, block.t_ns, p, R.as_quat(scalar_first=True), None, notes, file)
+
+
+def _rig(
+    images: dict[str, ImageStream], intrinsics: tuple[float, float, float, float], size: tuple[int, int], imu: bool
+) -> Rig:
+    """The colour camera, and the depth camera with the same view and its own size of image.
+
+    Args:
+        images: Colour and depth, if they are there.
+        intrinsics: (fu, fv, pu, pv) in pixels of images of `size`.
+        size: (width, height).
+        imu: Whether there is an IMU, in the axes of the device, at the camera.
+    """
+    cameras: dict[str, CameraCalibration] = {}
+    for topic, stream in images.items():
+        own = image_size(stream) or size
+        su, sv = own[0] / size[0], own[1] / size[1]
+        fu, fv, pu, pv = intrinsics
+        scaled = (su * fu, sv * fv, su * (pu + 0.5) - 0.5, sv * (pv + 0.5) - 0.5)
+        camera = pinhole(topic, own, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
+        if imu:
+            T = np.eye(4)
+            T[:3, :3] = R_DEVICE_OPTICAL
+            camera = replace(camera, mount=replace(camera.mount, T_body_sensor=T))
+        cameras[topic] = camera
+    return Rig(cameras=cameras)
