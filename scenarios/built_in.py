@@ -8,8 +8,7 @@ from pathlib import Path
 
 def catalogue_of(package: str) -> dict[str, Path]:
     """The YAML files in the folder `catalogue` of a package, name to file, sorted by name."""
-    folder = Path(str(resources.files(package))) / "catalogue"
-    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+    return {p.stem: p for p in sorted((Path(str(resources.files(package))) / "catalogue").glob("*.yaml"))}
 
 
 def catalogue() -> dict[str, Path]:

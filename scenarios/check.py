@@ -77,6 +77,11 @@ class Finding:
     what: str
     is_error: bool = True
 
+    @property
+    def words(self) -> str:
+        """Its text with its stream."""
+        return self.what if self.what.startswith(self.topic) else f"{self.topic}: {self.what}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
@@ -146,7 +151,7 @@ def check_table(check: Check) -> list[str]:
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
         )
     for finding in check.findings:
-        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {_named(finding)}")
+        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.words}")
     lines.append("valid" if check.is_valid else "invalid: see ERROR")
     return lines
 
@@ -156,13 +161,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _remark(row: dict[str, Any]) -> str:
-    if "force_m_s2" not in row:
-        return ""
-    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}"
-
-
-def _named(finding: Finding) -> str:
-    return finding.what if finding.what.startswith(finding.topic) else f"{finding.topic}: {finding.what}"
+    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}" if "force_m_s2" in row else ""
 
 
 def _read_images(recording: Recording) -> None:
@@ -227,16 +226,14 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
     if block is not None and not topic.startswith("/truth/"):
         row["range_hits_pct"] = hits = range_hits(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > CLIPPED_PCT:
-            is_error = hits > RANGE_HITS_PCT
-            most = RANGE_HITS_PCT if is_error else CLIPPED_PCT
+            most = RANGE_HITS_PCT if hits > RANGE_HITS_PCT else CLIPPED_PCT
             what = f"{hits:.1f} % of the samples at the end of the range: expected up to {most:g} %"
-            findings.append(Finding(topic=topic, what=what, is_error=is_error))
+            findings.append(Finding(topic=topic, what=what, is_error=hits > RANGE_HITS_PCT))
     if block is not None and info.count >= _FEWEST:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        c = block.columns
         found = (
             *implausible_rates(t_ns, IMU_RATES_HZ),
-            *implausible_units(t_ns, c["specific_force"], c.get("angular_rate")),
+            *implausible_units(t_ns, block.columns["specific_force"], block.columns.get("angular_rate")),
         )
         findings += [Finding(topic=topic, what=str(one)) for one in found]
     return row, [f for f in findings if not _is_known(recording, f)]

@@ -126,8 +126,7 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
         if i in (0, len(segments) - 1) and kind != "level":
             raise ConfigError(path, f"terrain[{i}]", kind, "level (a walk starts and ends on level ground)")
         if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
-            valid = "level, ramp (stairs must end at a landing)"
-            raise ConfigError(path, f"terrain[{i}]", kind, valid)
+            raise ConfigError(path, f"terrain[{i}]", kind, "level, ramp (stairs must end at a landing)")
     last = segments[-1]
     if isinstance(last, Level) and last.cross_slope_rad != 0.0:
         at = f"terrain[{len(segments) - 1}].level.cross_slope_deg"

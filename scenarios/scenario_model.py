@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from stridetwin.scenarios.sensor_model import Sensors, SensorsInFile
 from stridetwin.sim.config import (
@@ -42,6 +42,7 @@ from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
+    FileModel,
     OneKey,
     OneKind,
     ReadAs,
@@ -56,10 +57,6 @@ from stridetwin.streams.fields import (
     whole,
     words,
 )
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +86,7 @@ _Stairs = Annotated[
 _STRAIGHT: dict[str, Any] = {"level": Level, "stairs": _Stairs, "ramp": Annotated[Ramp, Required("direction")]}
 
 
-class _Lanes(_Model):
+class _Lanes(FileModel):
     """Terrains side by side, one of which is walked.
 
     Attributes:
@@ -131,7 +128,7 @@ _Person = Annotated[
 ]
 
 
-class _Exo(_Model):
+class _Exo(FileModel):
     """The exoskeleton of Shim et al. 2019.
 
     Attributes:
@@ -150,7 +147,7 @@ class _Exo(_Model):
         return _powered(Exo(mode=self.mode, joints=self.joints, drive=self.drive))
 
 
-class _OwnExo(_Model):
+class _OwnExo(FileModel):
     """A user-supplied exoskeleton.
 
     Attributes:
@@ -204,7 +201,7 @@ def _patterned(node: object) -> object:
     return PATTERNS.get(pattern, {}) | node if isinstance(pattern, str) else node
 
 
-class _Place(_Model):
+class _Place(FileModel):
     """Position of an object along the route.
 
     Attributes:
@@ -240,7 +237,7 @@ FaultList = tuple[FaultInFile, ...]
 """Type of a list of faults in a file."""
 
 
-class ScenarioFile(_Model):
+class ScenarioFile(FileModel):
     """A scenario: the walker, the terrain, the gait and the sensors.
 
     Attributes:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
 from stridetwin.sim.config import Person
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.errors import Where
-from stridetwin.streams.fields import ReadAs, refused, unique, whole, words
+from stridetwin.streams.fields import FileModel, ReadAs, refused, unique, whole, words
 
 MOST = 10_000
 _NOWHERE = Where(source="")
@@ -49,20 +49,18 @@ class Group:
         """A member, in the form of a scenario file's person, from the quantile of each key that varies."""
         body = {key: found.at(quantiles.get(key, 0.0)) for key, found in self.body.items()}
         if "bmi" in body:
-            height = body.get("height_m", Person.height_m)
-            mass = float(f"{body.pop('bmi') * height**2:.6g}")
+            mass = float(f"{body.pop('bmi') * body.get('height_m', Person.height_m) ** 2:.6g}")
             body["mass_kg"] = min(max(mass, _MASS_KG[0]), _MASS_KG[1])
         return body
 
 
-class _Named(BaseModel):
+class _Named(FileModel):
     """Predefined people.
 
     Attributes:
         named: Their names.
     """
 
-    model_config = ConfigDict(extra="forbid")
     named: Annotated[tuple[Annotated[str, words(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(unique)]
 
     def build(self) -> Group:
@@ -70,7 +68,7 @@ class _Named(BaseModel):
         return Group(count=len(self.named), body={}, names=self.named)
 
 
-class _Drawn(BaseModel):
+class _Drawn(FileModel):
     """People whose bodies are drawn from distributions.
 
     Attributes:
@@ -82,7 +80,6 @@ class _Drawn(BaseModel):
         shoe_mm: Shoe size, as the length of a fitting foot.
     """
 
-    model_config = ConfigDict(extra="forbid")
     count: Annotated[int, whole(1, MOST)]
     bmi: DistributionInFile = None
     sex: DistributionInFile = None
