@@ -16,12 +16,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.composition import compose
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.rendering.renderer import FAR_M, NEAR_M
 from stridetwin.sim.scene.exact_xml import exact_xml, numbers
-from stridetwin.sim.scene.sensor_sites import add_sensor_sites
-from stridetwin.sim.scene.standing import add_standing
+from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.textures import SIZE
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -30,33 +27,10 @@ from stridetwin.streams.files import whole_file
 TEXTURE_PX = SIZE
 """Edge of the twin's own textures, pixels."""
 WEARER = "wearer.xml"
-_PERSON_M = 2.0
 _SCENERY = "scenery_"
 _ROOT = "root"  # the wearer's outermost body
 _WEARERS = ("option", "actuator", "equality", "sensor")  # sections of wearer.xml
 _NOTE = " Written by StrideTwin (stridetwin scene): docs/scene.md says what is in it. "
-
-
-def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
-    """The composed model of a walk with everything that MuJoCo needs to show and step it alone.
-
-    Raises:
-        ConfigError: A value that cannot be built.
-    """
-    composition = compose(config)
-    spec = composition.spec
-    spec.modelname = config.name
-    add_sensor_sites(spec, composition.sensor_rig.rig)
-    add_standing(composition, config)
-    route_m = float(compile_model(spec).stat.extent)
-    spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the person
-    scale = spec.visual.map  # in extents
-    scale.znear, scale.zfar, scale.shadowclip = NEAR_M / _PERSON_M, FAR_M / _PERSON_M, route_m / _PERSON_M
-    view = getattr(spec.visual, "global")
-    # from the side in front; between walls from the front
-    view.azimuth, view.elevation = 180.0 if config.route.scenery == "corridor" else 140.0, -12.0
-    view.offwidth, view.offheight = 1920, 1080
-    return spec
 
 
 def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, bytes]:
