@@ -207,9 +207,9 @@ class Controller:
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
-        forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
         h, target = _targets(
-            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
+            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed,
+            _Forces(data.qfrc_bias, data.qfrc_passive, known), self._toes,
         )  # fmt: skip
         torque = _step(
             self._believed * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot

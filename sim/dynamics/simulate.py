@@ -17,7 +17,7 @@ from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor,
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
-from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan, advance
 from stridetwin.sim.dynamics.plan import CONTROL_S, Plan
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
@@ -71,7 +71,8 @@ class Simulation:
         )  # fmt: skip
         self._coupled = CouplingSet.of(model, couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
-        self._record, self._soles = _Record(self._steps, model), sole_numbers(model)
+        self._soles = sole_numbers(model)
+        self._record = _Record(self._steps, model, self._soles)
         self._bias, self._drive = ContactBias.of(model), Drive(model, exo, law)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
         data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
@@ -119,7 +120,7 @@ class Simulation:
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
-        self._shift.update(CONTROL_S, feet, sensed, self._misplace[i])
+        advance(self._shift, CONTROL_S, feet, sensed, self._misplace[i])
         self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
@@ -189,7 +190,7 @@ def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
 class _Record:
     """Arrays filled during a simulation."""
 
-    def __init__(self, n: int, model: mujoco.MjModel) -> None:
+    def __init__(self, n: int, model: mujoco.MjModel, soles: NDArray[np.int64]) -> None:
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
         shape = n, len(SIDES), 3
         self._loads = FootRecord(
@@ -197,8 +198,7 @@ class _Record:
             cop=np.zeros(shape),
         )  # fmt: skip
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
-        names = [model.geom(g).name for g in range(model.ngeom)]
-        self._side = np.array([{"sole_l": 0, "sole_r": 1}.get(name[:6], -1) for name in names])
+        self._side = np.where(soles < 0, -1, soles // PER_FOOT)
 
     def before(self, i: int, data: mujoco.MjData, torque: Array) -> None:
         """Records the state that step i starts from."""

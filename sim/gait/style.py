@@ -62,8 +62,7 @@ class Style:
     @classmethod
     def of_vector(cls, x: Array) -> Style:
         """Style from a vector of its fields in the order above."""
-        ends = np.cumsum(list(SIZES.values()))[:-1]
-        parts = np.split(np.asarray(x, dtype=float), ends)
+        parts = np.split(np.asarray(x, dtype=float), np.cumsum(list(SIZES.values()))[:-1])
         values: dict[str, Any] = {name: part if SIZES[name] > 1 else float(part[0]) for name, part in zip(SIZES, parts)}
         return cls(**values)
 
@@ -151,8 +150,10 @@ def style_at(pace: float) -> Style:
         height = style.height.copy()
         height[0] -= _LOWER_FASTER * beyond
         support = style.double_support - _SHORTER_SUPPORT_FASTER * beyond
-        forward = style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0)
-        return replace(style, double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT), height=height, forward=forward)
+        return replace(
+            style, double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT), height=height,
+            forward=style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0),
+        )  # fmt: skip
     if pace >= slowest:
         return style
     shorter = float(walk_growth(pace) / walk_growth(slowest))
@@ -191,8 +192,7 @@ def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
 
 def _scaled(style: Style, k: float) -> Style:
     """Style with the amplitudes of feet and pelvis scaled."""
-    height = np.concatenate([style.height[:1], k**2 * style.height[1:]])
     return replace(
-        style, pitch=k * style.pitch, height=height, forward=k * style.forward, lift=k * style.lift,
-        list_=k * style.list_,
+        style, pitch=k * style.pitch, height=np.append(style.height[0], k**2 * style.height[1:]),
+        forward=k * style.forward, lift=k * style.lift, list_=k * style.list_,
     )  # fmt: skip

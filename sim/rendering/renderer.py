@@ -24,7 +24,7 @@ from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.sim.world.obstacles import GLASS
 from stridetwin.sim.world.textures import PERIOD_M
 from stridetwin.streams.compiled import cached
-from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 
 NEAR_M = 0.02
@@ -247,19 +247,18 @@ class FilmCamera(_OffScreen):
         return np.asarray(cv2.resize(rgb[::-1], self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: ArrayLike | None = None) -> Array:
-    """(4, 4) pose of a camera's optical frame in the world, from the body that carries it.
+def mounted_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | None = None) -> Array:
+    """(4, 4) pose in the world of a camera's optical frame or a board, from the body that carries it.
 
     Args:
         data: State of the model, kinematics up to date.
-        camera: Its calibration.
-        T_body_frame: (4, 4) pose on the body of the frame that holds its mount, after slips.
+        mount: Its mount.
+        T_body_frame: (4, 4) pose on the body of the frame that holds the mount, after slips.
     """
-    body = data.body(UPPERS.get(camera.mount.body, camera.mount.body))
-    T_world_body = np.eye(4)
+    body, T_world_body = data.body(UPPERS.get(mount.body, mount.body)), np.eye(4)
     T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
     T_world_frame = T_world_body if T_body_frame is None else T_world_body @ np.asarray(T_body_frame)
-    return T_world_frame @ camera.mount.T_body_sensor
+    return T_world_frame @ mount.T_body_sensor
 
 
 @contextmanager
@@ -331,11 +330,11 @@ def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _
         (look, "shadowsize", quality.shadow_size), (look, "numslices", quality.slices),
         (look, "numstacks", quality.stacks),
     )  # fmt: skip
-    kept = [getattr(group, name) for group, name, _ in values]
+    kept = [(group, name, getattr(group, name)) for group, name, _ in values]
     for group, name, value in values:
         setattr(group, name, value)
     try:
         yield
     finally:
-        for (group, name, _), value in zip(values, kept):
+        for group, name, value in kept:
             setattr(group, name, value)

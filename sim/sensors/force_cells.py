@@ -72,9 +72,7 @@ class ForceCells:
 
     def _loop(self, load: Array) -> Array:
         share = self._part.hysteresis / (2 * _PLAY)
-        if not share:
-            return load
-        return load + share * (_played(self._play, load) - load)
+        return load + share * (_played(self._play, load) - load) if share else load
 
 
 @_called
@@ -157,8 +155,7 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
     # far sides.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
-    at_corner = sense * _cross(after - corner, before - corner)
-    weight = at_corner * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
+    weight = sense * _cross(after - corner, before - corner) * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)
     shares[:, _OUTLINE] = weight / weight.sum(axis=-1, keepdims=True)
     return shares

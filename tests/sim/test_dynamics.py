@@ -13,7 +13,7 @@ from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route,
 from stridetwin.sim.dynamics import spatial, whole_body_problem
 from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
-from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan, advance
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -237,7 +237,7 @@ def replanned(
         R_way=np.eye(2), near_edge=np.zeros(2, dtype=bool), p_foot=vec, v_foot=vec, a_foot=vec, R_foot=R_sole,
         w_foot=vec, dw_foot=vec,
     )  # fmt: skip
-    shift.update(0.002, planned, Sensed(com=off, floor=floor, pressing=np.array(pressing)), misplaced)
+    advance(shift, 0.002, planned, Sensed(com=off, floor=floor, pressing=np.array(pressing)), misplaced)
 
 
 def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:
