@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.campaign.campaign_file import Campaign
+from stridetwin.scenarios.campaign.campaign_file import Campaign, Group
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -22,7 +22,6 @@ from stridetwin.scenarios.campaign.named_files import (
     errors_in_user_files,
     parse_scenario,
 )
-from stridetwin.scenarios.campaign.people import Group
 from stridetwin.scenarios.campaign.plan import Extra, Walk, effective_variables, people, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError

@@ -16,9 +16,8 @@ import numpy as np
 from stridetwin.batch.folder import UNFINISHED
 from stridetwin.batch.jobs import Failure, Row
 from stridetwin.batch.versions import code_versions
-from stridetwin.scenarios.campaign.campaign_file import Quality
+from stridetwin.scenarios.campaign.campaign_file import Quality, plain_person
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, scenario_text
-from stridetwin.scenarios.campaign.people import plain_person
 from stridetwin.scenarios.campaign.plan import Walk
 from stridetwin.scenarios.check import check_recording
 from stridetwin.scenarios.files import sha256
