@@ -281,8 +281,7 @@ def _streams(rig: Rig) -> Iterator[Stream]:
     for t, camera in rig.cameras.items():
         yield Stream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
         if camera.depth_topic:
-            depth = camera.depth_topic
-            yield Stream(topic=depth, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
+            yield Stream(topic=camera.depth_topic, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
     for t, other in rig.others.items():
         yield Stream(topic=t, kind=_OTHERS[other.kind], part=other.part, body=other.mount.body, housing=t)
     for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:

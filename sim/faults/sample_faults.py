@@ -83,8 +83,7 @@ class Freeze(TimedFault):
                 memory["last"] = arrival.item
                 yield arrival
             else:
-                held = memory.setdefault("last", arrival.item)
-                yield replace(arrival, item=replace(held, t_ns=arrival.item.t_ns))
+                yield replace(arrival, item=replace(memory.setdefault("last", arrival.item), t_ns=arrival.item.t_ns))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -141,8 +141,7 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     at = np.array(knots)
     grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)
     raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
-    smooth = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
-    spline = make_interp_spline(grid, smooth, k=5)
+    spline = make_interp_spline(grid, gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0), k=5)
     first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:

@@ -327,8 +327,7 @@ class Rhythm:
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)
-        inside = np.clip(t, knots[0], knots[-1])
-        return smoothed(PchipInterpolator(knots, count)(inside), _SMOOTHING_S, t[1] - t[0])
+        return smoothed(PchipInterpolator(knots, count)(np.clip(t, knots[0], knots[-1])), _SMOOTHING_S, t[1] - t[0])
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""

@@ -69,8 +69,7 @@ def look(
     usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
-        toward = smoothed(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
-        pitch = usual - _LEVEL_PITCH_RAD + toward
+        pitch = usual - _LEVEL_PITCH_RAD + smoothed(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
     elif gaze.kind == "wandering":
         away, yaw = _wander(t, rng)
         pitch = usual + away

@@ -256,6 +256,5 @@ def _exo(
         return fine
     model, layout, pose = weighing
     splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs, fine, paths), k=5)
-    rounds = _SETTLING_ROUNDS if settled is None else 1
-    angles = settle(frames, coarse, wearers, model, layout, splines, t[k], rounds)
+    angles = settle(frames, coarse, wearers, model, layout, splines, t[k], _SETTLING_ROUNDS if settled is None else 1)
     return {side: make_interp_spline(t[k], angles[side], k=5)(t) for side in SIDES}

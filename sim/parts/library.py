@@ -49,8 +49,7 @@ def read_part(path: Path) -> Part:
         StrideTwinError: The file cannot be read or is not YAML.
     """
     data = read_yaml(path)
-    read = validated(PartFile, data, path)
-    return built(KINDS[data["kind"]], read, name=path.stem)
+    return built(KINDS[data["kind"]], validated(PartFile, data, path), name=path.stem)
 
 
 def kind_of(of: Part) -> str:

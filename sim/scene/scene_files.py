@@ -95,8 +95,7 @@ def _take_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, byt
             continue
         if data not in painted:
             painted[data] = f"textures/{texture.name.removeprefix(_SCENERY)}{finish}.png"
-            pixels = np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3)
-            files[painted[data]] = _png(pixels, size)
+            files[painted[data]] = _png(np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3), size)
         texture.data, texture.file = b"", painted[data]
     return files
 

@@ -63,8 +63,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
-    trunk = _scaled("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
-    attach(root, trunk, "pelvis")
+    attach(root, _scaled("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth), "pelvis")
     spec.body("root").add_freejoint(name="root")
     pelvis, torso = spec.body("pelvis"), spec.body("torso")
 

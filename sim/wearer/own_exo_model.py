@@ -295,8 +295,7 @@ def _shapes(
     """Visual shapes of bodies; of a URDF, its visual elements if there are any."""
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
     if path.suffix == ".urdf":
-        visual = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]]
-        geoms = visual or geoms
+        geoms = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]] or geoms
     shapes = []
     if int(model.nmeshface) > _MOST_FACES:
         raise ConfigError(path, "faces of its meshes", int(model.nmeshface), f"up to {_MOST_FACES}")

@@ -30,8 +30,7 @@ def without(polygon: Array, holes: Iterable[Array]) -> list[Array]:
         low, high = hole.min(axis=0), hole.max(axis=0)
         left = []
         for part in parts:
-            apart = np.any((part.max(axis=0) < low) | (part.min(axis=0) > high))
-            left += [part] if apart else _outside(part, hole)
+            left += [part] if np.any((part.max(axis=0) < low) | (part.min(axis=0) > high)) else _outside(part, hole)
         parts = left
     return parts
 
