@@ -236,12 +236,8 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
             *implausible_units(t_ns, block.columns["specific_force"], block.columns.get("angular_rate")),
         )
         findings += [Finding(topic=topic, what=str(one)) for one in found]
-    return row, [f for f in findings if not _is_known(recording, f)]
-
-
-def _is_known(recording: Recording, finding: Finding) -> bool:
-    """Whether the recording's own problems already include it."""
-    return any(p.topic == finding.topic and finding.what in p.what for p in recording.problems)
+    known = [p.what for p in recording.problems if p.topic == topic]
+    return row, [f for f in findings if not any(f.what in what for what in known)]
 
 
 def _timing(t_ns: NDArray[np.int64]) -> dict[str, Any]:

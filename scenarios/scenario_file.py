@@ -78,8 +78,8 @@ def scenario_of(node: object, path: Path) -> Scenario:
     terrain: Any = file.terrain
     notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):
-        made = mesh_terrain(terrain, file.width_m)
-        terrain, notes = made.segments, (made.summary,)
+        terrain, summary = mesh_terrain(terrain, file.width_m)
+        notes = (summary,)
     route = Route(segments=terrain, **{name: getattr(file, name) for name in _OF_ROUTE})
     values: dict[str, Any] = {name: getattr(file, name) for name in _OF_CONFIG}
     if "sensors" in file.model_fields_set:

@@ -70,20 +70,6 @@ class PlannedFeet(NamedTuple):
     dw_foot: Array
 
 
-class Sensed(NamedTuple):
-    """Measured state of body and feet at one instant.
-
-    Attributes:
-        com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
-        floor: (2,) m, height of the floor above the plane of each footprint; NaN for a foot without contact.
-        pressing: (2,) whether a foot presses on the floor.
-    """
-
-    com: Array
-    floor: Array
-    pressing: NDArray[np.bool_]
-
-
 class StepReplan(NamedTuple):
     """Shifts of feet and pelvis relative to the plan, world, m; rows left, right. `advance` overwrites them.
 
@@ -104,19 +90,23 @@ class StepReplan(NamedTuple):
 
 
 @_called
-def advance(shifts: StepReplan, dt: float, planned: PlannedFeet, sensed: Sensed, misplaced: Array) -> None:
+def advance(
+    shifts: StepReplan, dt: float, planned: PlannedFeet, com: Array, measured: Array, pressing: NDArray[np.bool_],
+    misplaced: Array,
+) -> None:  # fmt: skip
     """Advances the shifts by one control step.
 
     Args:
         shifts: Those of the step before.
         dt: Length of the step, s.
         planned: Plan of the feet.
-        sensed: Measured state of body and feet.
+        com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
+        measured: (2,) m, height of the floor above the plane of each footprint; NaN for a foot without contact.
+        pressing: (2,) whether a foot presses on the floor.
         misplaced: (2, 2) m, offset of each foot's landing from its foothold.
     """
     foot, root, floor = shifts
     swinging, until_landing, R_way = planned.swinging, planned.until_landing, planned.R_way
-    com, measured, pressing = sensed
     for k in range(2):
         if not np.isnan(measured[k]):
             floor[k] = measured[k]

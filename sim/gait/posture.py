@@ -75,8 +75,9 @@ def look(
         pitch = usual + away
     if gaze == Gaze():
         return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
-    yaw_sway, pitch_sway = _sway(gaze, t)
-    pitch, yaw = pitch + pitch_sway, yaw + yaw_sway
+    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
+    pitch = pitch - gaze.sway_pitch_rad * share * np.cos(phase)
+    yaw = yaw + gaze.sway_yaw_rad * share * np.sin(phase)
     pitch, yaw = (_MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
                   for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
     return Look(
@@ -108,12 +109,6 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
             angle += step * ease((t - now) / move)
         now, last = now + move, goal
     return angles[0], angles[1]
-
-
-def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
-    """(N,) yaw and (N,) pitch of a commanded periodic head motion."""
-    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
-    return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
 
 
 # Orientation of pelvis and trunk, and the swing of the arms; chosen by hand where no source is named.

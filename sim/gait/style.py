@@ -94,12 +94,6 @@ def level_style(pace_: float) -> Style:
     return Style.of_vector(np.array([np.interp(pace_, paces, row) for row in rows]))
 
 
-def tabled() -> tuple[float, float]:
-    """Slowest and fastest dimensionless speed of the table."""
-    paces, _ = _table()
-    return float(paces[0]), float(paces[-1])
-
-
 @cache
 def _table() -> tuple[Array, Array]:
     """Dimensionless speeds (K,) and the style parameters at each (len(LABELS), K)."""
@@ -144,7 +138,7 @@ def style_at(pace: float) -> Style:
     the step length. Above it, double support continues to shrink.
     """
     style = level_style(pace)
-    slowest, fastest = tabled()
+    slowest, fastest = _table()[0][[0, -1]].tolist()
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()

@@ -99,14 +99,6 @@ _Start = Annotated[float, number(-1000, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeshTerrain:
-    """Terrain made from a mesh: its segments, and a summary of the replacement and its error in words."""
-
-    segments: tuple[Part, ...]
-    summary: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class MeshWay:
     """The way on a mesh.
 
@@ -127,8 +119,8 @@ class MeshWay:
     length_m: Annotated[float | None, number(1, 500)] = None
 
 
-def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
-    """Segments that replace a mesh along a way of a width.
+def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[Part, ...], str]:
+    """Segments that replace a mesh along a way of a width, and a summary of the replacement and its error in words.
 
     Raises:
         ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
@@ -150,7 +142,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
         f"{1e3 * _MAX_ERROR_M:g} mm is accepted; {1e3 * _BESIDE_RISER_M:g} mm beside risers are excluded)"
     )
-    return MeshTerrain(segments=segments, summary=summary)
+    return segments, summary
 
 
 def _in_way(corners: Array, way: MeshWay) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from operator import itemgetter
 
@@ -295,12 +296,9 @@ def _at(thing: Thing, layout: Layout) -> _Frame:
     return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip(layout, thing.at_m).z0)
 
 
-def _wall(at: _Frame) -> Iterator[Landmark]:
-    yield at.box("plaster", LENGTHS_M["wall"], _WALL_WIDTH_M, at.z, at.z + _WALL_HEIGHT_M)
-
-
-def _pane(at: _Frame) -> Iterator[Landmark]:
-    yield at.box(GLASS, LENGTHS_M["glass"], _WALL_WIDTH_M, at.z, at.z + _WALL_HEIGHT_M)
+def _block(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
+    """One box, as long as its kind of object."""
+    yield at.box(material, LENGTHS_M[kind], width, at.z, at.z + height)
 
 
 def _long_table(at: _Frame) -> Iterator[Landmark]:
@@ -320,13 +318,13 @@ def _chair(at: _Frame) -> Iterator[Landmark]:
         yield at.box("wood", _LEG_M, _LEG_M, at.z, below, along=along, left=left)
 
 
-def _crate(at: _Frame) -> Iterator[Landmark]:
-    yield at.box("wood", LENGTHS_M["crate"], _CRATE_WIDTH_M, at.z, at.z + _CRATE_HEIGHT_M)
-
-
 _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
-    "wall": _wall, "glass": _pane, "table": _long_table, "chair": _chair, "crate": _crate
-}  # fmt: skip
+    "wall": partial(_block, "wall", "plaster", _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "glass": partial(_block, "glass", GLASS, _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "crate": partial(_block, "crate", "wood", _CRATE_WIDTH_M, _CRATE_HEIGHT_M),
+    "table": _long_table,
+    "chair": _chair,
+}
 
 
 def _strip(layout: Layout, s: float) -> Strip:
