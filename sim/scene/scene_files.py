@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.scene.exact_xml import exact_xml, numbers
+from stridetwin.sim.scene.exact_xml import exact_xml, numbers, section
 from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.textures import SIZE
@@ -49,7 +49,7 @@ def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, b
     files = _take_textures(spec, "" if config.route.texture == "rich" else f"_{config.route.texture}", texture_px)
     spec.assets = dict(files)
     root = exact_xml(spec, compile_model(spec))
-    for node in list(_section(root, "asset").iter("mesh")):
+    for node in list(section(root, "asset").iter("mesh")):
         name = str(node.get("name"))
         if name.startswith(_SCENERY):
             path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
@@ -127,9 +127,9 @@ def _obj(mesh: mujoco.MjsMesh) -> str:
 
 def _split_off_wearer(root: Element) -> Element:
     """Moves the wearer out of a scene, which then includes `WEARER`; returns that file's root element."""
-    world, assets = _section(root, "worldbody"), _section(root, "asset")
+    world, assets = section(root, "worldbody"), section(root, "asset")
     wearer = Element("mujoco", model="wearer")
-    wearer.append(_section(root, "compiler"))
+    wearer.append(section(root, "compiler"))
     body = next(node for node in world if node.get("name") == _ROOT)
     own = ElementTree.SubElement(wearer, "asset")
     used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
@@ -146,13 +146,6 @@ def _split_off_wearer(root: Element) -> Element:
         _move(later, world, others)
         root.insert(at + 1, others)
     return wearer
-
-
-def _section(root: Element, tag: str) -> Element:
-    found = root.find(tag)
-    if found is None:
-        raise ValueError(f"invalid MJCF: expected a section {tag}")
-    return found
 
 
 def _move(nodes: list[Element], source: Element, target: Element) -> None:

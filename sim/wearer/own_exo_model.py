@@ -229,26 +229,25 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
 def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
     """Body with a joint (or the base) that each body is merged into."""
     owners: dict[int, int] = {}
-    up = model.body_parentid[root]
-    while up:
-        if model.body_jntnum[up]:
-            raise ConfigError(path, "base", model.body(root).name, "a link that no joint carries")
-        up = model.body_parentid[up]
+    if any(model.body_jntnum[up] for up in _carriers(model, model.body_parentid[root])):
+        raise ConfigError(path, "base", model.body(root).name, "a link that no joint carries")
     if model.body_jntnum[root]:
         raise ConfigError(
             path, "base", model.body(root).name, "a link without a joint: its rig file says where it sits"
         )
     for b in range(1, model.nbody):
-        at = b
-        while at and at != root and not model.body_jntnum[at]:
-            at = model.body_parentid[at]
-        top = at
-        while top and top != root:
-            top = model.body_parentid[top]
-        if top != root:
+        carriers = list(_carriers(model, b))
+        if root not in carriers:
             raise ConfigError(path, f"link {model.body(b).name}", "beside the base", "links that hang on the base")
-        owners[b] = at
+        owners[b] = next(up for up in carriers if up == root or model.body_jntnum[up])
     return owners
+
+
+def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """A body and those that carry it, up to the outermost one."""
+    while body:
+        yield int(body)
+        body = model.body_parentid[body]
 
 
 def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
