@@ -35,7 +35,7 @@ from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.rendering.cameras import Cameras, Due
-from stridetwin.sim.rendering.renderer import SensorView, camera_pose
+from stridetwin.sim.rendering.renderer import SensorView, mounted_pose
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.rig import Board, CameraCalibration
@@ -112,7 +112,7 @@ def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> 
             data.qpos = motion.qpos[rows[i]]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
-            _, depth = view.frame(data, camera_pose(data, camera), camera.intrinsics)
+            _, depth = view.frame(data, mounted_pose(data, camera.mount), camera.intrinsics)
             T = _relative(motion, camera, board, motion.rows(item.t_ns + shutter))
             yield Frame(image=image, depth=depth, board=board, camera=camera, T_camera_board=T)
 

@@ -10,7 +10,7 @@ same blocks.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,22 +97,18 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
     Returns:
         None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along).
     """
-    imu = recording.rig.imu(camera.imu_topic)
-    R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ imu.mount.T_body_sensor[:3, :3]
+    T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
+    R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ T_body_imu[:3, :3]
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
     segments = _liveliest(recording.image_times(camera.topic), gyro.t_ns, rate)[:MOST_SEGMENTS]
     found, seen = None, list[Rates]()
-    for some in _batches(segments):
-        seen += [r for first in some if (r := rotation_rates(recording, camera, first, IMAGES)) is not None]
+    for start in range(0, len(segments), BATCH):
+        batch = segments[start : start + BATCH]
+        seen += [r for first in batch if (r := rotation_rates(recording, camera, first, IMAGES)) is not None]
         found = _clock(camera, gyro.t_ns, rate, seen)
         if found is not None and abs(abs(found.unexplained_s) - CLOCK_OFFSET_S) > found.half_s:
             break  # certainly above or below
     return found
-
-
-def _batches(segments: Sequence[int]) -> Iterator[Sequence[int]]:
-    for start in range(0, len(segments), BATCH):
-        yield segments[start : start + BATCH]
 
 
 def _liveliest(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
@@ -194,8 +190,7 @@ def _fit(shifts: Array, measured: Array, seen: Array, block: NDArray[np.intp]) -
     half = _student(count - 1) * sd
     if half > _WIDEST_S:
         return None
-    shift = _minimum(shifts, total)
-    return _Fit(shift_s=shift, half_s=half, at=at, cost=cost, correlation=correlation)
+    return _Fit(shift_s=_minimum(shifts, total), half_s=half, at=at, cost=cost, correlation=correlation)
 
 
 def _squared(measured: Array, seen: Array) -> tuple[Array, int, float]:
@@ -215,9 +210,8 @@ def _squared(measured: Array, seen: Array) -> tuple[Array, int, float]:
 
 def _are_worse(more: Array) -> NDArray[np.bool_]:
     """(S,) whether the additional costs (B, S) of B blocks have a mean above 0, by Student's test."""
-    count = len(more)
-    error = more.std(axis=0, ddof=1) / math.sqrt(count)
-    return np.asarray(more.mean(axis=0) > _student(count - 1) * error)
+    error = more.std(axis=0, ddof=1) / math.sqrt(len(more))
+    return np.asarray(more.mean(axis=0) > _student(len(more) - 1) * error)
 
 
 def _student(freedom: int) -> float:

@@ -77,6 +77,11 @@ class Finding:
     what: str
     is_error: bool = True
 
+    @property
+    def words(self) -> str:
+        """Its text with its stream."""
+        return self.what if self.what.startswith(self.topic) else f"{self.topic}: {self.what}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
@@ -146,7 +151,7 @@ def check_table(check: Check) -> list[str]:
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
         )
     for finding in check.findings:
-        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {_named(finding)}")
+        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.words}")
     lines.append("valid" if check.is_valid else "invalid: see ERROR")
     return lines
 
@@ -156,13 +161,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _remark(row: dict[str, Any]) -> str:
-    if "force_m_s2" not in row:
-        return ""
-    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}"
-
-
-def _named(finding: Finding) -> str:
-    return finding.what if finding.what.startswith(finding.topic) else f"{finding.topic}: {finding.what}"
+    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}" if "force_m_s2" in row else ""
 
 
 def _read_images(recording: Recording) -> None:

@@ -24,7 +24,7 @@ from stridetwin.estimators.contact_terrain.geometry import (
     to_text,
 )
 from stridetwin.sim.faults.faults import Fault
-from stridetwin.sim.faults.miscalibration import Miscalibration
+from stridetwin.sim.faults.sample_faults import Miscalibration
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
 from stridetwin.streams.errors import StrideTwinError

@@ -78,8 +78,8 @@ def scenario_of(node: object, path: Path) -> Scenario:
     terrain: Any = file.terrain
     notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):
-        made = mesh_terrain(terrain, file.width_m)
-        terrain, notes = made.segments, (made.summary,)
+        terrain, summary = mesh_terrain(terrain, file.width_m)
+        notes = (summary,)
     route = Route(segments=terrain, **{name: getattr(file, name) for name in _OF_ROUTE})
     values: dict[str, Any] = {name: getattr(file, name) for name in _OF_CONFIG}
     if "sensors" in file.model_fields_set:
@@ -126,8 +126,7 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
         if i in (0, len(segments) - 1) and kind != "level":
             raise ConfigError(path, f"terrain[{i}]", kind, "level (a walk starts and ends on level ground)")
         if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
-            valid = "level, ramp (stairs must end at a landing)"
-            raise ConfigError(path, f"terrain[{i}]", kind, valid)
+            raise ConfigError(path, f"terrain[{i}]", kind, "level, ramp (stairs must end at a landing)")
     last = segments[-1]
     if isinstance(last, Level) and last.cross_slope_rad != 0.0:
         at = f"terrain[{len(segments) - 1}].level.cross_slope_deg"

@@ -80,6 +80,7 @@ def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig
     instances = runnable_on(estimator_class, options, worn.rig, available_topics)
     topics = {stream.topic for instance in instances for stream in instance.streams}
     if not topics:
-        needs = declaration.needs or "other sensors"
-        raise StrideTwinError(f"{config.name}: {declaration.name} cannot run: expected a walk with {needs}")
+        raise StrideTwinError(
+            f"{config.name}: {declaration.name} cannot run: expected a walk with {declaration.needs or 'other sensors'}"
+        )
     return topics

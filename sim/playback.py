@@ -124,9 +124,7 @@ class Motion:
     def upper_poses(self, rows: NDArray[np.int64]) -> dict[str, Array]:
         """(len(rows), 7) position (m) and quaternion of each shoe's upper in its foot's frame, by name of the foot."""
         poses = {}
-        for name in UPPERS:
-            if name not in self.uppers:
-                continue
+        for name in (foot for foot in UPPERS if foot in self.uppers):
             upper, foot = self.uppers[name], self.tracks[name]
             R_foot_world = foot.rotation[rows].inv()
             shift = R_foot_world.apply(upper.p_body_in_world[rows] - foot.p_body_in_world[rows])

@@ -65,7 +65,7 @@ def truth(
 
 def of_bystanders(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:
     """Pose of each bystander at (N,) instants: the middle of the hips, x forward."""
-    for i, person in enumerate(crowd.people):
+    for i, person in enumerate(crowd):
         yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
 
@@ -76,8 +76,7 @@ def foot_phase(walk: Walk, side: str, t: NDArray[np.floating[Any]]) -> NDArray[n
     i = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
     touch = np.array([s.t_touch for s in steps])[i]
     off = np.array([s.t_off for s in steps])[i]
-    early = t - touch < off - t
-    phase = np.where(np.abs(pitch) < _FLAT_RAD, FLAT, np.where(early, CONTACT, HEEL_OFF))
+    phase = np.where(np.abs(pitch) < _FLAT_RAD, FLAT, np.where(t - touch < off - t, CONTACT, HEEL_OFF))
     return np.where(t > off, SWING, phase).astype(np.uint8)
 
 

@@ -86,13 +86,11 @@ class Twin:
         check_legs(self.model, self.size)
         self.reference: Reference = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
         self._plan_control = plan_control
-        self.crowd: Crowd = self._crowd()
-
-    def _crowd(self) -> Crowd:
-        plan = self.reference
-        s = (plan.paths["l"].s + plan.paths["r"].s) / 2
-        path = plan.splines(plan.grid)[:, :2]
-        return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, path, self._rng(_CROWD))
+        grid, paths = self.reference.grid, self.reference.paths
+        self.crowd: Crowd = bystanders(
+            config.route.bystanders, self.terrain, grid, (paths["l"].s + paths["r"].s) / 2,
+            self.reference.splines(grid)[:, :2], self._rng(_CROWD),
+        )  # fmt: skip
 
     def _rng(self, *stream: int) -> np.random.Generator:
         """Random numbers of one part of the walk, independent of those of the others."""
@@ -138,9 +136,10 @@ class Twin:
         Args:
             law: Control law that replaces the scenario's drive of the exoskeleton.
         """
-        dynamics = self.config.dynamics or Dynamics()
-        noise = self._rng(_JOINT_TORQUE)
-        return Simulation(self.model, self.reference, self.control_plan, dynamics, self.config.exo, noise, law)
+        return Simulation(
+            self.model, self.reference, self.control_plan, self.config.dynamics or Dynamics(), self.config.exo,
+            self._rng(_JOINT_TORQUE), law,
+        )  # fmt: skip
 
     @cached_property
     def mount_slips(self) -> MountSlips:
@@ -202,8 +201,7 @@ class Twin:
         playback = self.player()
         suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips)
         end_ns = int(self.duration_s * 1e9)
-        cameras = list(self.rig.cameras.values())
-        rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
+        rates = suite.rates | {c.rate_hz for c in self.rig.cameras.values()} | {truth.RATE_HZ}
         with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:
             after_ns = -1
             images: Iterator[Sample] = iter(())

@@ -13,19 +13,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from stridetwin.streams.fields import TAG, number, refused, whole
+from stridetwin.streams.fields import TAG, FileModel, number, refused, whole
 
 _MOST = 1e9
 _TAIL_SD = 6.0
@@ -40,19 +32,18 @@ def _ordered(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
-class Distribution(BaseModel, ABC):
+class Distribution(FileModel, ABC):
     """A distribution of a value; its fields are the keys of a file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     @abstractmethod
     def at(self, u: float) -> Any:
         """The value at a quantile, 0 <= u < 1."""
 
     @property
-    @abstractmethod
     def ends(self) -> tuple[Any, ...]:
-        """Lowest and highest value, or all values where they have no order."""
+        """Lowest and highest value, or all values where they have no order: those of its own key, the first one."""
+        ends: tuple[Any, ...] = getattr(self, next(iter(type(self).model_fields)))
+        return ends
 
     @property
     @abstractmethod
@@ -104,11 +95,6 @@ class Uniform(Distribution):
         return _clamped(low + math.floor(u * (steps + 1)) * self.step, self.uniform)
 
     @property
-    def ends(self) -> tuple[float, float]:
-        """Lowest and highest."""
-        return self.uniform
-
-    @property
     def words(self) -> str:
         """Such as `uniform 1 to 2`."""
         return f"uniform {_span(self.uniform)}" + (f" in steps of {self.step:g}" if self.step else "")
@@ -127,11 +113,6 @@ class LogUniform(Distribution):
         """The number at a quantile."""
         low, high = self.log_uniform
         return _clamped(low * (high / low) ** u, self.log_uniform)
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Lowest and highest."""
-        return self.log_uniform
 
     @property
     def words(self) -> str:
@@ -193,11 +174,6 @@ class Integer(Distribution):
         return low + min(int(u * (high - low + 1)), high - low)
 
     @property
-    def ends(self) -> tuple[int, int]:
-        """Lowest and highest."""
-        return self.integer
-
-    @property
     def words(self) -> str:
         """Such as `whole number 1 to 4`."""
         return f"whole number {self.integer[0]} to {self.integer[1]}"
@@ -227,11 +203,6 @@ class Choice(Distribution):
     @property
     def _weights(self) -> tuple[float, ...]:
         return self.weights or (1.0,) * len(self.choice)
-
-    @property
-    def ends(self) -> tuple[Any, ...]:
-        """All values."""
-        return self.choice
 
     @property
     def words(self) -> str:
@@ -278,8 +249,8 @@ class _Distributed:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """A union that is tagged by the key of the distribution."""
         kinds = {TAG + key: handler.generate_schema(kind) for key, kind in _KINDS.items()}
-        value = handler.generate_schema(Annotated[Any, _OneValue()])
-        return core_schema.tagged_union_schema({**kinds, _VALUE: value}, discriminator=_tag)
+        kinds[_VALUE] = handler.generate_schema(Annotated[Any, _OneValue()])
+        return core_schema.tagged_union_schema(kinds, discriminator=_tag)
 
 
 _VALUE = f"{TAG}value"

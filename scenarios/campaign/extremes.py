@@ -7,12 +7,12 @@ Each variable is set to its ends on each scenario, while the others are at their
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.campaign.campaign_file import Campaign
+from stridetwin.scenarios.campaign.campaign_file import Campaign, Group
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -22,7 +22,6 @@ from stridetwin.scenarios.campaign.named_files import (
     errors_in_user_files,
     parse_scenario,
 )
-from stridetwin.scenarios.campaign.people import Group
 from stridetwin.scenarios.campaign.plan import Extra, Walk, effective_variables, people, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -31,26 +30,30 @@ _MIDDLE = 0.5
 _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
 
 
+@contextmanager
+def _folder_of(campaign: Campaign) -> Iterator[Path]:
+    """A temporary output folder with the user's files, in which scenarios are tried."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / SCENARIOS).mkdir()
+        copy_files(folder, campaign.own)
+        yield folder
+
+
 def base_scenarios(campaign: Campaign) -> list[Scenario]:
     """The campaign's scenarios as their files have them.
 
     Raises:
         StrideTwinError: One of them is invalid.
     """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / SCENARIOS).mkdir()
-        copy_files(folder, campaign.own)
+    with _folder_of(campaign) as folder:
         return [_unchanged(folder, campaign, base) for base in campaign.bases]
 
 
 def valid_scenarios(campaign: Campaign, walks: Iterable[Walk]) -> list[Scenario]:
     """The scenarios of some walks, without those that are invalid with the values drawn."""
     found = []
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / SCENARIOS).mkdir()
-        copy_files(folder, campaign.own)
+    with _folder_of(campaign) as folder:
         for walk in walks:
             with suppress(StrideTwinError):
                 found.append(parse_scenario(folder, walk.scenario))
@@ -63,10 +66,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     Raises:
         ConfigError: The message names file, field, value and what is valid.
     """
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / SCENARIOS).mkdir()
-        copy_files(folder, campaign.own)
+    with _folder_of(campaign) as folder:
         for group in campaign.people:
             _try_people(folder, group)
         first_person = next(iter(people(campaign)), None)
@@ -76,8 +76,8 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
             _try_base(folder, campaign, base, first_person, middle, extra)
             for variable in varied:
                 for end in variable.distribution.ends:
-                    drawn = middle | {variable.name: end}
                     try:
+                        drawn = middle | {variable.name: end}
                         parse_scenario(folder, scenario_of(campaign, base, first_person, drawn, extra))
                     except StrideTwinError as error:
                         if (own := errors_in_user_files(error, campaign.own)) is not None:

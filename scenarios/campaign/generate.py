@@ -1,15 +1,21 @@
-"""Generates a campaign: plan, missing walks, manifest and card."""
+"""Generates a campaign: plan, missing walks, manifest and card.
+
+A folder belongs to one request, so that walks of two requests never mix.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from stridetwin.batch.executors import BatchOptions
-from stridetwin.batch.folder import hold_folder
+from stridetwin.batch.folder import differing_keys, hold_folder, read_request, write_request
 from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
 from stridetwin.batch.rows import RowFiles
 from stridetwin.batch.run import Batch, Progress
@@ -18,7 +24,6 @@ from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.scenarios.campaign.plan import Extra, Walk, plan
-from stridetwin.scenarios.campaign.request import bind_folder, campaign_request
 from stridetwin.scenarios.campaign.walk import (
     ACCEPTED,
     RECORDINGS,
@@ -31,10 +36,13 @@ from stridetwin.scenarios.campaign.walk import (
     with_verdict,
 )
 from stridetwin.scenarios.files import sha256
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import json_text, whole_file
 
 _USED = "another process generates walks there: expected another folder"
 _RESUME = "the same command continues"
+_ANOTHER = "expected the same request to resume, or another folder"
+_LABELS = {"off": "sensors switched off:"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +127,8 @@ def generate(
         bind_folder(folder, campaign_request(campaign, options.extra, user_files), (job.name for job in jobs))
         store = RowFiles(folder / ROWS, unfinished, is_sorted=True)
         # walks beyond a subset that are there already stay in the manifest
-        jobs = [job for i, job in enumerate(jobs) if _is_in_subset(i, options) or store.has_any(job)]
+        asked = len(jobs) if options.subset is None else options.subset
+        jobs = [job for i, job in enumerate(jobs) if i < asked or store.has_any(job)]
         batch = Batch(jobs, store, update_row=lambda job, row: _current_row(job, row, store))
         if batch.outdated:  # they describe recordings that will be replaced
             for name in (manifests.NAME, manifests.CARD_NAME):
@@ -132,8 +141,7 @@ def generate(
             work = Work(run=one_by_one(generate_walk), versions=walk_versions)
             results = batch.run_with(options, work, stage, progress, _RESUME)
         except KeyboardInterrupt as stop:
-            kept = f"{len(batch.results)} of {len(jobs)} walks are in {folder}"
-            raise KeyboardInterrupt(f"{kept}; {_RESUME}") from stop
+            raise KeyboardInterrupt(f"{len(batch.results)} of {len(jobs)} walks are in {folder}; {_RESUME}") from stop
         rows = [
             failed_row(job.task, result.reason) if isinstance(result, Failure) else result
             for job, result in zip(jobs, results)
@@ -143,10 +151,6 @@ def generate(
             with whole_file(folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return CampaignResult(manifest=content, generated=generated)
-
-
-def _is_in_subset(number: int, options: Options) -> bool:
-    return options.subset is None or number < options.subset
 
 
 def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
@@ -166,3 +170,72 @@ def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
     if current != row:
         store.write(job, current)
     return current
+
+
+def campaign_request(campaign: Campaign, extra: Extra, user_files: Mapping[str, str]) -> dict[str, Any]:
+    """What decides which walks a campaign has, apart from their number: its name, seed and options, and a digest.
+
+    Limits of quality, splits and the description may change, as they do not change a walk. The number of walks counts
+    only where it changes them all (Latin hypercube).
+
+    Args:
+        campaign: The campaign.
+        extra: Overrides for every walk.
+        user_files: Digests of the user's files.
+    """
+
+    def plain(variables: Iterable[Any]) -> list[Any]:
+        return [(v.name, repr(v.distribution)) for v in variables]
+
+    content = [
+        [(base.name, base.scenario, base.weight, plain(base.variables)) for base in campaign.bases],
+        [(group.count, repr(group.body), group.names) for group in campaign.people],
+        plain(campaign.variables),
+        campaign.sampling,
+        0 if campaign.sampling == "sobol" else campaign.walks,
+        dict(user_files),
+    ]
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    return {"campaign": campaign.path.stem, "digest": digest, "seed": campaign.seed, **asdict(extra)}
+
+
+def bind_folder(folder: Path, request: Mapping[str, Any], walk_names: Iterable[str]) -> None:
+    """Binds a folder to a request, or confirms that it belongs to it.
+
+    Args:
+        folder: The campaign's folder, locked.
+        request: The request.
+        walk_names: Names of its walks.
+
+    Raises:
+        StrideTwinError: The folder has walks of another request.
+    """
+    existing = {row.stem for row in (folder / ROWS).glob("*.json")}
+    previous = read_request(folder)
+    if existing and previous is None:
+        raise StrideTwinError(f"{folder}: has walks without their request (earlier version): expected another folder")
+    if existing and (differing := _differences(request, previous)):
+        raise StrideTwinError(f"{folder}: has walks of another request ({differing}): {_ANOTHER}")
+    if extra := existing - set(walk_names):
+        raise StrideTwinError(
+            f"{folder}: has {len(extra)} walks beyond those asked for, from {min(extra)} on: {_ANOTHER}"
+        )
+    write_request(folder, request)
+
+
+def _differences(request: Mapping[str, Any], previous: Mapping[str, Any]) -> str:
+    """The values that differ, as text; "" for the same request."""
+    keys = differing_keys(request, previous)
+    if keys == ["digest"]:
+        return "its campaign file, or a file that it names, has changed since"
+    return "; ".join(
+        f"{_LABELS.get(key, key)} {_text(previous.get(key))}, not {_text(request[key])}"
+        for key in keys
+        if key != "digest"
+    )
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ", ".join(value) or "none"
+    return "as in the scenario" if value is None else str(value)

@@ -22,6 +22,15 @@ _GOLDEN = (5**0.5 - 1) / 2
 _KEYS = {"person": 2, "terrain": 3}
 _BARS = "▁▂▃▄▅▆▇█"
 _BINS = 16
+_FILES = {
+    "manifest.json": "every walk: seed, drawn values, person, terrain, checksum, verdict, splits",
+    "recordings/": "the accepted walks",
+    "rejected/": "recordings of walks that were not accepted",
+    "scenarios/": "the scenario file of each walk",
+    "files/": "parts, exoskeletons and meshes that the scenarios name",
+    "request.json": "campaign, seed and options that the folder belongs to",
+    "rows/": "the rows of the manifest, from which `generate` resumes",
+}
 _READ = """```python
 import json
 from pathlib import Path
@@ -150,14 +159,9 @@ def card(manifest: Mapping[str, Any]) -> str:
 
 def _files(manifest: Mapping[str, Any]) -> Iterator[str]:
     yield "| | |\n|---|---|"
-    yield "| `manifest.json` | every walk: seed, drawn values, person, terrain, checksum, verdict, splits |"
-    yield "| `recordings/` | the accepted walks |"
-    yield "| `rejected/` | recordings of walks that were not accepted |"
-    yield "| `scenarios/` | the scenario file of each walk |"
-    if manifest["files"]:
-        yield "| `files/` | parts, exoskeletons and meshes that the scenarios name |"
-    yield "| `request.json` | campaign, seed and options that the folder belongs to |"
-    yield "| `rows/` | the rows of the manifest, from which `generate` resumes |"
+    for name, what in _FILES.items():
+        if name != "files/" or manifest["files"]:
+            yield f"| `{name}` | {what} |"
 
 
 def _values(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:

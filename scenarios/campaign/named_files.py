@@ -6,7 +6,7 @@ They are in the folder of the naming file or below it, and get the same relative
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -128,8 +128,10 @@ class NamedFiles:
 
     def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
         """The list `scenarios`, with the settings of each."""
-        short = [isinstance(node, str) for node in nodes]
-        return tuple(self.base(item, where.item(i), short=short[i]) for i, item in enumerate(items))
+        return tuple(
+            self.base(item, where.item(i), short=isinstance(node, str))
+            for i, (item, node) in enumerate(zip(items, nodes))
+        )
 
     def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
         """A scenario and its own variables."""
@@ -146,11 +148,9 @@ class NamedFiles:
             raise at.error(name, "a scenario file")
         for key in _NAMING & scenario.keys():
             scenario[key] = self.own_files(scenario[key], at, path.resolve().parent)
-        variables = self.variables(item.set, where.key("set"))
-        weight = getattr(item, "weight", 1.0)
         return Base(
-            name=self._unique(path.stem), scenario=scenario, weight=weight, variables=variables, at=at, file=path,
-            written=name,
+            name=self._unique(path.stem), scenario=scenario, weight=getattr(item, "weight", 1.0),
+            variables=self.variables(item.set, where.key("set")), at=at, file=path, written=name,
         )  # fmt: skip
 
     def _unique(self, name: str) -> str:
@@ -223,14 +223,15 @@ def names_files(paths: tuple[FieldPath, ...]) -> bool:
     return any(path.keys[0] in _NAMING for path in paths)
 
 
-def _named_in(path: Path) -> Iterator[str]:
+def _named_in(path: Path) -> Iterable[str]:
     """Files that a user's file names in turn: meshes of a model, parts of a rig file."""
     if path.suffix.lower() in _SUFFIXES:
-        yield from _parts_in(read_yaml(path, most_values=LARGEST_FILE_VALUES))
-    elif path.suffix.lower() in _MODELS:
+        return _parts_in(read_yaml(path, most_values=LARGEST_FILE_VALUES))
+    if path.suffix.lower() in _MODELS:
         from stridetwin.sim.wearer.own_exo_model import files_of  # takes the simulator
 
-        yield from files_of(path)
+        return files_of(path)
+    return ()
 
 
 def _parts_in(node: Any) -> Iterator[str]:

@@ -6,7 +6,7 @@ Low-discrepancy points of the unit cube: one point per walk, one dimension per v
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -107,9 +107,8 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     jointly, independent of the other scenarios.
     """
     crowd, sampling = people(campaign), campaign.sampling
-    weights = [base.weight for base in campaign.bases]
     which = [
-        weighted_index(weights, row[0])
+        weighted_index([base.weight for base in campaign.bases], row[0])
         for row in quasi_random_points(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
     ]
     varied = [[v for v in effective_variables(campaign, base, Extra()) if v.varies] for base in campaign.bases]
@@ -121,7 +120,7 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     walks = []
     for i, k in enumerate(which):
         base, (who, *row) = campaign.bases[k], next(points[k])
-        drawn = {name: value for name, value in _drawn(varied[k], row) if name in effective[k]}
+        drawn = {v.name: v.distribution.at(u) for v, u in zip(varied[k], row) if v.name in effective[k]}
         person = crowd[int(who * len(crowd))] if crowd else None
         walks.append(
             Walk(
@@ -166,8 +165,3 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     for group in extra.off:
         put(scenario, field_path(f"sensors.{group}", base.at), False, base.at)
     return scenario
-
-
-def _drawn(variables: Sequence[Variable], quantiles: Sequence[float]) -> Iterator[tuple[str, Any]]:
-    for variable, u in zip(variables, quantiles):
-        yield variable.name, variable.distribution.at(u)

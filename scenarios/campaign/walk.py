@@ -16,11 +16,10 @@ import numpy as np
 from stridetwin.batch.folder import UNFINISHED
 from stridetwin.batch.jobs import Failure, Row
 from stridetwin.batch.versions import code_versions
-from stridetwin.scenarios.campaign.campaign_file import Quality
+from stridetwin.scenarios.campaign.campaign_file import Quality, plain_person
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, scenario_text
-from stridetwin.scenarios.campaign.people import plain_person
 from stridetwin.scenarios.campaign.plan import Walk
-from stridetwin.scenarios.check import Finding, check_recording
+from stridetwin.scenarios.check import check_recording
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.metadata import injected_faults
 from stridetwin.scenarios.record import record, twin_class
@@ -140,7 +139,7 @@ def _one_line(task: WalkTask, text: str) -> str:
 
 def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> Row:
     """A walk's entry of the manifest."""
-    row: Row = {
+    return {
         "walk": task.walk.name,
         "seed": task.walk.seed,
         "scenario": task.walk.base,
@@ -148,10 +147,8 @@ def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None 
         "values": task.walk.values,
         "status": status,
         "reasons": why,
+        **({} if scenario is None else _who_and_where(scenario.config)),
     }
-    if scenario is not None:
-        row |= _who_and_where(scenario.config)
-    return row
 
 
 def _who_and_where(config: TwinConfig) -> Row:
@@ -182,8 +179,8 @@ def measured(recording: Recording, person: Person, fell_at_s: float | None) -> R
         "duration_s": _rounded(recording.duration),
         "fell_at_s": None if fell_at_s is None else _rounded(fell_at_s),
         "help_mean_pct": _root_help_pct(recording, person),
-        "findings": [_words(f) for f in errors if f.topic not in broken],
-        "expected_findings": [_words(f) for f in errors if f.topic in broken],
+        "findings": [f.words for f in errors if f.topic not in broken],
+        "expected_findings": [f.words for f in errors if f.topic in broken],
     }
 
 
@@ -203,10 +200,6 @@ def _root_help_pct(recording: Recording, person: Person) -> float:
     """Mean external force at the root besides the ground's, % of the body weight; 0 for a kinematic walk."""
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
     return _rounded(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
-
-
-def _words(finding: Finding) -> str:
-    return finding.what if finding.what.startswith(finding.topic) else f"{finding.topic}: {finding.what}"
 
 
 def _rounded(value: float) -> float:

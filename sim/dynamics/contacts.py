@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import PER_FOOT
-from stridetwin.sim.dynamics.spatial import State, bias_acceleration, chain_of, velocity
+from stridetwin.sim.dynamics.spatial import State, bias_acceleration, velocity
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import minus, vec3
 from stridetwin.streams.compiled import cached
@@ -58,28 +58,19 @@ class Contacts(NamedTuple):
         return cls(contact.geom, contact.pos, contact.frame, contact.dist, contact.efc_address)
 
 
-class ContactBias(NamedTuple):
-    """Bodies of a model that may touch static geometry.
+@_called
+def subtract_bias(
+    body: NDArray[np.int32], chain: NDArray[np.bool_], contacts: Contacts, state: State, aref: Array
+) -> None:  # fmt: skip
+    """Corrects the reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`.
 
-    Attributes:
+    Args:
         body: (ngeom,) body of each geom; 0 for geoms fixed to the world.
         chain: (nbody, nv) degrees of freedom that move each body.
+        contacts: The engine's contacts.
+        state: The engine's state.
+        aref: (nefc,) reference accelerations, which are overwritten.
     """
-
-    body: NDArray[np.int32]
-    chain: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel) -> ContactBias:
-        """Finds the bodies of a model."""
-        body = model.body_weldid[model.geom_bodyid]
-        return cls(body=body, chain=np.array([chain_of(model, b) for b in range(model.nbody)]))
-
-
-@_called
-def subtract_bias(bias_of: ContactBias, contacts: Contacts, state: State, aref: Array) -> None:
-    """Corrects the (nefc,) reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
-    body, chain = bias_of
     geoms, pos, frame, _, address = contacts
     for c in range(len(address)):
         if address[c] < 0:

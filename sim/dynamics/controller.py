@@ -86,22 +86,6 @@ class _Body(NamedTuple):
     assist: Array
 
 
-class _Driven(NamedTuple):
-    """Rows of the n driven coordinates.
-
-    Attributes:
-        axes: (n, 6) as `State.cdof`.
-        axes_dot: (n, 6) as `State.cdof_dot`.
-        speed: (n,) as `State.qvel`.
-        target: (n,) accelerations wanted.
-    """
-
-    axes: Array
-    axes_dot: Array
-    speed: Array
-    target: Array
-
-
 class _Forces(NamedTuple):
     """Generalised forces (nv,): the engine's bias and passive ones, and those of the couplings and motors."""
 
@@ -207,9 +191,9 @@ class Controller:
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
-        forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
         h, target = _targets(
-            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
+            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed,
+            _Forces(data.qfrc_bias, data.qfrc_passive, known), self._toes,
         )  # fmt: skip
         torque = _step(
             self._believed * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
@@ -258,7 +242,8 @@ def _step(
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
     n, per_foot = len(body.driven), body.bodies.shape[1]
-    driven = _driven(body, state, target)
+    axes, axes_dot = state.cdof[body.driven], state.cdof_dot[body.driven]
+    speed, target = state.qvel[body.driven], target[body.driven]
     tasks, wanted, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))
@@ -273,9 +258,9 @@ def _step(
             arm = minus(p, vec3(state.centre))
             v, w = velocity(state, b, p)
             chain = body.point_chain[side, i]
-            jacobian(driven.axes, chain, arm, tasks, m, -1)
-            jacobian(driven.axes, chain, arm, contacts, 3 * k, -1)
-            bias, _ = bias_acceleration(driven.axes_dot, chain, driven.speed, v, w, arm)
+            jacobian(axes, chain, arm, tasks, m, -1)
+            jacobian(axes, chain, arm, contacts, 3 * k, -1)
+            bias, _ = bias_acceleration(axes_dot, chain, speed, v, w, arm)
             _want(minus(times(-gains.contact_damping, v), bias), gains.contact, wanted, weights, m)
             _cone(feet.R_sole[side], gains.friction, edges[k])
             cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
@@ -288,8 +273,8 @@ def _step(
         p, R, chain = vec3(state.xpos[b]), transposed(axes_of(state, b)), body.foot_chain[side]
         arm = minus(p, vec3(state.centre))
         v, w = velocity(state, b, p)
-        jacobian(driven.axes, chain, arm, tasks, -1, m)
-        bias, rotation_bias = bias_acceleration(driven.axes_dot, chain, driven.speed, v, w, arm)
+        jacobian(axes, chain, arm, tasks, -1, m)
+        bias, rotation_bias = bias_acceleration(axes_dot, chain, speed, v, w, arm)
         R_planned, rotation = transposed(mat3(feet.R_foot[side])), (0.0, 0.0, 0.0)
         for axis in range(3):
             rotation = plus(rotation, times(0.5, cross(R[axis], R_planned[axis])))
@@ -307,12 +292,12 @@ def _step(
             slow = minus(plus(vec3(feet.v_foot[side]), vec3(moved[side, 1])), v)
             behind = plus(times(rate * rate, off), times(2 * rate, slow))
             planned = plus(vec3(feet.a_foot[side]), vec3(moved[side, 2]))
-            jacobian(driven.axes, chain, arm, tasks, m, -1)
+            jacobian(axes, chain, arm, tasks, m, -1)
             _want(minus(plus(planned, behind), bias), gains.swing, wanted, weights, m)
             m += 3
     A, bias_driven = eliminate(M, h, body.driven, body.free)
     _, torque, now, _ = solve(
-        A, bias_driven, driven.target, body.weight, Tasks(tasks[:m], wanted[:m], weights[:m]),
+        A, bias_driven, target, body.weight, Tasks(tasks[:m], wanted[:m], weights[:m]),
         ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), body.assist,
     )  # fmt: skip
     k = 0
@@ -322,19 +307,6 @@ def _step(
                 body.force[side, i, e] = now[k, e] if touching[side, i] else 0.0
             k += touching[side, i]
     return torque
-
-
-@numba.njit(**INSIDE)
-def _driven(body: _Body, state: State, target: Array) -> _Driven:
-    """The rows of the driven coordinates."""
-    n = len(body.driven)
-    rows = _Driven(np.empty((n, 6)), np.empty((n, 6)), np.empty(n), np.empty(n))
-    for i in range(n):
-        j = body.driven[i]
-        for k in range(6):
-            rows.axes[i, k], rows.axes_dot[i, k] = state.cdof[j, k], state.cdof_dot[j, k]
-        rows.speed[i], rows.target[i] = state.qvel[j], target[j]
-    return rows
 
 
 @numba.njit(**INSIDE)

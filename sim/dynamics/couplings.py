@@ -39,12 +39,10 @@ class CouplingSet(NamedTuple):
     def of(cls, model: mujoco.MjModel, couplings: Sequence[Coupling]) -> CouplingSet:
         """Compiles couplings for a model."""
         bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
-        points = [[c.p_in_exo, c.p_in_body] for c in couplings]
-        law = [[c.stiffness, c.damping, c.rotation_stiffness, c.rotation_damping] for c in couplings]
-        chain = [[chain_of(model, b) for b in pair] for pair in bodies]
+        chain = np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool)
         return cls(  # reshaped for none, without exoskeleton
-            bodies.reshape(-1, 2), np.reshape(points, (-1, 2, 3)), np.reshape(law, (-1, 4, 3, 3)),
-            np.array(chain, dtype=bool).reshape(-1, 2, model.nv),
+            bodies.reshape(-1, 2), np.reshape([[c.p_in_exo, c.p_in_body] for c in couplings], (-1, 2, 3)),
+            np.reshape([c.law for c in couplings], (-1, 4, 3, 3)), chain.reshape(-1, 2, model.nv),
         )  # fmt: skip
 
 

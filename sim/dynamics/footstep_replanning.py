@@ -12,7 +12,6 @@ the stance foot and predicted under the next one. A foot that does not press on 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,23 +70,8 @@ class PlannedFeet(NamedTuple):
     dw_foot: Array
 
 
-class Sensed(NamedTuple):
-    """Measured state of body and feet at one instant.
-
-    Attributes:
-        com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
-        floor: (2,) m, height of the floor above the plane of each footprint; NaN for a foot without contact.
-        pressing: (2,) whether a foot presses on the floor.
-    """
-
-    com: Array
-    floor: Array
-    pressing: NDArray[np.bool_]
-
-
-@dataclass(eq=False)
-class StepReplan:
-    """Shifts of feet and pelvis relative to the plan, world, m; rows left, right.
+class StepReplan(NamedTuple):
+    """Shifts of feet and pelvis relative to the plan, world, m; rows left, right. `advance` overwrites them.
 
     Attributes:
         foot: (2, 3, 3) shift of each foot, its rate and acceleration.
@@ -104,24 +88,25 @@ class StepReplan:
         """No shift."""
         return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
-    def update(self, dt: float, planned: PlannedFeet, sensed: Sensed, misplaced: Array) -> None:
-        """Advances by one control step.
-
-        Args:
-            dt: Length of the step, s.
-            planned: PlannedFeet state of the feet.
-            sensed: Measured state of body and feet.
-            misplaced: (2, 2) m, offset of each foot's landing from its foothold.
-        """
-        _update(self.foot, self.root, self.floor, dt, planned, sensed, misplaced)
-
 
 @_called
-def _update(
-    foot: Array, root: Array, floor: Array, dt: float, planned: PlannedFeet, sensed: Sensed, misplaced: Array
+def advance(
+    shifts: StepReplan, dt: float, planned: PlannedFeet, com: Array, measured: Array, pressing: NDArray[np.bool_],
+    misplaced: Array,
 ) -> None:  # fmt: skip
+    """Advances the shifts by one control step.
+
+    Args:
+        shifts: Those of the step before.
+        dt: Length of the step, s.
+        planned: Plan of the feet.
+        com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
+        measured: (2,) m, height of the floor above the plane of each footprint; NaN for a foot without contact.
+        pressing: (2,) whether a foot presses on the floor.
+        misplaced: (2, 2) m, offset of each foot's landing from its foothold.
+    """
+    foot, root, floor = shifts
     swinging, until_landing, R_way = planned.swinging, planned.until_landing, planned.R_way
-    com, measured, pressing = sensed
     for k in range(2):
         if not np.isnan(measured[k]):
             floor[k] = measured[k]

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES, Dynamics, Exo
-from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
+from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
-from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import StepReplan, advance
 from stridetwin.sim.dynamics.plan import CONTROL_S, Plan
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
-from stridetwin.sim.dynamics.spatial import State
+from stridetwin.sim.dynamics.spatial import State, chain_of
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import cross, minus, plus, put, times, vec3
@@ -71,8 +71,10 @@ class Simulation:
         )  # fmt: skip
         self._coupled = CouplingSet.of(model, couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
-        self._record, self._soles = _Record(self._steps, model), sole_numbers(model)
-        self._bias, self._drive = ContactBias.of(model), Drive(model, exo, law)
+        self._soles = sole_numbers(model)
+        self._record = _Record(self._steps, model, self._soles)
+        self._welded, self._drive = model.body_weldid[model.geom_bodyid], Drive(model, exo, law)
+        self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])
         data.qpos, data.qvel = plan.q[0], plan.v[0]
         data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
         self._pushed = data.xfrc_applied[model.body("pelvis").id]
@@ -103,7 +105,7 @@ class Simulation:
         data.qfrc_applied = self._torque + known
         if step >= 0:
             self._record.before(step, data, self._torque + motors)
-        subtract_bias(self._bias, Contacts.of(data), self._state, data.efc_aref)
+        subtract_bias(self._welded, self._chains, Contacts.of(data), self._state, data.efc_aref)
         mujoco.mj_step2(model, data)
         if step >= 0:
             self._record.after(step, data)
@@ -118,8 +120,8 @@ class Simulation:
         self._touching, floor = sense_floor(self._soles, Contacts.of(data), feet, self._touching)
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
-        sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
-        self._shift.update(CONTROL_S, feet, sensed, self._misplace[i])
+        pressing = np.logical_or.reduce(self._touching, axis=1)
+        advance(self._shift, CONTROL_S, feet, com, floor, pressing, self._misplace[i])
         self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
@@ -189,7 +191,7 @@ def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
 class _Record:
     """Arrays filled during a simulation."""
 
-    def __init__(self, n: int, model: mujoco.MjModel) -> None:
+    def __init__(self, n: int, model: mujoco.MjModel, soles: NDArray[np.int64]) -> None:
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
         shape = n, len(SIDES), 3
         self._loads = FootRecord(
@@ -197,8 +199,7 @@ class _Record:
             cop=np.zeros(shape),
         )  # fmt: skip
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
-        names = [model.geom(g).name for g in range(model.ngeom)]
-        self._side = np.array([{"sole_l": 0, "sole_r": 1}.get(name[:6], -1) for name in names])
+        self._side = np.where(soles < 0, -1, soles // PER_FOOT)
 
     def before(self, i: int, data: mujoco.MjData, torque: Array) -> None:
         """Records the state that step i starts from."""

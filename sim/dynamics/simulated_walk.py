@@ -109,8 +109,7 @@ class SimulatedWalk(Walk):
         Returns:
             (N, J) N m; (N, 3) N; (N, 3) N m about the pelvis.
         """
-        i = self._nearest_steps(t)
-        torque = self.torque[i]
+        torque = self.torque[self._nearest_steps(t)]
         R = from_euler(self.splines(t)[:, 3:6])
         return torque[:, self.coordinates.dof], torque[:, :3], np.einsum("nij,nj->ni", R, torque[:, 3:6])
 
@@ -152,8 +151,7 @@ def _nearest(t: Array, events: NDArray[np.int64], planned: float) -> float:
 def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
     """(N,) rad, against the ground of the current or next footstep of the foot."""
     i = np.clip(np.searchsorted([s.t_off for s in steps], t), 0, len(steps) - 1)
-    R_sole = np.array([s.R_world_sole for s in steps])[i]
-    toes = np.einsum("nji,nj->ni", R_sole, R_foot[:, :, 0])
+    toes = np.einsum("nji,nj->ni", np.array([s.R_world_sole for s in steps])[i], R_foot[:, :, 0])
     return -np.arcsin(np.clip(toes[:, 2], -1.0, 1.0))
 
 

@@ -29,12 +29,14 @@ _SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
 def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     """Body (`foot` or `toe`) and lowest point in its frame, m, of each contact region of a foot."""
     shoe = size.shoe
-    w = shoe.half_width - RADIUS_M
-    tip = shoe.flat_tip_x - shoe.toe_hinge_x
-    waist = shoe.heel_back_x + _HEEL_BLOCK_M
-    points = [("foot", [x, y, 0.0]) for x in (shoe.heel_back_x + RADIUS_M, waist) for y in (-w, w)]
-    points += [("toe", [x, y, -shoe.toe_hinge_z]) for x in (0.0, tip) for y in (-w, w)]
-    return [(body, np.array(p)) for body, p in points]
+    heel = (shoe.heel_back_x + RADIUS_M, shoe.heel_back_x + _HEEL_BLOCK_M)
+    toe = (0.0, shoe.flat_tip_x - shoe.toe_hinge_x)
+    return [
+        (body, np.array([x, side * (shoe.half_width - RADIUS_M), z]))
+        for body, along, z in (("foot", heel, 0.0), ("toe", toe, -shoe.toe_hinge_z))
+        for x in along
+        for side in (-1.0, 1.0)
+    ]
 
 
 def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:

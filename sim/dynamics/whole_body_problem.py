@@ -112,10 +112,9 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
         r: (n,) positive.
         p: (n,) natural values of the forces.
     """
-    y, trial, f, value, largest = np.empty(6), np.empty(6), np.empty(len(r)), 1e300, 0.0
+    y, trial, f, value, largest = d.copy(), np.empty(6), np.empty(len(r)), 1e300, 0.0
     step, H = np.zeros((6, 1)), np.empty((6, 6))
     for i in range(6):
-        y[i] = d[i]
         largest = max(largest, abs(d[i]))
     for _ in range(_NEWTON_STEPS):
         size = 1.0
@@ -161,18 +160,9 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
     coordinates, which have neither motor nor contact.
     """
     a, b = len(driven), len(free)
-    A, c = np.empty((a, a)), np.empty(a)
-    for i in range(a):
-        c[i] = h[driven[i]]
-        for j in range(a):
-            A[i, j] = M[driven[i], driven[j]]
-    E, X = np.empty((b, b)), np.empty((b, a + 1))
-    for i in range(b):
-        X[i, a] = h[free[i]]
-        for j in range(b):
-            E[i, j] = M[free[i], free[j]]
-        for j in range(a):
-            X[i, j] = M[free[i], driven[j]]
+    A, c = M[driven][:, driven], h[driven]
+    E, X = M[free][:, free], np.empty((b, a + 1))
+    X[:, :a], X[:, a] = M[free][:, driven], h[free]
     cholesky(E)
     forward(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
     for k in range(b):
@@ -201,30 +191,19 @@ def solve(
     # (n, 7) below: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. The tasks affect only
     # root and legs; elsewhere the Hessian is the diagonal of the weights
     back, reached = np.empty((n, 7)), _reached(rows)
-    for i in range(n):
-        back[i, 6] = weight[i] * target[i]
-        for j in range(6):
-            back[i, j] = M[j, i]
+    back[:, 6], back[:, :6] = weight * target, M[:6].T
     for t in range(len(rows)):
         for i in range(n):
             back[i, 6] += rows[t, i] * tasks.weight[t] * tasks.target[t]
-    H, X = np.zeros((len(reached), len(reached))), np.empty((len(reached), 7))
-    for a in range(len(reached)):
-        H[a, a] = weight[reached[a]]
-        for j in range(7):
-            X[a, j] = back[reached[a], j]
+    H, X = np.diag(weight[reached]), back[reached]
     for t in range(len(rows)):
         for a in range(len(reached)):
             weighted = tasks.weight[t] * rows[t, reached[a]]
             for b in range(a + 1):
                 H[a, b] += weighted * rows[t, reached[b]]
     solve_positive(H, X)
-    for i in range(n):
-        for j in range(7):
-            back[i, j] /= weight[i]
-    for a in range(len(reached)):
-        for j in range(7):
-            back[reached[a], j] = X[a, j]
+    back /= weight.reshape(-1, 1)
+    back[reached] = X
 
     S, lacking = np.empty((6, 6)), np.empty(6)
     for i in range(6):
@@ -249,13 +228,10 @@ def solve(
         multiplier[i, 0] = joint_force[i] - lacking[i]
     forward(S, multiplier)
     backward(S, multiplier)
-    qacc, torque, rest = np.empty(n), np.empty(n), np.empty(6)
+    qacc, torque, rest = back[:, 6].copy(), h - joint_force, np.empty(6)
+    for j in range(6):
+        qacc += back[:, j] * multiplier[j, 0]
     for i in range(n):
-        qacc[i] = back[i, 6]
-        for j in range(6):
-            qacc[i] += back[i, j] * multiplier[j, 0]
-    for i in range(n):
-        torque[i] = h[i] - joint_force[i]
         for m in range(n):
             torque[i] += M[i, m] * qacc[m]
     for i in range(6):
@@ -268,38 +244,22 @@ def solve(
 @numba.njit(**INSIDE)
 def _reached(rows: Array) -> NDArray[np.int64]:
     """Numbers of the columns that are not 0."""
-    found, count = np.empty(rows.shape[1], np.int64), 0
-    for j in range(rows.shape[1]):
-        for t in range(len(rows)):
-            if rows[t, j] != 0.0:
-                found[count] = j
-                count += 1
-                break
-    return found[:count]
+    return np.flatnonzero(np.abs(rows).sum(axis=0))
 
 
 @numba.njit(**INSIDE)
 def _bearable(L: Array, lacking: Array, points: ContactPoints) -> Array:
     """(k, 4) forces along the edges that provide what the root lacks, L the Cholesky factor of S."""
     k = len(points.weight)
-    X, B, d = np.empty((6, 4 * k + 1)), np.empty((6, 4 * k)), np.empty(6)
-    r, p, forces = np.empty(4 * k), np.empty(4 * k), np.empty((k, 4))
+    X, r, p = np.zeros((6, 4 * k + 1)), np.empty(4 * k), np.empty(4 * k)
     for j in range(4 * k):
         i, e = j // 4, j % 4
         r[j] = points.weight[i] + points.change_weight
         p[j] = points.change_weight * points.last[i, e] / r[j]
         for m in range(6):
-            X[m, j] = 0.0
             for axis in range(3):
                 X[m, j] += points.rows[3 * i + axis, m] * points.edges[i, e, axis]
-    for m in range(6):
-        X[m, 4 * k] = lacking[m]
+    X[:, 4 * k] = lacking
     forward(L, X)
-    for m in range(6):
-        d[m] = X[m, 4 * k]
-        for j in range(4 * k):
-            B[m, j] = X[m, j]
-    f, _ = contact_forces(B, d, r, p)
-    for j in range(4 * k):
-        forces[j // 4, j % 4] = f[j]
-    return forces
+    f, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, p)
+    return f.reshape(k, 4)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from stridetwin.sim.faults.faults import Fault, LooseStrap
-from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
-from stridetwin.sim.faults.miscalibration import Miscalibration
+from stridetwin.sim.faults.image_faults import DepthNoise, HighView, LensDirt, MirrorFloor, Occlusion, PasserBy
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,
@@ -12,6 +11,7 @@ from stridetwin.sim.faults.sample_faults import (
     Exchange,
     Freeze,
     Late,
+    Miscalibration,
     Nan,
     Offset,
     OutOfOrder,
@@ -19,11 +19,11 @@ from stridetwin.sim.faults.sample_faults import (
     Restart,
     Saturation,
 )
-from stridetwin.sim.faults.view_faults import DepthNoise, HighView, MirrorFloor, PasserBy
 
-_ANY_STREAM = (Dropout, Freeze, Repeat, Nan, Late, OutOfOrder, ClockJump, Exchange)
-_VALUES = (Saturation, Offset, DeadCell, Restart)
-_VIEW = (Occlusion, LensDirt, PasserBy, DepthNoise, HighView, MirrorFloor)
 FAULTS: dict[str, type[Fault]] = {
-    kind.kind: kind for kind in (*_ANY_STREAM, *_VALUES, *_VIEW, LooseStrap, Miscalibration)
-}
+    kind.kind: kind
+    for kind in (
+        Dropout, Freeze, Repeat, Nan, Late, OutOfOrder, ClockJump, Exchange, Saturation, Offset, DeadCell, Restart,
+        Occlusion, LensDirt, PasserBy, DepthNoise, HighView, MirrorFloor, LooseStrap, Miscalibration,
+    )
+}  # fmt: skip

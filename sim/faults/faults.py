@@ -103,47 +103,34 @@ class Arrival:
 
 def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
     """Items that arrive at the recorder, given those that the sensors sent; faults are applied in their order."""
-    lines: dict[str, list[_Stage]] = {}
-    truth_readers: dict[str, list[_Stage]] = {}
+    lines: dict[str, list[tuple[Fault, EventsOfTopic, Memory]]] = {}
+    truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
-        for topic in events:
-            if fault.on_samples:
-                stage = _Stage(fault, events[topic])
-                lines.setdefault(topic, []).append(stage)
-                truth_readers.setdefault(fault.truth_topic(events[topic][0]), []).append(stage)
+        for topic, own in events.items() if fault.on_samples else ():
+            memory: Memory = {}
+            lines.setdefault(topic, []).append((fault, own, memory))
+            truth_readers.setdefault(fault.truth_topic(own[0]), []).append(memory)
     for item in items:
-        for stage in truth_readers.get(item.topic, ()):
-            stage.memory.setdefault("truth", []).extend(item if isinstance(item, Block) else [item])
+        for memory in truth_readers.get(item.topic, ()):
+            memory.setdefault("truth", []).extend(item if isinstance(item, Block) else [item])
         if item.topic not in lines:
             yield Arrival(item=item)
             continue
         stream: Iterable[Arrival] = _apart(item)
-        for stage in lines[item.topic]:
-            stream = stage.through(stream)
+        for fault, own, memory in lines[item.topic]:
+            stream = fault.through(stream, own, memory)
         yield from _together(stream)
     for line in lines.values():
         stream = ()
-        for stage in line:
-            stream = stage.last(stream)
+        for fault, own, memory in line:
+            stream = _last(stream, fault, own, memory)
         yield from _together(stream)
 
 
-@dataclass(frozen=True, slots=True)
-class _Stage:
-    """A fault on one stream, its events there in time order, and its state between samples."""
-
-    fault: Fault
-    events: EventsOfTopic
-    memory: Memory = field(default_factory=dict)
-
-    def through(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
-        """Output for a chunk of the stream."""
-        return self.fault.through(stream, self.events, self.memory)
-
-    def last(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
-        """Output for the last chunk."""
-        yield from self.through(stream)
-        yield from self.fault.left(self.memory)
+def _last(stream: Iterable[Arrival], fault: Fault, events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    """Output of a fault for the last chunk of a stream."""
+    yield from fault.through(stream, events, memory)
+    yield from fault.left(memory)
 
 
 def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
@@ -281,8 +268,7 @@ def _streams(rig: Rig) -> Iterator[Stream]:
     for t, camera in rig.cameras.items():
         yield Stream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
         if camera.depth_topic:
-            depth = camera.depth_topic
-            yield Stream(topic=depth, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
+            yield Stream(topic=camera.depth_topic, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
     for t, other in rig.others.items():
         yield Stream(topic=t, kind=_OTHERS[other.kind], part=other.part, body=other.mount.body, housing=t)
     for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:

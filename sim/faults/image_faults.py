@@ -1,4 +1,4 @@
-"""Image faults: occlusion of the lens, or dirt on it."""
+"""Faults of what a camera sees: occlusion, dirt, a passer-by, worse depth, a view too high, a floor like a mirror."""
 
 from __future__ import annotations
 
@@ -15,11 +15,17 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, at
 from stridetwin.streams.fields import number, whole
-from stridetwin.streams.samples import Depth, Image
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array, Depth, Image, Odometry
 
 _CLOTH = 28  # grey value of the occluding object, dark textile
 _DIM = 0.75  # transmission of dirt; chosen by hand
 _HOLE = 0.5  # opacity of dirt from which depth has no reading
+_SLIM, _WAY = 0.5, 0.3  # a person's half width over half height; amplitude of the motion over the image's width
+_ROUND_M = 0.12  # depth of a body, from its middle to its outline
+_FLAT = 0.05  # share of its distance within which a depth pixel belongs to the floor
+_MEMORY = 1000  # true poses that are kept: 5 s, more than a chunk of the twin
+_LONGEST_M = 6.0  # beyond which the mirror image has no depth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,3 +172,157 @@ def _dirt(event: Event, spots: int, size: float, height: int, width: int) -> _Di
         shares=(_DIM * (1 - clear)[:, None] * shares).astype(np.float32),
         width=columns + 2,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthNoise(TimedFault):
+    """Noise of depth beside the part's own.
+
+    Attributes:
+        noise_per_m: Standard deviation over the square of the depth.
+        noise_correlation_px: Its correlation length.
+    """
+
+    fits = (Depth,)
+    noise_per_m: Annotated[float, number(0, 0.2)] = 0.01
+    noise_correlation_px: Annotated[float, number(1, 32)] = 4.0
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The depth image with added noise; pixels without depth stay without."""
+        depth = image_of(arrival)[1]
+        height, width = depth.shape
+        grid = (round(height / self.noise_correlation_px) + 1, round(width / self.noise_correlation_px) + 1)
+        coarse = event.rng(arrival.taken_ns).standard_normal(grid, np.float32)
+        noise = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+        noisy = depth + np.float32(self.noise_per_m) / noise.std() * depth**2 * noise
+        return (arrival.but(depth=np.maximum(noisy, 0.0).astype(np.float32)),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HighView(TimedFault):
+    """A camera that is pitched too high: only the upper rows of the depth image show ground within range.
+
+    Attributes:
+        share: Share of the pixels within range that those rows hold.
+        range_m: Range.
+    """
+
+    fits = (Depth,)
+    share: Annotated[float, number(0.01, 1)] = 0.2
+    range_m: Annotated[float, number(0.1, 50)] = 4.5
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The depth image without its lower rows."""
+        depth = image_of(arrival)[1].copy()
+        ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
+        depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
+        return (arrival.but(depth=depth),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PasserBy(TimedFault):
+    """A person in bright clothes who moves to and fro close to the camera, in colour and depth.
+
+    Attributes:
+        share: Share of the image that the person covers.
+        distance_m: Depth of the middle of the person.
+        motion_hz: Frequency of the motion.
+    """
+
+    common_to = "housing"
+    fits = IMAGES
+    share: Annotated[float, number(0.01, 0.9)] = 0.3
+    distance_m: Annotated[float, number(0.3, 20)] = 1.2
+    motion_hz: Annotated[float, number(0.01, 5)] = 0.15
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The image with the person in it."""
+        name, image = image_of(arrival)
+        height, width, *channels = image.shape
+        aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
+        tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
+        v, u = np.mgrid[:height, :width].astype(np.float32)
+        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2
+        clothes = np.roll(_clothes(event, image.shape), aside, axis=1)
+        person = (self.distance_m + _ROUND_M * out).astype(np.float32) if is_depth(image) else clothes
+        cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))
+        return (arrival.but(**{name: np.where(cover, person, image)}),)
+
+
+@lru_cache(maxsize=16)
+def _clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Coloured patches on coloured fields."""
+    height, width, *channels = shape
+    cells = ((8, 8), (height // 6 + 1, width // 6 + 1))
+    coarse, fine = (event.rng().integers(30, 120, (*grid, *channels), np.uint8) for grid in cells)
+    fields, patches = (cv2.resize(x, (width, height), interpolation=cv2.INTER_NEAREST) for x in (coarse, fine))
+    return np.asarray(fields + patches, np.uint8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MirrorFloor(TimedFault):
+    """A level floor at height 0 that mirrors in blotches: there depth is missing, or that of the mirrored ceiling.
+
+    It needs the true path of the camera's IMU among the items, before each image or with its chunk.
+
+    Attributes:
+        holes: Share of the floor without depth.
+        mirrored: Share of the floor with the depth of the ceiling.
+        ceiling_m: Height of the ceiling.
+        blotch_m: Size of a blotch.
+    """
+
+    fits = (Depth,)
+    holes: Annotated[float, number(0, 0.5)] = 0.3
+    mirrored: Annotated[float, number(0, 0.5)] = 0.12
+    ceiling_m: Annotated[float, number(1, 20)] = 2.4
+    blotch_m: Annotated[float, number(10, 2000, key="blotch_mm", scale=1e-3)] = 0.12
+
+    def truth_topic(self, event: Event) -> str:
+        """The true path of the camera's IMU."""
+        return f"/truth{_camera(event).imu_topic}/odometry"
+
+    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.through`; images without a true pose pass unchanged."""
+        for arrival in stream:
+            event, truth = at(events, arrival), memory.get("truth")
+            if event is None or not truth:
+                yield arrival
+                continue
+            del truth[:-_MEMORY]
+            pose = min(truth, key=lambda s: abs(s.t_ns - arrival.taken_ns))
+            yield arrival.but(depth=self._mirror(image_of(arrival)[1], pose, event))
+
+    def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
+        camera = _camera(event)
+        T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
+        from scipy.spatial.transform import Rotation  # slow to import, seldom used
+
+        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
+        eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
+        floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
+        xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
+        ranks = _shine(event)
+        cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(ranks)
+        rank, on_floor = ranks[cells[..., 0], cells[..., 1]], np.abs(depth - floor) < _FLAT * floor
+        mirrored = depth * (eye[2] + self.ceiling_m) / eye[2]
+        depth = np.select([on_floor & (rank > 1 - self.holes), on_floor & (rank < self.mirrored)], [0, mirrored], depth)
+        return np.where(depth > _LONGEST_M, 0.0, depth).astype(np.float32)
+
+
+def _camera(event: Event) -> CameraCalibration:
+    return next(c for c in event.rig.cameras.values() if c.depth_topic == event.topic)
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: CameraCalibration) -> Array:
+    """(H, W, 3) ray of each pixel in the optical frame, of depth 1."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    return np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T
+
+
+@lru_cache(maxsize=4)
+def _shine(event: Event) -> Array:
+    """(256, 256) rank, 0-1, of each cell of the floor among all; neighbours are alike."""
+    shine = cv2.GaussianBlur(event.rng().standard_normal((256, 256)), (0, 0), 1.0)
+    return (shine.ravel().argsort().argsort() / shine.size).reshape(shine.shape)

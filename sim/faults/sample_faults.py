@@ -1,4 +1,7 @@
-"""Faults of any stream and its values: lost, late, repeated, exchanged, frozen, NaN, clipped and shifted samples."""
+"""Faults of any stream, its values and its calibration: lost, late, exchanged, frozen, clipped and shifted samples.
+
+An error of the nominal calibration is in the recording that estimators read; the sensors themselves are right.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,30 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, EventsOfTopic, Fault, Memory, Stream, TimedFault, at
+from stridetwin.sim.faults.faults import (
+    NUMBERS,
+    Arrival,
+    Calibration,
+    Event,
+    EventsOfTopic,
+    Fault,
+    Memory,
+    Stream,
+    TimedFault,
+    at,
+)
 from stridetwin.sim.parts.library import full_scales
-from stridetwin.streams.fields import DEG, flag, number, words
-from stridetwin.streams.samples import Ahrs, Array, Encoder, Imu, Insole, Interaction, Odometry
+from stridetwin.streams.fields import DEG, MM, flag, number, words
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration
+from stridetwin.streams.samples import Ahrs, Array, Encoder, Image, Imu, Insole, Interaction, Odometry, Range
 
-RateRange = Annotated[float | None, number(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
+_RateRange = Annotated[float | None, number(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
 _Length = Annotated[float, number(-1000, 1000)]
-ForceRange = Annotated[float | None, number(0.1, 10_000)]
+_Angle = Annotated[float, number(-180, 180, scale=DEG)]
+_Shift = Annotated[float, number(-1000, 1000, scale=MM)]
+_ForceRange = Annotated[float | None, number(0.1, 10_000)]
 CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
 
 
@@ -65,8 +83,7 @@ class Freeze(TimedFault):
                 memory["last"] = arrival.item
                 yield arrival
             else:
-                held = memory.setdefault("last", arrival.item)
-                yield replace(arrival, item=replace(held, t_ns=arrival.item.t_ns))
+                yield replace(arrival, item=replace(memory.setdefault("last", arrival.item), t_ns=arrival.item.t_ns))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,8 +173,8 @@ class Saturation(TimedFault):
 
     fits = (Imu, Insole, Interaction)
     fraction: Annotated[float, number(0.001, 1)] = 0.5
-    gyroscope_rad_s: RateRange = None
-    accelerometer_mps2: ForceRange = None
+    gyroscope_rad_s: _RateRange = None
+    accelerometer_mps2: _ForceRange = None
 
     def suits(self, stream: Stream) -> bool:
         """Whether the full scale of the part is known."""
@@ -250,3 +267,54 @@ class DeadCell(TimedFault):
                 force[cells] = memory.setdefault(event, force[cells]) if self.stuck else 0.0
                 arrival = arrival.but(force=force)
             yield arrival
+
+
+@dataclass(frozen=True, kw_only=True)
+class Miscalibration(Fault):
+    """An error of the nominal calibration of some sensors, for the whole walk.
+
+    Attributes:
+        rotation_rad: Rotation vector from the true to the nominal mount, in the sensor's frame.
+        translation_m: Translation from the true to the nominal mount, in the sensor's frame.
+        clock_offset_s: Error of the time that the calibration adds to a camera's stamps (`timeshift_cam_imu`).
+        gyroscope_rad_s: Range of an IMU's gyroscopes, other than the part's.
+        accelerometer_mps2: Range of an IMU's accelerometers, other than the part's.
+        thigh_m: Error of the exoskeleton's link above the knee with this encoder; the geometry is not in the rig, so
+            `scenarios.exo_geometry` adds it.
+        shank_m: Error of the link below that knee.
+    """
+
+    on_samples = False
+    fits = (Imu, Image, Range, Insole, Ahrs, Encoder)
+    rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle], Field(alias="rotation_deg")] = (0.0, 0.0, 0.0)
+    translation_m: Annotated[tuple[_Shift, _Shift, _Shift], Field(alias="translation_mm")] = (0.0, 0.0, 0.0)
+    clock_offset_s: Annotated[float, number(-1, 1)] = 0.0
+    gyroscope_rad_s: _RateRange = None
+    accelerometer_mps2: _ForceRange = None
+    thigh_m: Annotated[float, number(-200, 200, key="thigh_mm", scale=MM)] = 0.0
+    shank_m: Annotated[float, number(-200, 200, key="shank_mm", scale=MM)] = 0.0
+
+    def suits(self, stream: Stream) -> bool:
+        """Whether a sensor has all that is off."""
+        is_off = {
+            Image: self.clock_offset_s,
+            Imu: self.gyroscope_rad_s or self.accelerometer_mps2,
+            Encoder: self.thigh_m or self.shank_m,
+        }
+        return stream.kind in self.fits and all(stream.kind is kind for kind, error in is_off.items() if error)
+
+    def calibrate(self, sensor: Calibration) -> Calibration:
+        """The calibration with the error."""
+        from scipy.spatial.transform import Rotation  # slow to import, seldom used
+
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = Rotation.from_rotvec(self.rotation_rad).as_matrix(), self.translation_m
+        nominal = replace(sensor, mount=replace(sensor.mount, T_body_sensor=sensor.mount.T_body_sensor @ T))
+        if isinstance(nominal, CameraCalibration):
+            return replace(nominal, timeshift_cam_imu_s=nominal.timeshift_cam_imu_s + self.clock_offset_s)
+        if isinstance(nominal, ImuCalibration):
+            return replace(
+                nominal, gyroscope_range=self.gyroscope_rad_s or nominal.gyroscope_range,
+                accelerometer_range=self.accelerometer_mps2 or nominal.accelerometer_range,
+            )  # fmt: skip
+        return nominal

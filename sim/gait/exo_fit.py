@@ -21,7 +21,7 @@ from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import check_held, couplings, leg_frame
-from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, RANGE_RAD, ExoLinks
+from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, RANGE_RAD, ExoLinks, outward
 from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
@@ -45,8 +45,7 @@ class Limbs:
 
 def limbs(size: Wearer, side: str, R_pelvis_thigh: Array, R_pelvis_shank: Array, p_foot: Array, R_foot: Array) -> Limbs:
     """Pose of a leg from the rotations of its segments and the foot's pose, all in the pelvis' frame."""
-    outward = 1.0 if side == "l" else -1.0
-    p_hip = np.broadcast_to([0.0, outward * size.body.hip_half_width_m, 0.0], p_foot.shape)
+    p_hip = np.broadcast_to([0.0, outward(side) * size.body.hip_half_width_m, 0.0], p_foot.shape)
     p_knee = p_hip + R_pelvis_thigh @ np.array([0.0, 0.0, -size.body.thigh_m])
     return Limbs(
         p={"thigh": p_hip, "shank": p_knee, "foot": p_foot},
@@ -78,8 +77,7 @@ class ExoLeg:
         self.kernel = exo_fit_kernel.Leg(
             offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in own]),
             p_in_exo=np.array([c.p_in_exo for c in own]), p_in_body=np.array([c.p_in_body for c in own]),
-            stiffness=np.array([[c.stiffness, c.rotation_stiffness] for c in own]),
-            damping=np.array([[c.damping, c.rotation_damping] for c in own]),
+            stiffness=np.array([c.law[[0, 2]] for c in own]), damping=np.array([c.law[[1, 3]] for c in own]),
             stops=frame.stops, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
         )  # fmt: skip
 
@@ -107,7 +105,7 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
     up = np.eye(3)[None]
     for side in SIDES:
         leg = ExoLeg(size, side)
-        foot = np.array([[-size.ankle_x, size.body.hip_half_width_m * (1.0 if side == "l" else -1.0),
+        foot = np.array([[-size.ankle_x, size.body.hip_half_width_m * outward(side),
                           -size.body.thigh_m - size.body.shank_m - size.body.ankle_height_m]])  # fmt: skip
         value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), limbs(size, side, up, up, foot, up))
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])

@@ -89,9 +89,8 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
     pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     step, hessian, moved, guess = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs), np.empty(dofs)
     for i in range(len(q)):
-        for j in range(dofs):
-            guess[j] = q[i, j]
-            q[i, j] += moved[j]
+        guess[:] = q[i]
+        q[i] += moved
         for _ in range(iterations):
             _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
             _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
@@ -100,14 +99,11 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
                 step[j] += torque
                 hessian[j, j] += slope
             _solve(hessian, step)
-            largest = 0.0
-            for j in range(dofs):
-                q[i, j] -= step[j]
-                largest = max(largest, abs(step[j]))
-            if largest < _FITTED_RAD:
+            q[i] -= step
+            if _largest(step) < _FITTED_RAD:
                 break
-        for j in range(dofs):
-            moved[j] = q[i, j] - guess[j]
+        moved[:] = q[i]
+        moved -= guess
 
 
 @_called
@@ -134,8 +130,7 @@ def march(
     rest, jacobian = np.empty(dofs), np.empty((dofs, dofs))
     per, per2 = 2.0 / dt, 4.0 / dt**2
     _meet_stops(leg, stiff[0], force[0], angles[0], x, rest, jacobian, iterations)
-    for j in range(dofs):
-        path[0, j] = x[j]
+    path[0] = x
     for i in range(1, n):
         for j in range(dofs):
             right[j] = force[i, j]
@@ -149,7 +144,7 @@ def march(
             a_new = per2 * (new[j] - x[j]) - 2.0 * per * v[j] - a[j]
             v[j] += 0.5 * dt * (a[j] + a_new)
             a[j], x[j] = a_new, new[j]
-            path[i, j] = new[j]
+        path[i] = new
     return path
 
 
@@ -182,12 +177,18 @@ def _meet_stops(
                 rest[j] -= matrix[j, k] * x[k]
             jacobian[j, j] += slope
         _solve(jacobian, rest)
-        largest = 0.0
-        for j in range(dofs):
-            x[j] += rest[j]
-            largest = max(largest, abs(rest[j]))
-        if largest < _MET_RAD:
+        x += rest
+        if _largest(rest) < _MET_RAD:
             break
+
+
+@numba.njit(**INSIDE)
+def _largest(step: Array) -> float:
+    """Largest magnitude of (J,) steps."""
+    largest = 0.0
+    for size in step:
+        largest = max(largest, abs(size))
+    return largest
 
 
 @numba.njit(**INSIDE)
@@ -241,10 +242,7 @@ def _project(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
 ) -> None:  # fmt: skip
     """One instant of `project`."""
-    for j in range(len(torque)):
-        torque[j] = 0.0
-        for k in range(len(torque)):
-            matrix[j, k] = 0.0
+    torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
         for part in range(2):
             own, first = mat3(law[c, part]), 6 * c + 3 * part

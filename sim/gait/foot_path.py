@@ -160,8 +160,8 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
         late = (t[on] - step.t_off) / _RISE_FADE_S
         # at toe-off the foot is back on its path, so that the swing does not change
         inside = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
-        bent = _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
-        limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0) + bent
+        limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
+        limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
         beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
         smooth = gaussian_filter1d(beyond, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
         theta[on] += inside * _RISE_GAIN * smooth
@@ -171,11 +171,14 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
 
 def _stance(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
     base, tilt = step.R_world_sole, rot_y(theta)
-    heel = np.array([shoe.heel_back_x, 0.0, 0.0])
-    hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
-    pivot = np.where(theta[:, None] < 0.0, heel, hinge)
+    pivot = np.where(theta[:, None] < 0.0, *_pivots(shoe))
     local = pivot - np.einsum("nij,nj->ni", tilt, pivot)
     return step.p_foot_in_world + local @ base.T, base @ tilt, np.maximum(theta, 0.0)
+
+
+def _pivots(shoe: Shoe) -> tuple[Array, Array]:
+    """(3,) m in the foot's frame, the heel's edge, and the toe hinge."""
+    return np.array([shoe.heel_back_x, 0.0, 0.0]), np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
 
 
 def _swing(
@@ -194,8 +197,7 @@ def _swing(
     )
 
     def missing(forward: tuple[float, float]) -> Array:
-        p = _swing_without_lift(a, b, size, _FINE, fine_R, forward)
-        return _missing(p, sole, height, near, b.clearance_m)
+        return _missing(_swing_without_lift(a, b, size, _FINE, fine_R, forward), sole, height, near, b.clearance_m)
 
     forward, lift_m = _DIRECT, _bump_needed(missing(_DIRECT)) if a.departure == "push" else np.inf
     if lift_m <= _MAX_BUMP_M:
@@ -233,12 +235,10 @@ def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
 def _swing_without_lift(
     a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]
 ) -> Array:  # fmt: skip
-    shoe = size.shoe
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
-    hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
-    landing = np.array([shoe.heel_back_x, 0.0, 0.0]) if b.arrival == "heel" else hinge
-    share = soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)
-    within = hinge + share[:, None] * (landing - hinge)
+    heel, hinge = _pivots(size.shoe)
+    landing = heel if b.arrival == "heel" else hinge
+    within = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing
     point = start + np.stack([ahead, ahead, upward], -1) * (end - start)
@@ -261,12 +261,12 @@ def _swing_shape(style: Style, s: Array, base: Array) -> Array:
 def _sole(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
     """(N, points, 3) of points of the sole from the foot to its part, and within that part, in world axes."""
     rear = [np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
-    hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
+    _, hinge = _pivots(shoe)
     tip = [np.array([x * (shoe.toe_tip_x - shoe.toe_hinge_x), 0.0, -shoe.toe_hinge_z]) for x in (0.0, 0.5, 1.0)]
     R_toe = R @ rot_y(-toe)
     none = np.zeros((len(R), 3))
-    part = [*(R @ x for x in rear), *[R @ hinge] * len(tip)]
-    return np.stack(part, 1), np.stack([*[none] * len(rear), *(R_toe @ x for x in tip)], 1)
+    to_part = np.stack([*(R @ x for x in rear), *[R @ hinge] * len(tip)], 1)
+    return to_part, np.stack([*[none] * len(rear), *(R_toe @ x for x in tip)], 1)
 
 
 def _missing(

@@ -110,9 +110,8 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
         leave, land = _toe_off(a, b.style), _landing(b)
         heel_off = leave.heel_off_before * duration
-        usual_fall, by_fall = _USUAL_FALL_M, _HEEL_OFF_BY_FALL
-        if a.departure == "lower":
-            usual_fall, by_fall = _USUAL_RISER_M, _HEEL_OFF_BY_RISER
+        lowers = a.departure == "lower"
+        usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
         climb = max(-a.fall - _USUAL_RISER_M, 0.0)
         steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
@@ -142,8 +141,7 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     at = np.array(knots)
     grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)
     raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
-    smooth = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
-    spline = make_interp_spline(grid, smooth, k=5)
+    spline = make_interp_spline(grid, gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0), k=5)
     first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:

@@ -111,8 +111,7 @@ class Tempo:
 
     def speed(self, s: Array | float) -> Array:
         """(...) m/s, planned speed on a straight way at (...) arc lengths."""
-        s = np.asarray(s, dtype=float)
-        away = np.abs(s[..., None] - self.slow)
+        away = np.abs(np.asarray(s, dtype=float)[..., None] - self.slow)
         most = np.sqrt(np.min(self.most**2 + 2 * _MAX_ACCELERATION_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
@@ -126,8 +125,7 @@ class Tempo:
 
     def duration(self, s: float) -> float:
         """Duration of that step, s."""
-        least = _MIN_SHUFFLE_STEP_S * self.gait.shuffle
-        return max(float(self.step(s) / self.speed(s)), least)
+        return max(float(self.step(s) / self.speed(s)), _MIN_SHUFFLE_STEP_S * self.gait.shuffle)
 
 
 def preferred_step(speed_mps: Array | float, size: Wearer) -> Array:
@@ -225,8 +223,7 @@ def _on_strip(
         return [Foothold(foot=f, s=s, strip=strip) for f in feet]
 
     def step(s: Array) -> Array:
-        steeper = max(abs(strip.slope) - STEEP_RAD, 0)
-        share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * steeper
+        share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * max(abs(strip.slope) - STEEP_RAD, 0)
         return tempo.step(s) * (share if strip.terrain == "ramp" else 1.0)
 
     def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
@@ -234,8 +231,7 @@ def _on_strip(
 
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
-    clear = _HEEL_FROM_RISER_M if riser_before else across(strip.s0)
-    start = 0.0 if first_strip else strip.s0 + heel + clear
+    start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else across(strip.s0))
     if last_strip:
         stop = end
     elif riser_after:
@@ -281,8 +277,7 @@ def _on_strip(
 
 def _narrower(foot: str, curvature: float) -> float:
     """Depth of a tread at the inner edge of a foot, relative to the middle of the way, where the stair winds."""
-    toward = curvature if foot == "l" else -curvature
-    return 1.0 - max(toward, 0.0) * _INNER_EDGE_M
+    return 1.0 - max(curvature if foot == "l" else -curvature, 0.0) * _INNER_EDGE_M
 
 
 def _on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:

@@ -124,12 +124,12 @@ def timing(
 
 def _rises(holds: Sequence[Foothold]) -> list[float]:
     """Height of the riser of each step, m, including steps that bring one foot beside the other; 0 for none."""
-    rises = []
-    for i, hold in enumerate(holds):
-        before = holds[i - 1] if i else None
-        if before is not None and before.s == hold.s and before.strip is hold.strip and i > 1:
+    rises = [0.0]
+    for i in range(1, len(holds)):
+        hold, before = holds[i], holds[i - 1]
+        if before.s == hold.s and before.strip is hold.strip and i > 1:
             before = holds[i - 2]
-        rise = 0.0 if before is None or hold.s - before.s >= 1.0 else _riser(before.strip, hold.strip)
+        rise = 0.0 if hold.s - before.s >= 1.0 else _riser(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
 
@@ -147,8 +147,7 @@ def _durations(
             speed, high, own = tempo.on_stairs(s), abs(rise), _UPSTAIRS_TIME if rise > 0.0 else _DOWNSTAIRS_TIME
             if hold.treads > 1:
                 speed, high, own = max(speed, _MIN_TWO_TREADS_MPS), high / hold.treads, own * _TWO_TREADS_TIME
-            stair_step = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed)
-            duration = stair_step * own * max(high / _HIGH_RISER_M, 1.0)
+            duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * own * max(high / _HIGH_RISER_M, 1.0)
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s))
@@ -174,9 +173,8 @@ def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array,
     for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
         style = style_at(pace(speed, size))
         if rise:
-            level = level_style(pace(speed, size))
             transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
-            style = replace(level, double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
+            style = replace(level_style(pace(speed, size)), double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
         if before < 0.0:
             style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))
         swing = duration * (1.0 - float(style.double_support))
@@ -246,8 +244,7 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
     for i, row in enumerate(rows):
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
         t_off = np.inf if following is None else off[following - 2]
-        before = rows[i - 1] if i >= 2 else row
-        own_before = rows[i - 2] if i >= 2 else row
+        before, own_before = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]
         steps.append(_footstep(layout.way, row, before, own_before, ahead, after, t_off, rng, gait))
@@ -272,24 +269,21 @@ def _footstep(
     rng: np.random.Generator, gait: Gait,
 ) -> Footstep:  # fmt: skip
     slope, heading = row.strip.slope, float(way.heading(row.s))
-    rise = row.z - before.z
     risen, next_risen = _riser(before.strip, row.strip), _riser(row.strip, after.strip)
     joined = _riser(own_before.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
     mode = "SA" if risen >= _STAIR_MODE_M else "SD" if risen <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
-    steep = slope > STEEP_RAD + 0.05
-    flat = risen > _RISER_M or joined != 0.0 or steep
+    flat = risen > _RISER_M or joined != 0.0 or slope > STEEP_RAD + 0.05
     flat |= gait.shuffle > _FLAT_SHUFFLE and risen >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
-    wider = widening(way, before.s, row.s)
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
-    left = side * (HALF_STEP_WIDTH_M + wider) + float(error)
+    left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
     return Footstep(
         foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
         R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)), s=row.s, heading=heading, slope=slope,
-        rise=rise, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
+        rise=row.z - before.z, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
         arrival="flat" if flat else "forefoot" if risen < -_RISER_M else "heel",
         departure="climb" if next_risen > _RISER_M else "lower" if next_risen < -_RISER_M else "push",
         t_touch=row.t_touch, t_off=t_off, style=row.style,
@@ -333,8 +327,7 @@ class Rhythm:
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)
-        inside = np.clip(t, knots[0], knots[-1])
-        return smoothed(PchipInterpolator(knots, count)(inside), _SMOOTHING_S, t[1] - t[0])
+        return smoothed(PchipInterpolator(knots, count)(np.clip(t, knots[0], knots[-1])), _SMOOTHING_S, t[1] - t[0])
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""

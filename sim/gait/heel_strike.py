@@ -191,8 +191,7 @@ class UpperMotion:
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * share * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
-        modes = len(parameters.mode_hz)
-        begin = np.repeat([t for t, _, _ in strikes], modes)
+        begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
         return cls(
             pivot=pivot, _parameters=parameters,

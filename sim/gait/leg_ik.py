@@ -35,8 +35,7 @@ class LegAngles:
 
 def ankle_in_world(size: Wearer, p_foot_in_world: Array, R_world_foot: Array) -> Array:
     """(N, 3) ankle centres of feet at (N, 3) with (N, 3, 3)."""
-    arm = np.array([size.ankle_x, 0.0, size.body.ankle_height_m])
-    return p_foot_in_world + R_world_foot @ arm
+    return p_foot_in_world + R_world_foot @ np.array([size.ankle_x, 0.0, size.body.ankle_height_m])
 
 
 def reach(size: Wearer, knee_flexion: Array | float) -> Array:
@@ -56,13 +55,12 @@ def solve_leg(
     """
     sign = 1.0 if side == "l" else -1.0
     p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
-    p_ankle = ankle_in_world(size, p_foot_in_world, R_world_foot)
-    r = np.einsum("nji,nj->ni", R_world_foot, p_hip - p_ankle)  # ankle to hip, in the foot's frame
+    in_world = p_hip - ankle_in_world(size, p_foot_in_world, R_world_foot)
+    r = np.einsum("nji,nj->ni", R_world_foot, in_world)  # ankle to hip, in the foot's frame
     inversion = np.arctan2(r[:, 1], r[:, 2])
     a, b = size.body.thigh_m, size.body.shank_m
     distance = np.linalg.norm(r, axis=1)
-    longest = reach(size, knee_min)
-    within = np.minimum(distance, longest)
+    within = np.minimum(distance, reach(size, knee_min))
     knee = np.arccos(np.clip((within**2 - a * a - b * b) / (2 * a * b), -1.0, 1.0))
     lean_of_leg = np.arctan2(-a * np.sin(knee), b + a * np.cos(knee))
     dorsiflexion = np.arctan2(r[:, 0], np.hypot(r[:, 1], r[:, 2])) - lean_of_leg

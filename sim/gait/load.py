@@ -52,8 +52,7 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
                 up = _taken(step, (t - step.t_touch) / max(other_off - step.t_touch, 1e-6))
             if np.isfinite(step.t_off):
                 down = 1 - _taken(following, 1 - (step.t_off - t) / max(step.t_off - following.t_touch, 1e-6))
-            on = (t >= step.t_touch) & (t <= step.t_off)
-            raw[foot] = np.where(on, up * down, raw[foot])
+            raw[foot] = np.where((t >= step.t_touch) & (t <= step.t_off), up * down, raw[foot])
     total = sum(raw.values())
     return {foot: r / total for foot, r in raw.items()}
 

@@ -85,8 +85,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
     footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
-    ground = rhythm.blend(t, footprints, 0.0, footprints[-1])
-    mean = ground + leg_m * rhythm.styled(t, "height", _STANDING_HEIGHT, 0)
+    mean = rhythm.blend(t, footprints, 0.0, footprints[-1]) + leg_m * rhythm.styled(t, "height", _STANDING_HEIGHT, 0)
     psi = 2 * np.pi * rhythm.phase(t)
     wave = np.zeros_like(t)
     for k in (1, 2, 3):

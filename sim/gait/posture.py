@@ -69,15 +69,15 @@ def look(
     usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
-        toward = smoothed(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
-        pitch = usual - _LEVEL_PITCH_RAD + toward
+        pitch = usual - _LEVEL_PITCH_RAD + smoothed(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
     elif gaze.kind == "wandering":
         away, yaw = _wander(t, rng)
         pitch = usual + away
     if gaze == Gaze():
         return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
-    yaw_sway, pitch_sway = _sway(gaze, t)
-    pitch, yaw = pitch + pitch_sway, yaw + yaw_sway
+    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
+    pitch = pitch - gaze.sway_pitch_rad * share * np.cos(phase)
+    yaw = yaw + gaze.sway_yaw_rad * share * np.sin(phase)
     pitch, yaw = (_MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
                   for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
     return Look(
@@ -90,8 +90,7 @@ def look(
 
 def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
     """(N,) pitch of a head that looks at the ground where the walker will be in `_LOOK_AHEAD_S`."""
-    rows = np.arange(len(s))
-    ahead = np.maximum(np.interp(rows + _LOOK_AHEAD_S / dt, rows, s) - s, _MIN_LOOK_AHEAD_M)
+    ahead = np.maximum(_ahead_of_time(s, _LOOK_AHEAD_S, dt) - s, _MIN_LOOK_AHEAD_M)
     below = _EYE_HEIGHT_LEGS * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
     return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
 
@@ -112,12 +111,6 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     return angles[0], angles[1]
 
 
-def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
-    """(N,) yaw and (N,) pitch of a commanded periodic head motion."""
-    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
-    return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
-
-
 # Orientation of pelvis and trunk, and the swing of the arms; chosen by hand where no source is named.
 _STANDING_TILT_RAD = np.radians(11.0)  # of the pelvis
 _TILT_BY_EFFORT = 0.20  # rad per unit of slope uphill
@@ -134,7 +127,7 @@ _ARM_FLEXION_RAD = 0.02  # mean
 _ARM_ABDUCTION_RAD = 0.16  # constant
 _ELBOW_FLEXION_RAD = 0.42  # mean
 _ELBOW_SWING_RAD = 0.33  # per leg length of distance between the feet
-_SLOPE_AHEAD_M = 1.6  # twice the distance over which the slope ahead counts
+_SLOPE_AHEAD_M = 0.8  # distance over which the slope ahead counts
 _SLOPE_BEHIND_M = 0.3  # distance behind the walker over which the slope counts
 _CLIMB_SMOOTHING_S = 0.35  # SD of the filter of that slope
 _TURN_SMOOTHING_S = 0.15  # SD of the filter of the pelvis' heading
@@ -176,15 +169,17 @@ def posture(
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
     stride = smoothed(ahead, _SWING_SMOOTHING_S, dt)
-    left_first = float(rhythm.steps[0].foot == "l")  # a side of the pelvis is highest early in its stance
-    list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _LIST_PEAK))
+    # a side of the pelvis is highest early in its stance
+    list_to_left = np.cos(np.pi * (rhythm.phase(t) - float(rhythm.steps[0].foot == "l") - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
-    climb = smoothed(_incline(s, profile), _CLIMB_SMOOTHING_S, dt)
+    # mean slope of the ground from just behind the feet to the point of gaze
+    rise = profile_height(profile, s + _SLOPE_AHEAD_M) - profile_height(profile, s - _SLOPE_BEHIND_M)
+    climb = smoothed(rise / (_SLOPE_AHEAD_M + _SLOPE_BEHIND_M), _CLIMB_SMOOTHING_S, dt)
     effort = np.clip(climb, 0.0, _MAX_EFFORT)
     yaw = rhythm.styled(t, "turn", 0.0) * stride
     roll = rhythm.styled(t, "list_", 0.0) * list_to_left
     pitch = rhythm.styled(t, "tilt", _STANDING_TILT_RAD) + _TILT_BY_EFFORT * effort
-    pitch = pitch + _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0)
+    pitch += _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0)
     eyes = look(gaze, t, s, climb, profile, leg_m, rng)
     torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch
     trunk = _ahead_of_time(heading, _TRUNK_LEADS_S, dt) - heading
@@ -208,12 +203,6 @@ def posture(
     return Posture(pelvis=np.stack([heading + yaw, pitch, roll], -1), joints=joints)
 
 
-def _incline(s: Array, profile: Sequence[Strip]) -> Array:
-    """(N,) mean slope of the ground from just behind the feet at s to the point of gaze."""
-    ahead, behind = _SLOPE_AHEAD_M / 2, _SLOPE_BEHIND_M
-    return (profile_height(profile, s + ahead) - profile_height(profile, s - behind)) / (ahead + behind)
-
-
 def _ahead_of_time(x: Array, lead_s: float, dt: float) -> Array:
     """(N,) value of x after `lead_s`; constant at the end."""
     rows = np.arange(len(x))
@@ -222,9 +211,8 @@ def _ahead_of_time(x: Array, lead_s: float, dt: float) -> Array:
 
 def _three_axes(name: str, R: Array) -> dict[str, Array]:
     """Angles of the hinges flexion (y), bending (x), rotation (z), in this order, that give (N, 3, 3) rotations."""
-    bending = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))
     return {
         f"{name}_flexion": np.arctan2(R[:, 0, 2], R[:, 2, 2]),
-        f"{name}_bending": bending,
+        f"{name}_bending": -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0)),
         f"{name}_rotation": np.arctan2(R[:, 1, 0], R[:, 1, 1]),
     }

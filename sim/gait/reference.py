@@ -181,17 +181,17 @@ def reference(
         legs_ = legs(size, p_pelvis, R_pelvis, paths)
         if round_ == 0:  # expensive, so not in every round
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
-        elif round_ == _WEIGHED_ROUND:
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose))
-        elif round_ == _ZMP_ROUNDS - 1:
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), exo)
+        elif round_ in (_WEIGHED_ROUND, _ZMP_ROUNDS - 1):
+            settled = exo if round_ > _WEIGHED_ROUND else None
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), settled)
         splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             coarse = t[::_STRIDE]
             q, v, a = layout.at(splines, coarse)
             force, moment, com = root_wrench(tree, q, v, a, model.opt.gravity)
-            ground = wanted[::_STRIDE, 2]
-            zmp, kappa = zero_moment_point(q[:, :3], force, moment, com[:, 2], ground, float(tree.mass.sum()))
+            zmp, kappa = zero_moment_point(
+                q[:, :3], force, moment, com[:, 2], wanted[::_STRIDE, 2], float(tree.mass.sum())
+            )
             error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
@@ -256,6 +256,5 @@ def _exo(
         return fine
     model, layout, pose = weighing
     splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs, fine, paths), k=5)
-    rounds = _SETTLING_ROUNDS if settled is None else 1
-    angles = settle(frames, coarse, wearers, model, layout, splines, t[k], rounds)
+    angles = settle(frames, coarse, wearers, model, layout, splines, t[k], _SETTLING_ROUNDS if settled is None else 1)
     return {side: make_interp_spline(t[k], angles[side], k=5)(t) for side in SIDES}

@@ -62,8 +62,7 @@ class Style:
     @classmethod
     def of_vector(cls, x: Array) -> Style:
         """Style from a vector of its fields in the order above."""
-        ends = np.cumsum(list(SIZES.values()))[:-1]
-        parts = np.split(np.asarray(x, dtype=float), ends)
+        parts = np.split(np.asarray(x, dtype=float), np.cumsum(list(SIZES.values()))[:-1])
         values: dict[str, Any] = {name: part if SIZES[name] > 1 else float(part[0]) for name, part in zip(SIZES, parts)}
         return cls(**values)
 
@@ -93,12 +92,6 @@ def level_style(pace_: float) -> Style:
     """Style at a dimensionless speed; constant beyond the table's ends."""
     paces, rows = _table()
     return Style.of_vector(np.array([np.interp(pace_, paces, row) for row in rows]))
-
-
-def tabled() -> tuple[float, float]:
-    """Slowest and fastest dimensionless speed of the table."""
-    paces, _ = _table()
-    return float(paces[0]), float(paces[-1])
 
 
 @cache
@@ -145,14 +138,16 @@ def style_at(pace: float) -> Style:
     the step length. Above it, double support continues to shrink.
     """
     style = level_style(pace)
-    slowest, fastest = tabled()
+    slowest, fastest = _table()[0][[0, -1]].tolist()
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()
         height[0] -= _LOWER_FASTER * beyond
         support = style.double_support - _SHORTER_SUPPORT_FASTER * beyond
-        forward = style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0)
-        return replace(style, double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT), height=height, forward=forward)
+        return replace(
+            style, double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT), height=height,
+            forward=style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0),
+        )  # fmt: skip
     if pace >= slowest:
         return style
     shorter = float(walk_growth(pace) / walk_growth(slowest))
@@ -191,8 +186,7 @@ def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
 
 def _scaled(style: Style, k: float) -> Style:
     """Style with the amplitudes of feet and pelvis scaled."""
-    height = np.concatenate([style.height[:1], k**2 * style.height[1:]])
     return replace(
-        style, pitch=k * style.pitch, height=height, forward=k * style.forward, lift=k * style.lift,
-        list_=k * style.list_,
+        style, pitch=k * style.pitch, height=np.append(style.height[0], k**2 * style.height[1:]),
+        forward=k * style.forward, lift=k * style.lift, list_=k * style.list_,
     )  # fmt: skip

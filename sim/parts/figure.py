@@ -131,13 +131,13 @@ def built(kind: type[D], read: BaseModel, **given: Any) -> D:
     return kind(**values | inner | given)
 
 
-def idealised(part: D) -> D:
-    """The ideal twin: every figure that is an error, a limit or a delay replaced by its perfect value."""
+def ideal(part: D) -> D:
+    """The noise-free version: same rate, size and place, but no error, limit or delay."""
     changes: dict[str, Any] = {}
     for entry in dataclasses.fields(part):  # type: ignore[arg-type]
         value = getattr(part, entry.name)
         if dataclasses.is_dataclass(value):
-            changes[entry.name] = idealised(value)
+            changes[entry.name] = ideal(value)
         elif _FIGURE in entry.metadata and entry.metadata[_FIGURE].ideal is not None:
             changes[entry.name] = entry.metadata[_FIGURE].ideal
     return dataclasses.replace(part, **changes)  # type: ignore[type-var]

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
-from stridetwin.sim.parts.figure import built, file_model, idealised
+from stridetwin.sim.parts.figure import built, file_model, ideal
 from stridetwin.sim.parts.kinds import KINDS, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import OneKind
@@ -16,7 +16,6 @@ from stridetwin.streams.validation import validated
 from stridetwin.streams.yaml_file import read_yaml
 
 IDEAL = "-ideal"
-P = TypeVar("P", bound=Part)
 PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in KINDS.items()})]
 """Type of the data in a part file."""
 
@@ -50,13 +49,7 @@ def read_part(path: Path) -> Part:
         StrideTwinError: The file cannot be read or is not YAML.
     """
     data = read_yaml(path)
-    read = validated(PartFile, data, path)
-    return built(KINDS[data["kind"]], read, name=path.stem)
-
-
-def ideal(of: P) -> P:
-    """The noise-free version of a part: same rate, size and place, but no error, limit or delay."""
-    return idealised(of)
+    return built(KINDS[data["kind"]], validated(PartFile, data, path), name=path.stem)
 
 
 def kind_of(of: Part) -> str:

@@ -153,10 +153,10 @@ class _Worker:
     """This side of one process; one thread at a time uses it."""
 
     def __init__(self, scene: bytes) -> None:
-        environment = _DRAWING | os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
         self._process = subprocess.Popen(
             [sys.executable, "-m", "stridetwin.sim.rendering.rendering"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            env=_DRAWING | os.environ | {"LP_NUM_THREADS": "0"},  # llvmpipe draws in the process's own thread
         )  # fmt: skip
         assert self._process.stdin is not None
         assert self._process.stdout is not None

@@ -17,7 +17,7 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import CameraPart, Imager, RgbdPart
 from stridetwin.sim.parts.nominal import depth_scale
 from stridetwin.sim.rendering.imager import BLANK, Lens, Pixels, Sensor
-from stridetwin.sim.rendering.renderer import SensorView, camera_pose
+from stridetwin.sim.rendering.renderer import SensorView, mounted_pose
 from stridetwin.sim.rendering.stereo_depth import DepthModel
 from stridetwin.sim.rendering.sweep import Sweep
 from stridetwin.sim.sensors.mount_slip import MountSlips
@@ -126,8 +126,7 @@ class Cameras:
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
                 posed = item.t_ns
-            camera = self._cameras[item.topic]
-            T_body_frame = self._mount_slips.T_body_frame(item.topic, item.t_ns)
+            camera, T_body_frame = self._cameras[item.topic], self._mount_slips.T_body_frame(item.topic, item.t_ns)
             yield from camera.take(self._views[camera.shadows], self._data, item, T_body_frame)
 
     def __enter__(self) -> Self:
@@ -152,8 +151,7 @@ def follows(sensor_rig: SensorRig, topic: str) -> bool:
 def sensor_of(sensor_rig: SensorRig, topic: str, seed: int) -> Sensor:
     """Sensor model that converts a camera's irradiance to grey values or colours."""
     calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
-    size = calibration.height, calibration.width
-    shape = size if imager.colour == "grey" else (*size, 3)
+    shape = (calibration.height, calibration.width, *(() if imager.colour == "grey" else (3,)))
     return Sensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
 
 
@@ -200,8 +198,8 @@ class _Camera:
     def take(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
     ) -> Iterator[Image | Depth | Patch]:
-        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `render.camera_pose`."""
-        T_world_camera = camera_pose(data, self._calibration, T_body_frame)
+        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `renderer.mounted_pose`."""
+        T_world_camera = mounted_pose(data, self._calibration.mount, T_body_frame)
         board = self._board_before(data, due, T_world_camera)
         if self._around_board:
             yield self._board_alone(view, data, due, T_world_camera, board)
@@ -219,8 +217,7 @@ class _Camera:
             part_pixels = np.ascontiguousarray(clean[board.box])
             swept = swept.copy() if swept is clean else swept
             swept[board.box] = self._swept(part_pixels, board.sweep.cropped(rows.start, columns.start))
-        pixels = self._exposed(due.t_ns, self.lens.bent(swept))
-        yield Image(topic=due.topic, t_ns=due.t_ns, pixels=pixels)
+        yield Image(topic=due.topic, t_ns=due.t_ns, pixels=self._exposed(due.t_ns, self.lens.bent(swept)))
         if self._depth is not None:
             grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
             measured = self._depth.image(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
@@ -237,8 +234,7 @@ class _Camera:
         if board is not None:
             row, column = board.box[0].start, board.box[1].start
             clean = self._clean(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
-            swept = self._swept(clean, board.sweep.cropped(row, column))
-            pixels = self._exposed(due.t_ns, swept, row, column)
+            pixels = self._exposed(due.t_ns, self._swept(clean, board.sweep.cropped(row, column)), row, column)
         whole = (self._calibration.height, self._calibration.width)
         return Patch(topic=due.topic, t_ns=due.t_ns, whole=whole, pixels=pixels, row=row, column=column)
 
@@ -254,8 +250,7 @@ class _Camera:
         """The board in the middle of the exposure; None when it is out of view."""
         if self._board is None:
             return None
-        body = self._board.mount.body
-        T_world_board = _body_pose(data, body) @ self._board.mount.T_body_sensor
+        T_world_board = mounted_pose(data, self._board.mount)
         R = T_world_camera[:3, :3].T
         normal, centre = R @ T_world_board[:3, 2], R @ (T_world_board[:3, 3] - T_world_camera[:3, 3])
         points = _AROUND_BOARD @ (R @ T_world_board[:3, :3]).T + centre
@@ -270,7 +265,7 @@ class _Camera:
         away = float(normal @ centre)
         if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
-        v, w = _at(data, body, due.twist[1], T_world_camera[:3, 3])
+        v, w = _at(data, self._board.mount.body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
         margin = _MARGIN_PX + sweep.path_px(self._imager.exposure_s, *((low + high) / 2))
         left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
@@ -285,12 +280,6 @@ class _Camera:
         own_v, own_w = _at(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
         R = T_world_camera[:3, :3].T
         return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - own_v), rate=R @ (w - own_w))
-
-
-def _body_pose(data: mujoco.MjData, name: str) -> Array:
-    T, body = np.eye(4), data.body(UPPERS.get(name, name))
-    T[:3, :3], T[:3, 3] = body.xmat.reshape(3, 3), body.xpos
-    return T
 
 
 def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ the environment variable MUJOCO_GL overrules that. An OpenGL context belongs to 
 from __future__ import annotations
 
 import ctypes.util
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,12 +20,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stridetwin.sim.rendering.sky import Sky, endless_planes
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.sim.world.obstacles import GLASS
 from stridetwin.sim.world.textures import PERIOD_M
 from stridetwin.streams.compiled import cached
-from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 
 NEAR_M = 0.02
@@ -36,6 +36,12 @@ _FILM_GROUND_M = 2001 * PERIOD_M  # likewise in a film, which has no haze: its e
 _FILM_SCALE = 1.5  # rendered pixels per pixel of a film, along each axis, for smooth edges
 _HIDDEN_GROUP = 5  # of geoms; not rendered by default
 _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
+
+# The sky's colours by the sine of the elevation, the faces of MuJoCo's sky box, and the edge of its endless planes as a
+# share of the far plane's distance.
+_LEVELS = 2048
+_SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3
+_EDGE = math.sqrt(0.5)
 
 Rgb = NDArray[np.uint8]
 DepthImage = NDArray[np.float32]
@@ -120,7 +126,7 @@ class _OffScreen:
 class SensorView(_OffScreen):
     """Renders the view of a calibrated camera: no reflections or smoothing, so that depth is exact.
 
-    The sky is painted afterwards (`sim.rendering.sky`).
+    The sky is painted afterwards (`_Sky`).
 
     Args:
         model: The scene.
@@ -129,13 +135,13 @@ class SensorView(_OffScreen):
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False) -> None:
-        self._endless, self._shadows = endless_planes(model), shadows
+        self._endless, self._shadows = _endless_planes(model), shadows
         with _bounded_planes(model, self._endless, _GROUND_M):
             super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
         self._anywhere = mujoco.MjvCamera()
         self._glass = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM.value, f"scenery_{GLASS}")  # -1: none
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
-        self._sky = Sky.of(model, FAR_M)
+        self._sky = _Sky.of(model, FAR_M)
 
     def frame(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics,
@@ -220,7 +226,7 @@ class FilmCamera(_OffScreen):
     """Third-person view with shadows and smooth edges, for viewers."""
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
-        self._endless, self._size = endless_planes(model), (width, height)
+        self._endless, self._size = _endless_planes(model), (width, height)
         with _bounded_planes(model, self._endless, _FILM_GROUND_M):
             super().__init__(model, round(_FILM_SCALE * width), round(_FILM_SCALE * height), _FILM)
         self._camera = mujoco.MjvCamera()
@@ -247,19 +253,18 @@ class FilmCamera(_OffScreen):
         return np.asarray(cv2.resize(rgb[::-1], self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: ArrayLike | None = None) -> Array:
-    """(4, 4) pose of a camera's optical frame in the world, from the body that carries it.
+def mounted_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | None = None) -> Array:
+    """(4, 4) pose in the world of a camera's optical frame or a board, from the body that carries it.
 
     Args:
         data: State of the model, kinematics up to date.
-        camera: Its calibration.
-        T_body_frame: (4, 4) pose on the body of the frame that holds its mount, after slips.
+        mount: Its mount.
+        T_body_frame: (4, 4) pose on the body of the frame that holds the mount, after slips.
     """
-    body = data.body(UPPERS.get(camera.mount.body, camera.mount.body))
-    T_world_body = np.eye(4)
+    body, T_world_body = data.body(UPPERS.get(mount.body, mount.body)), np.eye(4)
     T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
     T_world_frame = T_world_body if T_body_frame is None else T_world_body @ np.asarray(T_body_frame)
-    return T_world_frame @ camera.mount.T_body_sensor
+    return T_world_frame @ mount.T_body_sensor
 
 
 @contextmanager
@@ -331,11 +336,106 @@ def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _
         (look, "shadowsize", quality.shadow_size), (look, "numslices", quality.slices),
         (look, "numstacks", quality.stacks),
     )  # fmt: skip
-    kept = [getattr(group, name) for group, name, _ in values]
+    kept = [(group, name, getattr(group, name)) for group, name, _ in values]
     for group, name, value in values:
         setattr(group, name, value)
     try:
         yield
     finally:
-        for (group, name, _), value in zip(values, kept):
+        for group, name, value in kept:
             setattr(group, name, value)
+
+
+def _endless_planes(model: mujoco.MjModel) -> NDArray[np.intp]:
+    """Geoms of a model that are endless planes."""
+    return np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sky:
+    """A sky without dependence on azimuth, and the haze at the edge of the ground.
+
+    MuJoCo first draws the sky over the whole image, and everything else on top of it, which costs a third of a
+    software-rendered frame. A sensor view omits it and paints it here where nothing else was rendered.
+
+    Attributes:
+        colours: (N, 3) uint8 RGB, evenly over the sine of the elevation from straight down to straight up.
+        ground: Height of the endless ground in the world, m; -inf without one, and then there is no haze.
+        edge: Distance of its edge, m.
+        depth: Width of the haze in front of that edge, as a share of its distance.
+        haze: (3,) RGB, 0-255.
+    """
+
+    colours: NDArray[np.uint8]
+    ground: float
+    edge: float
+    depth: float
+    haze: Array
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, far: float) -> Self | None:
+        """The sky box of a model, averaged over azimuth; None without one. The far plane is at `far` m."""
+        boxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+        if not len(boxes):
+            return None
+        width, first = int(model.tex_width[boxes[0]]), int(model.tex_adr[boxes[0]])
+        faces = model.tex_data[first : first + 18 * width * width].reshape(6, width, width, 3)
+        along = (2 * np.arange(width) + 1) / width - 1
+        column, row = np.meshgrid(along, along)
+        length = np.sqrt(1 + column**2 + row**2)
+        rise = np.empty((6, width, width))
+        rise[_SIDES, :], rise[_UP], rise[_DOWN] = -row / length, 1 / length, -1 / length
+        at, whose = np.unique(np.round(rise.ravel(), 6), return_inverse=True)
+        bands = [np.bincount(whose, faces[..., i].ravel()) / np.bincount(whose) for i in range(3)]
+        colours = np.stack([np.interp(np.linspace(-1, 1, _LEVELS), at, band) for band in bands], axis=1)
+        return cls(
+            colours=np.round(colours).astype(np.uint8),
+            ground=float(model.geom_pos[_endless_planes(model), 2].max(initial=-np.inf)),
+            edge=_EDGE * far,
+            depth=float(model.vis.map.haze),
+            haze=255.0 * model.vis.rgba.haze[:3],
+        )
+
+    def paint(
+        self, rgb: NDArray[np.uint8], depth: NDArray[np.float32], T_world_camera: Array,
+        intrinsics: tuple[float, float, float, float],
+    ) -> None:  # fmt: skip
+        """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
+
+        The depth, (H, W) m along the optical axis, is inf where nothing was rendered; intrinsics as in `SensorView`.
+        """
+        steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
+        _paint(
+            rgb, depth, self.colours, np.ascontiguousarray(T_world_camera[2, :3], float), np.array(intrinsics, float),
+            steepness, self.edge, self.depth, self.haze,
+        )  # fmt: skip
+
+
+@cached(__file__)
+def _paint(
+    rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
+    steepness: float, edge: float, share: float, haze: Array,
+) -> None:  # fmt: skip
+    fu, fv, pu, pv = intrinsics
+    half, near = np.float32((len(colours) - 1) / 2), np.float32(0.5 * (1 - share) * edge)
+    slope, across, middle, top = np.float32(vertical[0]), np.float32(1 / fu), np.float32(pu), len(colours) - 1
+    for row in range(depth.shape[0]):
+        y = (row - pv) / fv
+        level, base = np.float32(vertical[1] * y + vertical[2]), np.float32(1 + y * y)
+        for column in range(depth.shape[1]):
+            away = depth[row, column]
+            if away < near:
+                continue
+            x = (np.float32(column) - middle) * across
+            up, squared = slope * x + level, x * x + base
+            flat = np.sqrt(squared - up * up)
+            if away * flat > edge:
+                i = int(half * (up / np.sqrt(squared) + np.float32(1)) + np.float32(0.5))
+                for k in range(3):
+                    rgb[row, column, k] = colours[min(max(i, 0), top), k]
+            if up < 0 and away * flat > (1 - share) * edge:
+                q = -up / flat * steepness  # 0 at the horizon, 1 at the edge
+                s = min(q / (1 + share * q), 1.0)
+                a = s * (1 + share) if q < 1 else (1 - s) * (1 + share) / share
+                for k in range(3):
+                    rgb[row, column, k] += int(a * (haze[k] - rgb[row, column, k]))

@@ -36,8 +36,7 @@ class DepthModel:
         if part.noise:
             self._bank = _smooth(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
             self._mixed = _smooth(noise.at(0), shape, 1.0)
-        counts = np.arange(1, np.iinfo(np.int16).max + 1)
-        depth = np.concatenate([[0.0], 1 / (self._step * counts)])
+        depth = np.append(0.0, 1 / (self._step * np.arange(1, np.iinfo(np.int16).max + 1)))
         if part.resolution:
             depth = part.resolution * np.round(depth / part.resolution)
         depth[(depth < part.range_min) | (depth > part.range_max)] = 0.0
@@ -45,8 +44,7 @@ class DepthModel:
         v, u = np.mgrid[: shape[0] : 2, : shape[1] : 2]
         x, y = (u - centre[0]) / focal, (v - centre[1]) / focal
         self._rays = tuple(a.astype(np.float32) for a in (x, y, np.sqrt(1 + x * x + y * y)))
-        self._focal = focal
-        self._window = 2 * round(part.edge_px) + 1
+        self._focal, self._window = focal, 2 * round(part.edge_px) + 1
 
     def image(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
         """Measured depth (H, W), m, 0 without a match.

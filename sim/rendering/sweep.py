@@ -12,8 +12,6 @@ from stridetwin.sim.rendering.imager import Pixels
 from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__)
-
 _LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
 _COPY_PX = 1.25  # spacing of the copies that are averaged to a blur
 _COPIES = (2, 16)
@@ -46,7 +44,10 @@ class Sweep:
 
     def path_px(self, dt: float, u: float, v: float) -> float:
         """Distance that the point at column u and row v moves in `dt` seconds, pixels."""
-        return _path_px(self.homography(dt), u, v)
+        H = self.homography(dt)
+        z = H[2, 0] * u + H[2, 1] * v + H[2, 2]
+        x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
+        return math.hypot(x / z - u, y / z - v)
 
     def cropped(self, row: int, column: int) -> Sweep:
         """The same motion in the pixels of a part of the image, given its upper left pixel."""
@@ -82,7 +83,7 @@ class Sweep:
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-@_called
+@cached(__file__)
 def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rate: Array, dt: Array) -> Array:
     """As `Sweep.homographies`: K is upper triangular, and so is its inverse."""
     inverse = np.zeros((3, 3))
@@ -114,10 +115,3 @@ def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rat
                 H[k, i, j] = total
         H[k] /= H[k, 2, 2]
     return H
-
-
-@_called
-def _path_px(H: Array, u: float, v: float) -> float:
-    z = H[2, 0] * u + H[2, 1] * v + H[2, 2]
-    x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
-    return math.hypot(x / z - u, y / z - v)

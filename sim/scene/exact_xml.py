@@ -55,7 +55,7 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
         root = ElementTree.fromstring(spec.to_xml())
     for defaults in root.findall("default"):
         root.remove(defaults)
-    world, assets = _only(root, "worldbody"), _only(root, "asset")
+    world, assets = section(root, "worldbody"), section(root, "asset")
     _dissolve_frames(world)
     bodies = [*world.iter("body")]
     for body in bodies:
@@ -88,7 +88,8 @@ def numbers(values: ArrayLike) -> str:
     return " ".join(str(value).removesuffix(".0") for value in np.ravel(np.asarray(values)) + 0.0)
 
 
-def _only(parent: Element, tag: str) -> Element:
+def section(parent: Element, tag: str) -> Element:
+    """The one section of a model with this tag."""
     found = parent.findall(tag)
     if len(found) != 1:
         raise ValueError(f"invalid MJCF: expected one {tag}, found {len(found)}")

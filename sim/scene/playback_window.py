@@ -1,6 +1,6 @@
 """A walk in MuJoCo's passive viewer, in real time.
 
-The window shows the scene of the walk (`scene_files.scene_spec`): its sensors' cameras can be looked through.
+The window shows the scene of the walk (`scene_spec`): its sensors' cameras can be looked through.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from mujoco import viewer
 
-from stridetwin.sim.scene.scene_files import scene_spec
+from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.bystanders import pose as pose_crowd

@@ -16,12 +16,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.composition import compose
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.rendering.renderer import FAR_M, NEAR_M
-from stridetwin.sim.scene.exact_xml import exact_xml, numbers
-from stridetwin.sim.scene.sensor_sites import add_sensor_sites
-from stridetwin.sim.scene.standing import add_standing
+from stridetwin.sim.scene.exact_xml import exact_xml, numbers, section
+from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.textures import SIZE
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -30,33 +27,10 @@ from stridetwin.streams.files import whole_file
 TEXTURE_PX = SIZE
 """Edge of the twin's own textures, pixels."""
 WEARER = "wearer.xml"
-_PERSON_M = 2.0
 _SCENERY = "scenery_"
 _ROOT = "root"  # the wearer's outermost body
 _WEARERS = ("option", "actuator", "equality", "sensor")  # sections of wearer.xml
 _NOTE = " Written by StrideTwin (stridetwin scene): docs/scene.md says what is in it. "
-
-
-def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
-    """The composed model of a walk with everything that MuJoCo needs to show and step it alone.
-
-    Raises:
-        ConfigError: A value that cannot be built.
-    """
-    composition = compose(config)
-    spec = composition.spec
-    spec.modelname = config.name
-    add_sensor_sites(spec, composition.sensor_rig.rig)
-    add_standing(composition, config)
-    route_m = float(compile_model(spec).stat.extent)
-    spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the person
-    scale = spec.visual.map  # in extents
-    scale.znear, scale.zfar, scale.shadowclip = NEAR_M / _PERSON_M, FAR_M / _PERSON_M, route_m / _PERSON_M
-    view = getattr(spec.visual, "global")
-    # from the side in front; between walls from the front
-    view.azimuth, view.elevation = 180.0 if config.route.scenery == "corridor" else 140.0, -12.0
-    view.offwidth, view.offheight = 1920, 1080
-    return spec
 
 
 def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, bytes]:
@@ -75,7 +49,7 @@ def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, b
     files = _take_textures(spec, "" if config.route.texture == "rich" else f"_{config.route.texture}", texture_px)
     spec.assets = dict(files)
     root = exact_xml(spec, compile_model(spec))
-    for node in list(_section(root, "asset").iter("mesh")):
+    for node in list(section(root, "asset").iter("mesh")):
         name = str(node.get("name"))
         if name.startswith(_SCENERY):
             path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
@@ -121,8 +95,7 @@ def _take_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, byt
             continue
         if data not in painted:
             painted[data] = f"textures/{texture.name.removeprefix(_SCENERY)}{finish}.png"
-            pixels = np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3)
-            files[painted[data]] = _png(pixels, size)
+            files[painted[data]] = _png(np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3), size)
         texture.data, texture.file = b"", painted[data]
     return files
 
@@ -154,9 +127,9 @@ def _obj(mesh: mujoco.MjsMesh) -> str:
 
 def _split_off_wearer(root: Element) -> Element:
     """Moves the wearer out of a scene, which then includes `WEARER`; returns that file's root element."""
-    world, assets = _section(root, "worldbody"), _section(root, "asset")
+    world, assets = section(root, "worldbody"), section(root, "asset")
     wearer = Element("mujoco", model="wearer")
-    wearer.append(_section(root, "compiler"))
+    wearer.append(section(root, "compiler"))
     body = next(node for node in world if node.get("name") == _ROOT)
     own = ElementTree.SubElement(wearer, "asset")
     used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
@@ -173,13 +146,6 @@ def _split_off_wearer(root: Element) -> Element:
         _move(later, world, others)
         root.insert(at + 1, others)
     return wearer
-
-
-def _section(root: Element, tag: str) -> Element:
-    found = root.find(tag)
-    if found is None:
-        raise ValueError(f"invalid MJCF: expected a section {tag}")
-    return found
 
 
 def _move(nodes: list[Element], source: Element, target: Element) -> None:

@@ -50,9 +50,15 @@ class ForceCells:
 
     def read(self, load: Array) -> Array:
         """(N, count) measured force, N, for the next true loads (N, count), N."""
-        from scipy.signal import sosfilt
+        from scipy.signal import lfilter, sosfilt
 
-        measured = self._loop(self._creep(self._gain * load))
+        bare = self._gain * load
+        measured = bare.copy()
+        for i, keep in enumerate(self._keep):
+            late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], bare, axis=0, zi=self._crept[i])
+            measured += self._part.drift * late
+        if self._part.hysteresis:
+            measured += self._part.hysteresis / (2 * _PLAY) * (_played(self._play, measured) - measured)
         measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
         if any(self._part.curve):
             measured = _counted(measured, *self._part.curve)
@@ -60,21 +66,6 @@ class ForceCells:
             measured, self._filter = sosfilt(self._sos, measured, axis=0, zi=self._filter)
             measured = np.maximum(measured, 0.0)
         return measured
-
-    def _creep(self, load: Array) -> Array:
-        from scipy.signal import lfilter
-
-        total = load.copy()
-        for i, keep in enumerate(self._keep):
-            late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], load, axis=0, zi=self._crept[i])
-            total += self._part.drift * late
-        return total
-
-    def _loop(self, load: Array) -> Array:
-        share = self._part.hysteresis / (2 * _PLAY)
-        if not share:
-            return load
-        return load + share * (_played(self._play, load) - load)
 
 
 @_called
@@ -157,8 +148,7 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
     # far sides.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
-    at_corner = sense * _cross(after - corner, before - corner)
-    weight = at_corner * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
+    weight = sense * _cross(after - corner, before - corner) * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)
     shares[:, _OUTLINE] = weight / weight.sum(axis=-1, keepdims=True)
     return shares

@@ -247,8 +247,7 @@ def _mix(part: ImuPart, noise: Noise) -> Array:
     """(6, 6) sensitivity of each axis to each component: scale factors, misalignment, g-sensitivity."""
     mix = np.eye(6)
     triads: tuple[Gyroscope | Accelerometer, ...] = (part.gyroscope, part.accelerometer)
-    for i, triad in enumerate(triads):
-        own = slice(3 * i, 3 * i + 3)
+    for triad, own in zip(triads, (slice(3), slice(3, 6))):
         sd = np.where(np.eye(3, dtype=bool), triad.scale_factor, triad.misalignment)
         mix[own, own] += noise.normal(sd, (3, 3))
     mix[:3, 3:] = noise.normal(part.gyroscope.g_sensitivity, (3, 3))

@@ -43,8 +43,7 @@ class SensorModel(Generic[CalibrationT, PartT]):
 
 def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
     """Whole sample times k / rate with after < t <= until, rounded to nanoseconds."""
-    first = int(np.floor(after_ns * 1e-9 * rate_hz))
-    last = int(np.ceil(until_ns * 1e-9 * rate_hz))
+    first, last = np.floor(after_ns * 1e-9 * rate_hz), np.ceil(until_ns * 1e-9 * rate_hz)
     t = np.round(np.arange(first, last + 1) * (1e9 / rate_hz)).astype(np.int64)
     return t[(t > after_ns) & (t <= until_ns)]
 
@@ -79,5 +78,4 @@ class Stamps:
         """The block with its clock's stamps, without samples from before the recording's start."""
         stamps = self.of(block.t_ns)
         kept = stamps >= 0
-        columns = {name: column[kept] for name, column in block.columns.items()}
-        return replace(block, t_ns=stamps[kept], columns=columns)
+        return replace(block, t_ns=stamps[kept], columns={name: x[kept] for name, x in block.columns.items()})

@@ -80,10 +80,10 @@ class MountSlips:
         slips: dict[str, list[Slip]] = {}
         for fault, events in planned:
             if isinstance(fault, LooseStrap):
-                for body, topics in _by_body(events, rig).items():
+                for topics in _by_body(events, rig).values():
                     pivot = np.mean([_mounts(rig)[t][1] for t in topics], axis=0)
                     for event in events[topics[0]]:
-                        slip = _slip(fault, event, pivot, body)
+                        slip = _slip(fault, event, pivot)
                         for topic in topics:
                             slips.setdefault(topic, []).append(slip)
         return cls(
@@ -111,7 +111,7 @@ class MountSlips:
             housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
 
 
-def _slip(fault: LooseStrap, event: Event, pivot: Array, body: str) -> Slip:
+def _slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
     axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
     return Slip(

@@ -35,27 +35,23 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
         super().__init__(calibration, part, noise)
         self._terrain, self._crowd = terrain, crowd
         self._luck = noise.at(0)
-        self._half_beam = part.beam / 2
-        self._fan = _fan(self._half_beam)
+        self._half_beam, self._fan = part.beam / 2, _fan(part.beam / 2)
 
     def read(self, body: Track, other_foot: Track) -> Block[Range]:
         """Samples at the instants of both tracks: of the body that carries the sonar, and of the other foot's frame."""
         T_world_sensor = body.mounted(self._calibration.mount.T_body_sensor).poses()
-        balls = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
-        balls += other_foot.p_body_in_world[:, None]
-        nearest = np.minimum(
-            _nearest_ball(T_world_sensor, balls, SHOE[:, 3], self._half_beam), self._range_of_terrain(T_world_sensor)
-        )
-        for person in self._crowd.people:
-            centres, radii = person.balls(body.t_ns * 1e-9)
+        shoe = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
+        shoe += other_foot.p_body_in_world[:, None]
+        nearest = self._range_of_terrain(T_world_sensor)
+        for centres, radii in ((shoe, SHOE[:, 3]), *(person.balls(body.t_ns * 1e-9) for person in self._crowd)):
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
         return self._block(Range, body.t_ns, distance=self._measured(nearest))
 
     def _measured(self, nearest: Array) -> Array:
         part = self._part
         luck, where = self._luck.uniform((len(nearest), 2)).T
-        ghost = luck < part.ghost
-        nearest = np.where(ghost, part.range_min + where * (part.range_max - part.range_min), nearest)
+        ghost = part.range_min + where * (part.range_max - part.range_min)
+        nearest = np.where(luck < part.ghost, ghost, nearest)
         heard = np.maximum(nearest + self._noise.normal(part.noise, len(nearest)), part.range_min)
         heard = np.where(nearest <= part.range_max, heard, 0.0)
         return part.step * np.round(heard / part.step) if part.step else heard
@@ -70,9 +66,10 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
 
 def _nearest_ball(T_world_sensor: Array, centre_in_world: Array, radius: Array, half_beam: float) -> Array:
     """(N,) range of the nearest of (N, B, 3) spheres."""
-    away = centre_in_world - T_world_sensor[:, None, :3, 3]
-    in_sensor = np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], away)
-    return np.min(_range_of_balls(in_sensor, radius, half_beam), axis=-1)
+    in_world = centre_in_world - T_world_sensor[:, None, :3, 3]
+    return np.min(
+        _range_of_balls(np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], in_world), radius, half_beam), -1
+    )
 
 
 def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:

@@ -129,8 +129,7 @@ def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
     part, nominal, own = _fit(config, group, standard)
-    calibration = nominal_imu(topic, nominal, mount)
-    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=own)
+    return MountedSensor(group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=own)
 
 
 def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
@@ -143,14 +142,11 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
         accelerometer_noise_density=accelerometer.noise_density,
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
         gyroscope_bias_sd=gyroscope.turn_on_bias, accelerometer_bias_sd=accelerometer.turn_on_bias,
-        gyroscope_range=_finite(gyroscope.range), accelerometer_range=_finite(accelerometer.range),
+        gyroscope_range=gyroscope.range if math.isfinite(gyroscope.range) else 0.0,
+        accelerometer_range=accelerometer.range if math.isfinite(accelerometer.range) else 0.0,
         gyroscope_scale_sd=gyroscope.scale_factor, gyroscope_misalignment_sd=gyroscope.misalignment,
         accelerometer_scale_sd=accelerometer.scale_factor,
     )  # fmt: skip
-
-
-def _finite(range_: float) -> float:
-    return range_ if math.isfinite(range_) else 0.0
 
 
 def foot_imu_place(config: TwinConfig, side: str) -> Array:
@@ -205,7 +201,7 @@ def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
     sits = _settings(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _on_shoe(sits, side)
-        pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
+        pose = _pose(_looking(forward, sits.roll_rad * -_outward(side)), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
         yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
 
@@ -218,8 +214,7 @@ def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
 
 
 def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
-    mount = _rgbd_mount(config)
-    yield _camera(config, "head_camera", "head_imu", config.rig_mount, mount, depth=True)
+    yield _camera(config, "head_camera", "head_imu", config.rig_mount, _rgbd_mount(config), depth=True)
 
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
@@ -227,7 +222,7 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
     sensor_config = _settings(config, "head_camera")
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
     sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
-    turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
+    turn = _looking(_direction(*sits.faces_rad), sits.roll_rad)
     return Mount(body=body, T_body_sensor=_pose(turn, sits.position_m))
 
 
@@ -237,13 +232,9 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
         position, out = _on_shoe(sits, side)
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
         up /= np.linalg.norm(up)
-        rotation = np.column_stack([np.cross(up, out), up, out])
-        yield Board(
-            name=f"foot_{side}",
-            mount=Mount(body=f"foot_{side}", T_body_sensor=_pose(rotation, position)),
-            squares=(6, 9),
-            square_m=0.005,
-        )
+        pose = _pose(np.column_stack([np.cross(up, out), up, out]), position)
+        mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
+        yield Board(name=mount.body, mount=mount, squares=(6, 9), square_m=0.005)
 
 
 def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
@@ -262,8 +253,7 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
         inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
         if sits is not None:
             place, inward = _on_shoe(sits, side)
-        pose = _pose(_x_along(inward), place)
-        mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
+        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(_x_along(inward), place))
         yield _other(config, "sonar", "range", f"/foot_{side}/sonar", mount)
 
 
@@ -277,9 +267,8 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
     own = _own(config)
-    if own is None:
-        mounts = {place: Mount(body=f"exo_{place}") for place in _AHRS_PLACES}
-    else:
+    mounts = {place: Mount(body=f"exo_{place}") for place in _AHRS_PLACES}
+    if own is not None:
         mounts = {place: _on(seat) for place, seat in own.ahrs.items()}
     for place, mount in mounts.items():
         standard = STANDARD_BACK_AHRS if place == "back" else None
@@ -298,9 +287,8 @@ def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     own = _own(config)
-    if own is None:
-        moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
-    else:
+    moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
+    if own is not None:
         moved = {name: own.body_moved_by(name) for name in own.encoders}
     for name, body in moved.items():
         yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
@@ -308,9 +296,8 @@ def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
     own = _own(config)
-    if own is None:
-        cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
-    else:
+    cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
+    if own is not None:
         cuffs = [(cuff.body, cuff.link) for cuff in own.cuffs if cuff.force_cells]
     for place, body in cuffs:
         yield _other(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
@@ -324,14 +311,15 @@ def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     }
     own = _own(config)
     if own is None:
-        joints = ((f"{j}_{s}", f"exo_{b}_{s}") for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES)
-        for name, body in joints:
-            more = limits.get(name, {}) | {"named": "actuation module" if name in mounted else "no actuation module"}
-            yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
-        return
-    for name in mounted:
-        mount, more = Mount(body=own.body_moved_by(name)), limits[name] | {"standard": own.motors[name]}
-        yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", mount, **more)
+        moved = {f"{j}_{s}": f"exo_{b}_{s}" for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES}
+    else:
+        moved = {name: own.body_moved_by(name) for name in mounted}
+    for name, body in moved.items():
+        more: dict[str, Any] = {"named": "actuation module" if name in mounted else "no actuation module"}
+        if own is not None:
+            more = {"standard": own.motors[name]}
+        more |= limits.get(name, {})
+        yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
 
 
 _SENSORS = {
@@ -368,7 +356,7 @@ def _direction(left: float, up: float) -> Array:
     return np.array([math.cos(up) * math.cos(left), math.cos(up) * math.sin(left), math.sin(up)])
 
 
-def _looking(forward: Array, roll: float = 0.0) -> Array:
+def _looking(forward: Array, roll: float) -> Array:
     """Rotation of an optical frame with viewing direction `forward`, upright and then rolled clockwise."""
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

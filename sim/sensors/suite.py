@@ -9,7 +9,6 @@ import numpy as np
 
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, ImuPart, SonarPart
 from stridetwin.sim.playback import Loads, Motion, Player
 from stridetwin.sim.sensors.exo_sensors import ActuatorModel, AhrsModel, EncoderModel
 from stridetwin.sim.sensors.force_cells import InsoleModel, InteractionModel
@@ -73,24 +72,22 @@ class SensorSuite:
             yield stamps.on(block)
 
 
+_MODELS: dict[str, Any] = {
+    "imu": ImuModel,
+    "range": SonarModel,
+    "insole": InsoleModel,
+    "ahrs": AhrsModel,
+    "encoder": EncoderModel,
+    "interaction": InteractionModel,
+    "actuator": ActuatorModel,
+}
+"""Model of each kind of `rig.OtherSensor`, and of an IMU."""
+
+
 def _model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
-    calibration, part = sensor.calibration, sensor.part
-    match calibration, part:
-        case ImuCalibration(), ImuPart():
-            return ImuModel(calibration, part, noise)
-        case OtherSensor(kind="range"), SonarPart():
-            return SonarModel(calibration, part, terrain, crowd, noise)
-        case OtherSensor(kind="insole"), ForceCellPart():
-            return InsoleModel(calibration, part, noise)
-        case OtherSensor(kind="ahrs"), AhrsPart():
-            return AhrsModel(calibration, part, noise)
-        case OtherSensor(kind="encoder"), EncoderPart():
-            return EncoderModel(calibration, part, noise)
-        case OtherSensor(kind="interaction"), ForceCellPart():
-            return InteractionModel(calibration, part, noise)
-        case OtherSensor(kind="actuator"), ActuatorPart():
-            return ActuatorModel(calibration, part, noise)
-    raise ValueError(f"no model for {calibration.topic} of {part.name}")
+    kind = sensor.calibration.kind if isinstance(sensor.calibration, OtherSensor) else "imu"
+    surroundings = (terrain, crowd) if kind == "range" else ()
+    return _MODELS[kind](sensor.calibration, sensor.part, *surroundings, noise)
 
 
 def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants) -> Block[Any]:
@@ -98,12 +95,10 @@ def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads
     place, _, side = sensor.topic.split("/")[-2].rpartition("_")  # foot_l, thigh_r, knee_l; the back has no side
     match sensor.kind:
         case "range":
-            other = "foot_r" if side == "l" else "foot_l"
-            return model.read(carrier, motion.tracks[other][rows])
+            return model.read(carrier, motion.tracks["foot_r" if side == "l" else "foot_l"][rows])
         case "insole":
             load = loads.feet[side]
-            force, torque = (_between(loads.t_ns, x, t_ns) for x in (load.force, load.torque))
-            return model.read(carrier, force, torque)
+            return model.read(carrier, *(_between(loads.t_ns, x, t_ns) for x in (load.force, load.torque)))
         case "ahrs":
             return model.read(carrier)
         case "encoder":

@@ -123,14 +123,14 @@ def anthropometry(person: Person) -> Anthropometry:
     Raises:
         ConfigError: Height, mass, sex or shoe size outside the range of the tables.
     """
-    if not 1.50 <= person.height_m <= 1.95:
-        raise ConfigError("person", "height_m", person.height_m, "1.50-1.95")
-    if not 45.0 <= person.mass_kg <= 110.0:
-        raise ConfigError("person", "mass_kg", person.mass_kg, "45-110")
-    if person.sex not in _TABLE:
-        raise ConfigError("person", "sex", person.sex, "male, female")
-    if person.shoe_m is not None and not 0.20 <= person.shoe_m <= 0.32:
-        raise ConfigError("person", "shoe_m", person.shoe_m, "0.20-0.32")
+    for field, is_valid, valid in (
+        ("height_m", 1.50 <= person.height_m <= 1.95, "1.50-1.95"),
+        ("mass_kg", 45.0 <= person.mass_kg <= 110.0, "45-110"),
+        ("sex", person.sex in _TABLE, "male, female"),
+        ("shoe_m", person.shoe_m is None or 0.20 <= person.shoe_m <= 0.32, "0.20-0.32"),
+    ):
+        if not is_valid:
+            raise ConfigError("person", field, getattr(person, field), valid)
     table, k = _TABLE[person.sex], person.height_m / _STATURE_M[person.sex]
 
     def length(name: str) -> float:
@@ -140,8 +140,10 @@ def anthropometry(person: Person) -> Anthropometry:
         """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
         percent, _, com, *radii = table[name]
         mass, size = person.mass_kg * percent / 100.0, length(name)
-        inertia = mass * (np.array(radii) / 100.0 * size) ** 2
-        return Inertial(mass=mass, com=np.array([0.0, 0.0, z_proximal - com / 100.0 * size]), inertia=inertia)
+        return Inertial(
+            mass=mass, com=np.array([0.0, 0.0, z_proximal - com / 100.0 * size]),
+            inertia=mass * (np.array(radii) / 100.0 * size) ** 2,
+        )  # fmt: skip
 
     bare_ankle = _ANKLE_HEIGHT * person.height_m
     trunk = person.height_m - bare_ankle - length("shank") - length("thigh")
@@ -153,8 +155,7 @@ def anthropometry(person: Person) -> Anthropometry:
         segment("upper_trunk", middle + length("upper_trunk") - lumbar),
     )
     foot = segment("foot", 0.0)
-    toe_share, ankle_height = 0.12, bare_ankle + SHOE_SOLE_M
-    toe_mass = toe_share * foot.mass
+    toe_mass = 0.12 * foot.mass
     about = np.array([foot.inertia[2], foot.inertia[0], foot.inertia[1]])  # the foot lies: its long axis is x
     inertials = {
         "pelvis": segment("lower_trunk", lower),
@@ -170,7 +171,7 @@ def anthropometry(person: Person) -> Anthropometry:
     }
     return Anthropometry(
         thigh_m=length("thigh"), shank_m=length("shank"), upper_arm_m=length("upper_arm"),
-        forearm_m=length("forearm"), ankle_height_m=ankle_height,
+        forearm_m=length("forearm"), ankle_height_m=bare_ankle + SHOE_SOLE_M,
         hip_half_width_m=_HIP_HALF_WIDTH * person.height_m,
         shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + _SHOE_OVER_FOOT_M,
         trunk_m=trunk, inertials=inertials,

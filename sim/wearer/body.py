@@ -63,8 +63,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
-    trunk = _scaled("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
-    attach(root, trunk, "pelvis")
+    attach(root, _scaled("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth), "pelvis")
     spec.body("root").add_freejoint(name="root")
     pelvis, torso = spec.body("pelvis"), spec.body("torso")
 
@@ -105,14 +104,9 @@ def _scaled(name: str, length_scale: dict[str, float], girth: float) -> mujoco.M
         for geom in body.geoms:
             geom.pos = np.asarray(geom.pos) * k
             if length_scale:
-                geom.size = np.asarray(geom.size) * _size_scale(geom.type, k, girth)
+                is_capsule = geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE
+                geom.size = np.asarray(geom.size) * ([girth, k, 1.0] if is_capsule else [girth, girth, k])
     return spec
-
-
-def _size_scale(kind: mujoco.mjtGeom, length: float, girth: float) -> np.ndarray:
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return np.array([girth, length, 1.0])
-    return np.array([girth, girth, length])
 
 
 def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
@@ -125,12 +119,10 @@ def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
 
 def _set_inertials(spec: mujoco.MjSpec, body: Anthropometry) -> None:
     for target in spec.bodies[1:]:
-        name = target.name.removesuffix("_l").removesuffix("_r")
         for geom in target.geoms:
-            geom.mass = 0.0
-            geom.contype = geom.conaffinity = 0
-        if name in body.inertials:
-            part = body.inertials[name]
+            geom.mass = geom.contype = geom.conaffinity = 0
+        part = body.inertials.get(target.name.removesuffix("_l").removesuffix("_r"))
+        if part is not None:
             target.explicitinertial = True
             target.mass, target.ipos, target.inertia = part.mass, part.com, part.inertia
             target.iquat = [1, 0, 0, 0]

@@ -8,6 +8,7 @@ momentum.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,10 +53,8 @@ class Coupling:
         body: Body of the wearer.
         p_in_exo: (3,) m, attachment in the exoskeleton body's frame.
         p_in_body: (3,) m, attachment in the wearer's body frame.
-        stiffness: (3, 3) N/m, exoskeleton body's axes.
-        damping: (3, 3) N s/m, likewise.
-        rotation_stiffness: (3, 3) N m/rad, likewise.
-        rotation_damping: (3, 3) N m s/rad, likewise.
+        law: (4, 3, 3) stiffness, N/m, damping, N s/m, rotational stiffness, N m/rad, and rotational damping,
+            N m s/rad, exoskeleton body's axes.
     """
 
     name: str
@@ -63,10 +62,7 @@ class Coupling:
     body: str
     p_in_exo: Array
     p_in_body: Array
-    stiffness: Array
-    damping: Array
-    rotation_stiffness: Array
-    rotation_damping: Array
+    law: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,8 +98,7 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
     rotation = 0.5 * np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
     )
-    trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
-    return displacement, rotation, 0.5 * (trace * np.eye(3) - R), point
+    return displacement, rotation, 0.5 * (np.trace(R, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - R), point
 
 
 def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
@@ -118,10 +113,9 @@ def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
     relative = body.v + cross(body.w, point - body.p) - exo.v - cross(exo.w, point - exo.p)
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
     rotation_rate = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
-    force = displacement @ c.stiffness.T + rate @ c.damping.T
-    torque = np.einsum(
-        "...ji,...j->...i", change, rotation @ c.rotation_stiffness.T + rotation_rate @ c.rotation_damping.T
-    )
+    stiffness, damping, rotation_stiffness, rotation_damping = c.law
+    force = displacement @ stiffness.T + rate @ damping.T
+    torque = np.einsum("...ji,...j->...i", change, rotation @ rotation_stiffness.T + rotation_rate @ rotation_damping.T)
     return np.einsum("...ij,...j->...i", exo.R, force), np.einsum("...ij,...j->...i", exo.R, torque), point
 
 
@@ -179,23 +173,27 @@ def couplings(size: Wearer) -> list[Coupling]:
     links, made = size.exo, []
     for side in SIDES:
         for part, length in (("thigh", links.thigh), ("shank", links.shank)):
-            down = CUFF_SHARE[part] * length
-            in_frame = np.array([0.0, -outward(side) * links.hip2, -down])
-            on_limb = np.array([0.0, 0.0, -down])
-            made.append(_coupling("strap", f"{part}_{side}", f"exo_{part}_{side}", f"{part}_{side}", in_frame, on_limb))
+            on_limb = np.array([0.0, 0.0, -CUFF_SHARE[part] * length])
+            made.append(
+                Coupling(
+                    name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
+                    p_in_exo=on_limb - [0.0, outward(side) * links.hip2, 0.0], p_in_body=on_limb, law=law("strap"),
+                )
+            )  # fmt: skip
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
-        in_frame = p_heel - p_holder
-        made.append(_coupling("holder", f"heel_{side}", f"exo_foot_{side}", f"foot_{side}", in_frame, p_heel))
+        made.append(
+            Coupling(
+                name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}", p_in_exo=p_heel - p_holder,
+                p_in_body=p_heel, law=law("holder"),
+            )
+        )  # fmt: skip
     return made
 
 
-def _coupling(kind: str, name: str, exo_body: str, body: str, p_in_exo: Array, p_in_body: Array) -> Coupling:
-    stiffness, damping, rotation_stiffness, rotation_damping = (np.diag(values) for values in COMPLIANCE[kind])
-    return Coupling(
-        name=name, exo_body=exo_body, body=body, p_in_exo=p_in_exo, p_in_body=p_in_body, stiffness=stiffness,
-        damping=damping, rotation_stiffness=rotation_stiffness, rotation_damping=rotation_damping,
-    )  # fmt: skip
+def law(kind: str, given: Sequence[Array | None] = (None,) * 4) -> Array:
+    """(4, 3, 3) law of a coupling of a kind of `COMPLIANCE`; diagonals (3,) that are `given` replace the kind's."""
+    return np.array([np.diag(usual if own is None else own) for usual, own in zip(COMPLIANCE[kind], given)])
 
 
 def _own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
@@ -222,8 +220,7 @@ def _own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
         made.append(
             Coupling(
                 name=cuff.body, exo_body=cuff.link, body=cuff.body, p_in_exo=cuff.p_in_link, p_in_body=p_in_body,
-                stiffness=cuff.law[0], damping=cuff.law[1],
-                rotation_stiffness=cuff.law[2], rotation_damping=cuff.law[3],
+                law=cuff.law,
             )
         )  # fmt: skip
     return made
@@ -258,19 +255,16 @@ def check_held(own: OwnExo, side: str, mass: Array, stiffness: Array, damping: A
 
 def _origins(size: Wearer, side: str) -> dict[str, Array]:
     """(3,) m, origin of each body of a leg in the pelvis' frame, standing upright."""
-    y = size.body.hip_half_width_m * (1.0 if side == "l" else -1.0)
-    knee, ankle = size.body.thigh_m, size.body.thigh_m + size.body.shank_m
+    y, knee = size.body.hip_half_width_m * outward(side), size.body.thigh_m
     return {
         "thigh": np.array([0.0, y, 0.0]),
         "shank": np.array([0.0, y, -knee]),
-        "foot": np.array([-size.ankle_x, y, -ankle - size.body.ankle_height_m]),
+        "foot": np.array([-size.ankle_x, y, -(knee + size.body.shank_m) - size.body.ankle_height_m]),
     }
 
 
 def _limb(size: Wearer, body: str) -> tuple[Array, Array]:
     """(3,) m, lowest and highest point of a limb's axis in its frame."""
-    zero = np.zeros(3)
-    lengths = {"thigh": -size.body.thigh_m, "shank": -size.body.shank_m}
     if body == "foot":
-        return zero, np.array([size.shoe.toe_tip_x, 0.0, size.body.ankle_height_m])
-    return np.array([0.0, 0.0, lengths[body]]), zero
+        return np.zeros(3), np.array([size.shoe.toe_tip_x, 0.0, size.body.ankle_height_m])
+    return np.array([0.0, 0.0, -{"thigh": size.body.thigh_m, "shank": size.body.shank_m}[body]]), np.zeros(3)

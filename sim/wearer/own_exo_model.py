@@ -179,8 +179,7 @@ def _one_line(path: Path, action: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        words = " ".join(str(error).split())
-        raise StrideTwinError(f"{path}: MuJoCo cannot {action} it: {words[:400]}") from error
+        raise StrideTwinError(f"{path}: MuJoCo cannot {action} it: {' '.join(str(error).split())[:400]}") from error
 
 
 def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
@@ -194,24 +193,22 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
         raise ConfigError(path, "tendon", model.tendon(0).name or "unnamed", "no tendons")
     for i in range(model.njnt):
         joint, body = model.joint(i), model.body(model.jnt_bodyid[i])
-        where = f"joint {joint.name or 'unnamed'} of {body.name}"
-        if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_HINGE:
-            kind = mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower()
-            raise ConfigError(path, where, kind, "hinge (the base is fixed to the pelvis by its rig file)")
-        if not joint.name:
-            raise ConfigError(path, where, "", "a name")
-        if not body.name:
-            raise ConfigError(path, f"link of joint {joint.name}", "", "a name")
-        if model.body_jntnum[body.id] > 1:
-            raise ConfigError(path, where, f"{model.body_jntnum[body.id]} joints", "one hinge a link")
-        if np.any(model.jnt_stiffness.reshape(model.njnt, -1)[i]):
-            raise ConfigError(path, f"{where}, stiffness", np.max(model.jnt_stiffness[i]), "0: no springs in joints")
-        if model.qpos0[i]:
-            raise ConfigError(path, f"{where}, ref", float(model.qpos0[i]), "0")
-        low, high = model.jnt_range[i]
-        if model.jnt_limited[i] and not low <= 0.0 <= high:
-            limits = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
-            raise ConfigError(path, f"{where}, range", f"{limits} deg", "a range with 0, the pose of standing upright")
+        kind = mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower()
+        where, count = f"joint {joint.name or 'unnamed'} of {body.name}", model.body_jntnum[body.id]
+        limits = joint.range
+        within = not model.jnt_limited[i] or limits[0] <= 0.0 <= limits[1]
+        for is_valid, field, value, valid in (
+            (kind == "hinge", where, kind, "hinge (the base is fixed to the pelvis by its rig file)"),
+            (joint.name, where, "", "a name"),
+            (body.name, f"link of joint {joint.name}", "", "a name"),
+            (count == 1, where, f"{count} joints", "one hinge a link"),
+            (not np.any(joint.stiffness), f"{where}, stiffness", np.max(joint.stiffness), "0: no springs in joints"),
+            (not joint.qpos0[0], f"{where}, ref", float(joint.qpos0[0]), "0"),
+            (within, f"{where}, range", f"{np.round(np.degrees(limits), 2).tolist()} deg",
+             "a range with 0, the pose of standing upright"),
+        ):  # fmt: skip
+            if not is_valid:
+                raise ConfigError(path, field, value, valid)
 
 
 def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:
@@ -232,26 +229,25 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
 def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
     """Body with a joint (or the base) that each body is merged into."""
     owners: dict[int, int] = {}
-    up = model.body_parentid[root]
-    while up:
-        if model.body_jntnum[up]:
-            raise ConfigError(path, "base", model.body(root).name, "a link that no joint carries")
-        up = model.body_parentid[up]
+    if any(model.body_jntnum[up] for up in _carriers(model, model.body_parentid[root])):
+        raise ConfigError(path, "base", model.body(root).name, "a link that no joint carries")
     if model.body_jntnum[root]:
         raise ConfigError(
             path, "base", model.body(root).name, "a link without a joint: its rig file says where it sits"
         )
     for b in range(1, model.nbody):
-        at = b
-        while at and at != root and not model.body_jntnum[at]:
-            at = model.body_parentid[at]
-        top = at
-        while top and top != root:
-            top = model.body_parentid[top]
-        if top != root:
+        carriers = list(_carriers(model, b))
+        if root not in carriers:
             raise ConfigError(path, f"link {model.body(b).name}", "beside the base", "links that hang on the base")
-        owners[b] = at
+        owners[b] = next(up for up in carriers if up == root or model.body_jntnum[up])
     return owners
+
+
+def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """A body and those that carry it, up to the outermost one."""
+    while body:
+        yield int(body)
+        body = model.body_parentid[body]
 
 
 def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
@@ -298,8 +294,7 @@ def _shapes(
     """Visual shapes of bodies; of a URDF, its visual elements if there are any."""
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
     if path.suffix == ".urdf":
-        visual = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]]
-        geoms = visual or geoms
+        geoms = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]] or geoms
     shapes = []
     if int(model.nmeshface) > _MOST_FACES:
         raise ConfigError(path, "faces of its meshes", int(model.nmeshface), f"up to {_MOST_FACES}")

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
 from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
 from stridetwin.sim.parts.library import kind_of, library, part, read_part
+from stridetwin.sim.wearer.exo_couplings import law
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import MM, FileModel, ReadAs, elsewhere, flag, folder_of, number, refused
@@ -30,11 +31,6 @@ _FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
 _MOST_ASLANT_DEG = 60.0
 _BODIES = tuple(f"{limb}_{side}" for limb in ("thigh", "shank", "foot") for side in "lr")
 _SHORT = re.compile(r"[a-z]+_[lr]")
-# Those of the built-in exoskeleton (`exoskeleton.couplings`): a cuff slides along the limb, a holder does not.
-_DEFAULTS = {
-    "strap": ((4000.0, 4000.0, 0.0), (90.0, 90.0, 20.0), (3.0, 3.0, 20.0), (0.1, 0.1, 0.5)),
-    "holder": ((15e3, 15e3, 15e3), (80.0, 80.0, 80.0), (120.0, 160.0, 120.0), (0.5, 1.0, 0.5)),
-}
 _FARTHEST_MM = 2000.0
 
 
@@ -160,8 +156,7 @@ class _CuffFile(FileModel):
     def law(self, body: str) -> Array:
         """(4, 3, 3) stiffness, damping, rotational stiffness and damping of a cuff on a body of the wearer."""
         given = (self.stiffness_n_m, self.damping_ns_m, self.turn_stiffness_nm, self.turn_damping_nms)
-        standard = _DEFAULTS[self.kind or ("holder" if body.startswith("foot") else "strap")]
-        return np.array([np.diag(d if g is None else g) for g, d in zip(given, standard)])
+        return law(self.kind or ("holder" if body.startswith("foot") else "strap"), given)
 
 
 class _Motor(FileModel):
@@ -253,9 +248,8 @@ def _unknown(file: OwnExoFile, chains: Chains, rig: Path, model: Path) -> Iterat
     for short, joint in file.joints.items():
         if hinge_of(short) not in there:
             yield ConfigError(rig, f"joints.{short}", joint, f"a hinge of {model}")
-    groups: dict[str, Mapping[str, Any]] = {"cuffs": file.cuffs, "ahrs": file.ahrs, "imus": file.imus}
-    for key, seats in groups.items():
-        for place, seat in seats.items():
+    for key in ("cuffs", "ahrs", "imus"):
+        for place, seat in getattr(file, key).items():
             if seat.link not in chains.carrier:
                 words = f"a link of the model: {', '.join(chains.carrier)}"
                 yield ConfigError(rig, f"{key}.{place}.link", seat.link, words)
@@ -289,11 +283,11 @@ def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[st
         y = _FLEXION_Y.get(name)
         axis = next(link.axis for link in legs[side] if link.joint == hinge_of(short))
         if y is not None and y * axis[1] < np.cos(np.radians(_MOST_ASLANT_DEG)):
-            valid = (
+            raise ConfigError(
+                model, f"joint {joint}, axis", (np.round(axis, 3) + 0.0).tolist(),
                 f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as "
-                f"joints.{short} of {rig}; reverse axis and range"
-            )
-            raise ConfigError(model, f"joint {joint}, axis", (np.round(axis, 3) + 0.0).tolist(), valid)
+                f"joints.{short} of {rig}; reverse axis and range",
+            )  # fmt: skip
 
 
 def _module(motor: _Motor, link: Link) -> Module:

@@ -9,7 +9,7 @@ model they are bodies without contacts on their paths.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -111,10 +111,9 @@ class Bystander:
         t = t_ns * 1e-9
         p, R = (part[:, 0] for part in self.parts(t))
         v = np.stack([np.interp(t, self.t, column) for column in np.gradient(self.p, self.t, axis=0).T], -1)
-        yaw_rate = np.interp(t, self.t, np.gradient(self.yaw, self.t))
         return Track(
             t_ns=t_ns, p_body_in_world=p, q_world_body=quat_from_matrix(R), v_body_in_world=v,
-            w_body=yaw_rate[:, None] * R[:, 2],
+            w_body=np.interp(t, self.t, np.gradient(self.yaw, self.t))[:, None] * R[:, 2],
         )  # fmt: skip
 
     def balls(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
@@ -153,11 +152,8 @@ class Bystander:
         return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Crowd:
-    """All bystanders of a walk."""
-
-    people: tuple[Bystander, ...] = field(default=())
+Crowd = tuple[Bystander, ...]
+"""All bystanders of a walk."""
 
 
 def bystanders(
@@ -178,19 +174,15 @@ def bystanders(
     walker = np.stack([np.interp(grid, t, column) for column in p_walker.T], -1)
     start = rng.uniform(0.0, 1.0)
     sense = float(rng.choice([-1.0, 1.0]))
-    people = []
-    for i in range(count):
-        turn = sense * 2 * np.pi * (grid * _TURNS_PER_S + start + i / count)
-        people.append(_one(terrain, grid, along, walker, turn, size=rng.uniform(*_SIZE_RANGE)))
-    return Crowd(people=tuple(people))
+    turns = (sense * 2 * np.pi * (grid * _TURNS_PER_S + start + i / count) for i in range(count))
+    return tuple(_one(terrain, grid, along, walker, turn, size=rng.uniform(*_SIZE_RANGE)) for turn in turns)
 
 
 def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
     way, profile = terrain.layout.way, terrain.profile
     beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
-    s = along + _MAX_AHEAD_M * np.cos(turn)
-    s = _smooth(np.clip(s, low, high), _ENDS_SMOOTHING_S)
+    s = _smooth(np.clip(along + _MAX_AHEAD_M * np.cos(turn), low, high), _ENDS_SMOOTHING_S)
     left = beside * np.tanh(_CROSSING_SQUARENESS * np.sin(turn)) / np.tanh(_CROSSING_SQUARENESS)
     p = _smooth(way.point(s, left), _CORNER_SMOOTHING_S)
     away = p - walker
@@ -203,8 +195,7 @@ def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, s
     yaw = _smooth(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S)
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
-    relative_yaw = yaw - way.heading(s)
-    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, relative_yaw]), yaw, steps, profile, size)
+    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, yaw - way.heading(s)]), yaw, steps, profile, size)
     body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
                      hold_yaw=hold_yaw, first=first, size=size)  # fmt: skip
     body.p[:, 2] = _hip_height(body)
@@ -252,8 +243,9 @@ def _hip_height(body: Bystander) -> Array:
     for sign, odd in ((1.0, 0), (-1.0, 1)):
         ankle, _, _ = body._foot(body.steps, odd)
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
-        level = np.linalg.norm(ankle[:, :2] - hip, axis=1)
-        limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - level**2, 0.3)))
+        limits.append(
+            ankle[:, 2] + np.sqrt(np.maximum(reach**2 - np.linalg.norm(ankle[:, :2] - hip, axis=1) ** 2, 0.3))
+        )
     return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01
 
 
@@ -289,8 +281,7 @@ def _frame(left: Array, up: Array) -> Array:
 
 def _pitched(left: Array, ahead: Array, flexion: Array) -> Array:
     """(N, 3, 3) axes of a hanging limb that is swung forward by (N,) rad."""
-    z = np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead
-    return _frame(left, z)
+    return _frame(left, np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead)
 
 
 _SHIRTS = ((0.72, 0.30, 0.22), (0.85, 0.70, 0.25), (0.35, 0.50, 0.28), (0.55, 0.40, 0.62))
@@ -313,7 +304,7 @@ def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
 
 def pose(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:
     """Places all bystanders at an instant."""
-    for i, person in enumerate(crowd.people):
+    for i, person in enumerate(crowd):
         p, R = person.parts(np.array([t_s]))
         first = int(model.body(f"bystander_{i}_{PARTS[0]}").mocapid[0])
         data.mocap_pos[first : first + len(PARTS)] = p[0]

@@ -46,11 +46,11 @@ def read_triangles(path: Path, scale: float) -> Array:
     try:
         data = read_bytes(path, _LARGEST_FILE)
         _check_declared(path, kind, data)
-        more = {"skip_materials": True} if kind == ".obj" else {}
         mesh: Any = trimesh.load(
-            io.BytesIO(data), file_type=kind[1:], process=False, force="mesh", resolver=None, **more
-        )
-        corners: Array = np.asarray(mesh.triangles, dtype=np.float64)
+            io.BytesIO(data), file_type=kind[1:], process=False, force="mesh", resolver=None,
+            **({"skip_materials": True} if kind == ".obj" else {}),
+        )  # fmt: skip
+        corners: Array = scale * np.asarray(mesh.triangles, dtype=np.float64)
     except OSError as error:
         raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
     except StrideTwinError:
@@ -60,10 +60,9 @@ def read_triangles(path: Path, scale: float) -> Array:
         raise StrideTwinError(f"{path}: no {kind[1:].upper()} mesh: {words[:200]}") from error
     if not 0 < len(corners) <= MOST_TRIANGLES:
         raise ConfigError(path, "triangles", len(corners), f"1-{MOST_TRIANGLES}")
-    corners = scale * corners
     if not np.all(np.abs(corners) < _FARTHEST_M):
         raise ConfigError(path, "coordinates", "NaN or far away", f"numbers within {_FARTHEST_M:g} m (unit: mm?)")
-    return np.asarray(corners)
+    return corners
 
 
 def _check_declared(path: Path, kind: str, data: bytes) -> None:
@@ -100,14 +99,6 @@ _Start = Annotated[float, number(-1000, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeshTerrain:
-    """Terrain made from a mesh: its segments, and a summary of the replacement and its error in words."""
-
-    segments: tuple[Part, ...]
-    summary: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class MeshWay:
     """The way on a mesh.
 
@@ -128,8 +119,8 @@ class MeshWay:
     length_m: Annotated[float | None, number(1, 500)] = None
 
 
-def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
-    """Segments that replace a mesh along a way of a width.
+def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[Part, ...], str]:
+    """Segments that replace a mesh along a way of a width, and a summary of the replacement and its error in words.
 
     Raises:
         ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
@@ -141,9 +132,9 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
         raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _MIN_HALF_WAY_M:g}-500 m")
     s = np.arange(0.0, length, _SAMPLE_M)
     heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
-    middle = heights[:, len(_ROWS) // 2] - heights[0, len(_ROWS) // 2]
-    segments = _segments(s, middle, way)
-    off = _error(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
+    heights -= heights[0, len(_ROWS) // 2]
+    segments = _segments(s, heights[:, len(_ROWS) // 2], way)
+    off = _error(segments, s, heights, width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
     summary = (
@@ -151,7 +142,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
         f"{1e3 * _MAX_ERROR_M:g} mm is accepted; {1e3 * _BESIDE_RISER_M:g} mm beside risers are excluded)"
     )
-    return MeshTerrain(segments=segments, summary=summary)
+    return segments, summary
 
 
 def _in_way(corners: Array, way: MeshWay) -> Array:
@@ -169,11 +160,10 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)
-    near = (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
     flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _MIN_NORMAL_UP * size)
     if np.any(flat & (normal[:, 2] > 0)):
         flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
-    near &= flat
+    near = flat & (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
     at: list[list[float]] = [[] for _ in s]
     for (a, b, c), n in zip(corners[near], normal[near]):
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
@@ -261,8 +251,10 @@ def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list
             continue
         angle = math.atan2(abs(rise), length)
         if angle > RAMP_MAX_RAD:
-            valid = f"up to {math.degrees(RAMP_MAX_RAD):g} deg"
-            raise ConfigError(way.path, f"slope at {s[i]:.2f} m", f"{math.degrees(angle):.1f} deg", valid)
+            raise ConfigError(
+                way.path, f"slope at {s[i]:.2f} m", f"{math.degrees(angle):.1f} deg",
+                f"up to {math.degrees(RAMP_MAX_RAD):g} deg",
+            )  # fmt: skip
         parts.append(Ramp(angle_rad=angle, rise_m=abs(rise), down=rise < 0))
     return parts
 
@@ -272,8 +264,7 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
     done, todo = [a], [b]
     while todo:
         i, j = done[-1], todo[-1]
-        line = z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)
-        off = np.abs(z[i : j + 1] - line)
+        off = np.abs(z[i : j + 1] - (z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)))
         worst = int(np.argmax(off))
         if off[worst] > _MAX_STRAIGHT_ERROR_M and j - i > 1:
             todo.append(i + worst)
@@ -294,9 +285,7 @@ def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float,
     points = np.stack(np.broadcast_arrays(s[:, None], left), -1)
     edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
     edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _MIN_JUMP_M)]
-    away = np.ones(len(s), bool)
-    for edge in edges:
-        away &= np.abs(s - edge) > _BESIDE_RISER_M
+    away = np.all(np.abs(s[:, None] - edges) > _BESIDE_RISER_M, axis=1)
     off = np.abs(terrain.height(points) - heights)[away]
     if off.max() > _MAX_ERROR_M:
         row, column = np.unravel_index(int(np.argmax(off)), off.shape)

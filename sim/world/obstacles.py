@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from operator import itemgetter
 
@@ -85,12 +86,10 @@ def surroundings(
     scenery: str, layout: Layout, bottom_m: float, standing: Sequence[Landmark] = ()
 ) -> tuple[Landmark, ...]:
     """Things in `standing`, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
-    kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
-        "outdoor": _outdoor, "room": _room, "corridor": _corridor
-    }  # fmt: skip
+    groups = {"outdoor": _outdoor, "room": _room, "corridor": _corridor}[scenery](layout, bottom_m)
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     kept = list(standing)
-    for group in kinds[scenery](layout, bottom_m):
+    for group in groups:
         if all(_clear(mark.box, layout, kept, clearance) for mark in group):
             kept += group
     return tuple(kept)
@@ -110,8 +109,7 @@ def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
 
 def _extent(layout: Layout) -> tuple[Array, Array]:
     """Lowest and highest x and y of the inside of a room around the way."""
-    s = np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1)
-    points = layout.way.point(s)
+    points = layout.way.point(np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1))
     return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
 
 
@@ -243,8 +241,7 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
     for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
         for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
-            x, y, yaw = u + rng.uniform(-0.3, 0.3), v + rng.uniform(-0.3, 0.3), rng.uniform(0, math.pi)
-            at = _Frame(x=x, y=y, yaw=yaw, z=z)
+            at = _Frame(x=u + rng.uniform(-0.3, 0.3), y=v + rng.uniform(-0.3, 0.3), yaw=rng.uniform(0, math.pi), z=z)
             yield _table(rng, at) if rng.uniform() < 0.5 else _chest(rng, at)
 
 
@@ -267,34 +264,22 @@ def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     return [at.box(str(rng.choice(["brick", "leaves"])), length, width, at.z, at.z + height)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Painted:
-    """A level rectangle on the ground: (4, 3) corners, m, anticlockwise seen from above, and its material."""
-
-    corners: Array
-    material: str
-
-
 _BANDS = {"stripe": ("white_paint", "black_paint"), "shadow": ("shadow",), "mat": ("black_paint",)}
 """Materials of a flat object along the way, each on an equal part of its length."""
 
 
-def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Painted]:
-    """Flat objects on the way, as wide as it."""
-    found = []
+def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> Iterator[tuple[Array, str]]:
+    """Flat objects on the way, as wide as it.
+
+    Each is a level rectangle: its (4, 3) corners, m, anticlockwise seen from above, and its material.
+    """
     for thing in things:
         bands = _BANDS.get(thing.kind, ())
         for k, material in enumerate(bands):
             start, end = (thing.at_m + i * LENGTHS_M[thing.kind] / len(bands) for i in (k, k + 1))
-            found.append(_area(thing, start, end, layout, width_m, material))
-    return found
-
-
-def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float, material: str) -> Painted:
-    half, s = 0.5 * width_m, np.array([start, start, end, end])
-    xy = layout.way.point(s, thing.left_m + half * np.array([1.0, -1.0, -1.0, 1.0]))
-    z = _strip(layout, start).z0 + _PAINT_LIFT_M
-    return Painted(corners=np.column_stack([xy, np.full(4, z)]), material=material)
+            left = thing.left_m + 0.5 * width_m * np.array([1.0, -1.0, -1.0, 1.0])
+            xy = layout.way.point(np.array([start, start, end, end]), left)
+            yield np.column_stack([xy, np.full(4, _strip(layout, start).z0 + _PAINT_LIFT_M)]), material
 
 
 def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
@@ -311,12 +296,9 @@ def _at(thing: Thing, layout: Layout) -> _Frame:
     return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip(layout, thing.at_m).z0)
 
 
-def _wall(at: _Frame) -> Iterator[Landmark]:
-    yield at.box("plaster", LENGTHS_M["wall"], _WALL_WIDTH_M, at.z, at.z + _WALL_HEIGHT_M)
-
-
-def _pane(at: _Frame) -> Iterator[Landmark]:
-    yield at.box(GLASS, LENGTHS_M["glass"], _WALL_WIDTH_M, at.z, at.z + _WALL_HEIGHT_M)
+def _block(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
+    """One box, as long as its kind of object."""
+    yield at.box(material, LENGTHS_M[kind], width, at.z, at.z + height)
 
 
 def _long_table(at: _Frame) -> Iterator[Landmark]:
@@ -336,13 +318,13 @@ def _chair(at: _Frame) -> Iterator[Landmark]:
         yield at.box("wood", _LEG_M, _LEG_M, at.z, below, along=along, left=left)
 
 
-def _crate(at: _Frame) -> Iterator[Landmark]:
-    yield at.box("wood", LENGTHS_M["crate"], _CRATE_WIDTH_M, at.z, at.z + _CRATE_HEIGHT_M)
-
-
 _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
-    "wall": _wall, "glass": _pane, "table": _long_table, "chair": _chair, "crate": _crate
-}  # fmt: skip
+    "wall": partial(_block, "wall", "plaster", _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "glass": partial(_block, "glass", GLASS, _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "crate": partial(_block, "crate", "wood", _CRATE_WIDTH_M, _CRATE_HEIGHT_M),
+    "table": _long_table,
+    "chair": _chair,
+}
 
 
 def _strip(layout: Layout, s: float) -> Strip:

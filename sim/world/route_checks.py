@@ -79,14 +79,13 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                 limit = f"up to {CROSS_SLOPE_MAX_RAD:.4f} rad (5 deg) either way"
                 _demand(f"{at}.cross_slope_rad", cross, abs(cross) <= CROSS_SLOPE_MAX_RAD + _TINY, limit)
             case Ramp(angle_rad=angle, rise_m=rise):
-                in_range = 0 < angle <= RAMP_MAX_RAD + _TINY
-                _demand(f"{at}.angle_rad", angle, in_range, f"above 0 up to {RAMP_MAX_RAD:.4f} rad (20 deg)")
+                limit = f"above 0 up to {RAMP_MAX_RAD:.4f} rad (20 deg)"
+                _demand(f"{at}.angle_rad", angle, 0 < angle <= RAMP_MAX_RAD + _TINY, limit)
                 _demand(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` gives the direction)")
             case Stairs():
                 _check_stairs(segment, at)
                 landing = not any(isinstance(s, Stairs) for s in segments[i + 1 : i + 2])
-                what = "a level or a ramp after stairs, for the last riser"
-                _demand(f"{name}[{i + 1}]", "stairs", landing, what)
+                _demand(f"{name}[{i + 1}]", "stairs", landing, "a level or a ramp after stairs, for the last riser")
             case Turn(angle_rad=angle, radius_m=radius):
                 valid = f"up to {TURN_MAX_RAD:.4f} rad (360 deg) either way, but not 0"
                 _demand(f"{at}.angle_rad", angle, 0 < abs(angle) <= TURN_MAX_RAD + _TINY, valid)

@@ -30,8 +30,7 @@ def without(polygon: Array, holes: Iterable[Array]) -> list[Array]:
         low, high = hole.min(axis=0), hole.max(axis=0)
         left = []
         for part in parts:
-            apart = np.any((part.max(axis=0) < low) | (part.min(axis=0) > high))
-            left += [part] if apart else _outside(part, hole)
+            left += [part] if np.any((part.max(axis=0) < low) | (part.min(axis=0) > high)) else _outside(part, hole)
         parts = left
     return parts
 
@@ -108,7 +107,11 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
     quads: list[Quad] = []
     for i, solid in enumerate(solids):
         # where tops coincide, one face would shine through the other; a loop comes back to its height within rounding
-        painted = [corners(other)[4:] for other in solids[:i] if _same_heights(other, solid)]
+        painted = [
+            corners(other)[4:]
+            for other in solids[:i]
+            if abs(other.start - solid.start) < _TINY_M and abs(other.end - solid.end) < _TINY_M
+        ]
         low, high = (min(_NOSING_M, solid.length) * _falls(solid, end, surface) for end in (-1.0, 1.0))
         quads += _sides(solid, _SIDE)
         for start, end, material in (
@@ -121,18 +124,9 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
     return quads
 
 
-def _same_heights(one: Solid, other: Solid) -> bool:
-    return abs(one.start - other.start) < _TINY_M and abs(one.end - other.end) < _TINY_M
-
-
 def paint_box(box: Solid, material: str) -> list[Quad]:
     """Textured faces of a box of one material."""
     return [*_sides(box, material), *_top(box, 0.0, box.length, material)]
-
-
-def paint_area(corners: Array, material: str) -> Quad:
-    """A level rectangle on the ground, textured in world coordinates; (4, 3) corners, anticlockwise from above."""
-    return Quad(corners, corners[:, :2], material)
 
 
 def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
@@ -167,9 +161,8 @@ def _sides(solid: Solid, material: str) -> list[Quad]:
     quads = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
         face = np.array([c[i], c[j], c[4 + j], c[4 + i]])
-        run = math.dist(c[i, :2], c[j, :2]) * np.array([0.0, 1.0, 1.0, 0.0])
-        start = c[i, 0] if i % 2 == 0 else c[i, 1]
-        quads.append(Quad(face, np.column_stack([start + run, -face[:, 2]]), material))
+        along = c[i, i % 2] + math.dist(c[i, :2], c[j, :2]) * np.array([0.0, 1.0, 1.0, 0.0])
+        quads.append(Quad(face, np.column_stack([along, -face[:, 2]]), material))
     return quads
 
 
@@ -201,8 +194,8 @@ def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMate
     full = f"scenery_{name}"
     material = spec.add_material(name=full, specular=0.0, shininess=0.0)
     if name in _COLOURS:
-        strip = np.array([[_COLOURS[name]]]) * 255
-        material.rgba = (*(FINISHES[finish](strip.astype(np.uint8))[0, 0] / 255.0).tolist(), _ALPHA.get(name, 1.0))
+        colour = FINISHES[finish]((np.array([[_COLOURS[name]]]) * 255).astype(np.uint8))[0, 0] / 255.0
+        material.rgba = (*colour.tolist(), _ALPHA.get(name, 1.0))
         return material
     texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
     texture.data = FINISHES[finish](_texture("concrete" if name == _SHADOW else name)).tobytes()

@@ -19,7 +19,7 @@ from stridetwin.sim.config import Route
 from stridetwin.sim.world import obstacles
 from stridetwin.sim.world.obstacles import Landmark, floor, surroundings
 from stridetwin.sim.world.route import lay_out
-from stridetwin.sim.world.scenery import add_ground, add_quads, add_sky, paint_area, paint_box, paint_slabs
+from stridetwin.sim.world.scenery import Quad, add_ground, add_quads, add_sky, paint_box, paint_slabs
 from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
@@ -86,8 +86,8 @@ class Terrain:
         quads = paint_slabs(self.solids, self._set)
         for mark in self.landmarks:
             quads += paint_box(mark.box, mark.material)
-        for area in obstacles.painted(self.route.things, self.layout, self.route.width_m):
-            quads.append(paint_area(area.corners, area.material))
+        for area, material in obstacles.painted(self.route.things, self.layout, self.route.width_m):
+            quads.append(Quad(area, area[:, :2], material))  # textured in world coordinates
         add_quads(spec, quads, self.route.texture)
         # Last, so that little of it is rendered where something occludes it.
         add_ground(spec, self.ground_m, self.route.texture)
@@ -111,8 +111,8 @@ class Terrain:
 
     def terrain_class(self, xy: ArrayLike) -> NDArray[np.str_]:
         """level, stair or ramp, (...), at (..., 2) points; landings and the ground around are level."""
-        names = np.array([s.terrain for s in self.solids] + ["level"])  # index -1 is the ground plane
-        return names[self._set.top_facet(xy)[1]]
+        names = [*(s.terrain for s in self.solids), "level"]  # index -1 is the ground plane
+        return np.array(names)[self._set.top_facet(xy)[1]]
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> Array:
         """(N,) distance, m, along rays to the surface or a landmark, as for `SolidSet.ray_cast`."""

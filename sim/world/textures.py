@@ -55,8 +55,7 @@ def stone(rng: np.random.Generator) -> Pixels:
 
 def grass(rng: np.random.Generator) -> Pixels:
     """Lawn."""
-    tone = 0.40 + 0.05 * _noise(rng, 1.0) + 0.05 * _noise(rng, 0.3)
-    return _paint(tone, (0.80, 1.06, 0.50))
+    return _paint(0.40 + 0.05 * _noise(rng, 1.0) + 0.05 * _noise(rng, 0.3), (0.80, 1.06, 0.50))
 
 
 def leaves(rng: np.random.Generator) -> Pixels:

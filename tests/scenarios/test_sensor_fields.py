@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.sensor_model import SensorsInFile
+from stridetwin.scenarios.scenario_model import SensorsInFile
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND
 from stridetwin.sim.sensors.standard_rig import sensor_rig

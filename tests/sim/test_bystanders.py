@@ -38,7 +38,7 @@ def twin(request: pytest.FixtureRequest) -> Twin:
 def test_nobody_runs_into_anybody(twin: Twin) -> None:
     t = np.arange(0.0, twin.duration_s, 0.05)
     walker = twin.reference.splines(t)[:, :2]
-    places = [person.parts(t)[0][:, 0, :2] for person in twin.crowd.people]
+    places = [person.parts(t)[0][:, 0, :2] for person in twin.crowd]
     assert len(places) == 3
     for i, p in enumerate(places):
         assert np.linalg.norm(p - walker, axis=1).min() > 0.65
@@ -48,7 +48,7 @@ def test_nobody_runs_into_anybody(twin: Twin) -> None:
 
 def test_feet_that_carry_stand_still_on_the_ground(twin: Twin) -> None:
     t = np.arange(0.0, twin.duration_s, 0.01)
-    for person in twin.crowd.people:
+    for person in twin.crowd:
         p, _ = person.parts(t)
         for side in "lr":
             ankle = p[:, PARTS.index(f"foot_{side}")]
@@ -65,7 +65,7 @@ def test_feet_that_carry_stand_still_on_the_ground(twin: Twin) -> None:
 def test_the_same_seed_gives_the_same_people() -> None:
     one, two, three = make("corner"), make("corner"), make("corner", seed=4)
     at = np.array([2.0, 5.0])
-    for a, b, c in zip(one.crowd.people, two.crowd.people, three.crowd.people):
+    for a, b, c in zip(one.crowd, two.crowd, three.crowd):
         assert np.array_equal(a.parts(at)[0], b.parts(at)[0])
         assert not np.allclose(a.parts(at)[0], c.parts(at)[0])
     t = np.linspace(0.0, one.duration_s, 50)
@@ -95,7 +95,7 @@ def test_a_crowd_leaves_the_simulated_walker_alone_and_is_seen_as_in_the_plan() 
 
 def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     twin = make("corner")
-    at_s, person = 4.0, twin.crowd.people[0]
+    at_s, person = 4.0, twin.crowd[0]
     p, R = (part[0, PARTS.index("shank_l")] for part in person.parts(np.array([at_s])))
     middle = p - 0.2 * R[:, 2]
     sides = np.array([[np.cos(yaw), np.sin(yaw), 0.0] for yaw in np.arange(0.0, 6.3, 0.3)])

@@ -11,9 +11,9 @@ from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics import spatial, whole_body_problem
-from stridetwin.sim.dynamics.contacts import ContactBias, Contacts, sense_floor, sole_numbers, subtract_bias
+from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
-from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, Sensed, StepReplan
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan, advance
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -121,7 +121,8 @@ def test_reference_accelerations_of_contacts_include_the_missing_term(twin: Twin
     data.qpos[2] -= 0.01
     mujoco.mj_step1(model, data)
     before = data.efc_aref.copy()
-    subtract_bias(ContactBias.of(model), Contacts.of(data), State.of(data), data.efc_aref)
+    chains = np.array([chain_of(model, body) for body in range(model.nbody)])
+    subtract_bias(model.body_weldid[model.geom_bodyid], chains, Contacts.of(data), State.of(data), data.efc_aref)
     dot, found = np.empty((3, model.nv)), 0
     for contact in data.contact:
         body = model.geom_bodyid[contact.geom]
@@ -237,7 +238,7 @@ def replanned(
         R_way=np.eye(2), near_edge=np.zeros(2, dtype=bool), p_foot=vec, v_foot=vec, a_foot=vec, R_foot=R_sole,
         w_foot=vec, dw_foot=vec,
     )  # fmt: skip
-    shift.update(0.002, planned, Sensed(com=off, floor=floor, pressing=np.array(pressing)), misplaced)
+    advance(shift, 0.002, planned, off, floor, np.array(pressing), misplaced)
 
 
 def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators import base
 from stridetwin.sim.faults.faults import POSES, FaultPlan, LooseStrap, arrivals, check_faults, plan_faults
-from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
-from stridetwin.sim.faults.miscalibration import Miscalibration
+from stridetwin.sim.faults.image_faults import DepthNoise, HighView, LensDirt, MirrorFloor, Occlusion, PasserBy
 from stridetwin.sim.faults.sample_faults import (
     ClockJump,
     DeadCell,
@@ -21,6 +20,7 @@ from stridetwin.sim.faults.sample_faults import (
     Exchange,
     Freeze,
     Late,
+    Miscalibration,
     Nan,
     Offset,
     OutOfOrder,
@@ -28,7 +28,6 @@ from stridetwin.sim.faults.sample_faults import (
     Restart,
     Saturation,
 )
-from stridetwin.sim.faults.view_faults import DepthNoise, HighView, MirrorFloor, PasserBy
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import full_scales, part
 from stridetwin.streams.errors import ConfigError, RecordingError

@@ -39,17 +39,17 @@ def way(path, mesh, **rest):
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
 def test_a_stair_and_a_ramp_become_segments(tmp_path, suffix):
-    made = mesh_terrain(way(tmp_path / f"a.{suffix}", stair()), 2.4)
-    first, flight, landing, ramp, last = made.segments
-    assert [type(p) for p in made.segments] == [Level, Stairs, Level, Ramp, Level]
+    segments, summary = mesh_terrain(way(tmp_path / f"a.{suffix}", stair()), 2.4)
+    first, flight, landing, ramp, last = segments
+    assert [type(p) for p in segments] == [Level, Stairs, Level, Ramp, Level]
     assert flight.heights_m == pytest.approx((0.15,) * 3, abs=1e-6)
     assert flight.tread_m == pytest.approx(0.30, abs=0.006)
     assert (first.length_m, landing.length_m) == pytest.approx((2.0, 1.5), abs=0.01)
     assert ramp.down
     assert ramp.angle_rad == pytest.approx(math.atan2(0.2, 2.0), abs=0.003)
     assert last.length_m == pytest.approx(2.0, abs=0.02)
-    assert "replaced by exact boxes and wedges" in made.summary
-    off = float(made.summary.split("lies up to ")[1].split(" mm")[0])
+    assert "replaced by exact boxes and wedges" in summary
+    off = float(summary.split("lies up to ")[1].split(" mm")[0])
     assert 0.0 <= off < 3.0
 
 
@@ -62,18 +62,16 @@ def test_units_axes_and_places_are_the_users(tmp_path):
     placed = way(
         tmp_path / "b.stl", mesh, scale=1e-3, up="y", start_m=(5.0, 2.5), heading_rad=math.pi / 2, length_m=3.4
     )
-    made = mesh_terrain(placed, 2.4)
-    assert [type(p) for p in made.segments] == [Level, Stairs, Level]
-    assert made.segments[0].length_m == pytest.approx(1.5, abs=0.01)
+    segments, _ = mesh_terrain(placed, 2.4)
+    assert [type(p) for p in segments] == [Level, Stairs, Level]
+    assert segments[0].length_m == pytest.approx(1.5, abs=0.01)
 
 
 def test_uneven_treads_become_single_stairs(tmp_path):
     mesh = trimesh.util.concatenate([box(-1, 2, 0), box(2, 2.25, 0.1), box(2.25, 2.65, 0.25), box(2.65, 5, 0.4)])
-    made = mesh_terrain(way(tmp_path / "c.stl", mesh), 2.4)
-    assert [type(p) for p in made.segments] == [Level, Stairs, Level, Stairs, Level, Stairs, Level]
-    assert [p.heights_m[0] for p in made.segments if isinstance(p, Stairs)] == pytest.approx(
-        [0.1, 0.15, 0.15], abs=1e-6
-    )
+    segments, _ = mesh_terrain(way(tmp_path / "c.stl", mesh), 2.4)
+    assert [type(p) for p in segments] == [Level, Stairs, Level, Stairs, Level, Stairs, Level]
+    assert [p.heights_m[0] for p in segments if isinstance(p, Stairs)] == pytest.approx([0.1, 0.15, 0.15], abs=1e-6)
 
 
 def ball():

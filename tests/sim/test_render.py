@@ -7,7 +7,7 @@ import pytest
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
 from stridetwin.sim.rendering import renderer as render
-from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, camera_pose, swap_camera_convention
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mounted_pose, swap_camera_convention
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import CameraCalibration, Mount
 
@@ -168,7 +168,7 @@ def test_the_camera_rides_on_its_body():
     camera = CameraCalibration(
         topic="/head/color", part="", rate_hz=30, mount=mount, width=4, height=4, intrinsics=(1, 1, 1, 1)
     )
-    T = camera_pose(data, camera)
+    T = mounted_pose(data, camera.mount)
     np.testing.assert_allclose(T[:3, 3], [0.9, 2.0, 3.2], atol=1e-12)
     np.testing.assert_allclose(T[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)
     assert model.nbody == 2

@@ -15,7 +15,7 @@ from stridetwin.cli.main import main
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.composition import compose
 from stridetwin.sim.config import Exo, Level, Person, Route, Stairs, TwinConfig
-from stridetwin.sim.rendering.renderer import camera_pose, swap_camera_convention
+from stridetwin.sim.rendering.renderer import mounted_pose, swap_camera_convention
 from stridetwin.sim.scene.exact_xml import numbers
 from stridetwin.sim.scene.scene_files import scene_files, write_scene
 from stridetwin.sim.wearer.body import compile_model
@@ -130,7 +130,7 @@ def test_cameras_look_where_the_twins_look_and_as_far(walk: tuple[TwinConfig, Pa
         found = data.camera(topic.strip("/").replace("/", "_"))
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = found.xmat.reshape(3, 3), found.xpos
-        np.testing.assert_allclose(swap_camera_convention(T), camera_pose(data, camera), atol=1e-9)
+        np.testing.assert_allclose(swap_camera_convention(T), mounted_pose(data, camera.mount), atol=1e-9)
         fovy = math.radians(scene.cam_fovy[found.id])
         assert 0.5 * camera.height / math.tan(0.5 * fovy) == pytest.approx(camera.intrinsics[1], rel=1e-6)
         assert scene.cam_resolution[found.id].tolist() == [camera.width, camera.height]
