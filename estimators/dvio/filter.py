@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 
 from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
-from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, blank_nav_state, copy_of
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, Core
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
@@ -70,17 +69,16 @@ class DvioEstimate:
     @classmethod
     def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
         """A copy of a propagated state."""
-        T_world_imu, covariance = np.empty((4, 4)), np.empty((6, 6))
-        kernel.pose_and_covariance(nav, T_world_imu, covariance)
-        t_ns = int(nav.t_ns[0])
+        t_ns, to_world = int(nav.t_ns[0]), np.eye(6)
+        to_world[3:, 3:] = nav.R
         return cls(
             t_ns=t_ns,
             pose=Pose(
                 t_ns=t_ns,
-                p_frame_in_world=T_world_imu[:3, 3],
-                rotation=T_world_imu[:3, :3],
+                p_frame_in_world=nav.p.copy(),
+                rotation=nav.R.copy(),
                 frame=frame,
-                covariance=covariance,
+                covariance=to_world @ nav.covariance[:6, :6] @ to_world.T,
                 valid=health != LOST,
             ),
             camera_pose=camera_pose,
@@ -152,7 +150,7 @@ class Dvio:
         self._last_ns: dict[str, int] = {}
         self._begun_ns: int | None = None
         self._health = ""
-        self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
+        self._valid = blank_nav_state()
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -276,8 +274,7 @@ class Dvio:
         else:
             core.propagate(sample.t_ns)
             if core.plausible:
-                self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
-                self._valid_covariance[:] = core.nav.covariance[:6, :6]
+                self._valid = copy_of(core.nav)
                 if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._alone_s:
                     self._health = IMU_ONLY
             else:
@@ -382,9 +379,9 @@ class Dvio:
         if already:
             # Since then the position has become less certain.
             return
-        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
+        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid.p, self._valid.R, 0.0, 0.0
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
-        nav.covariance[:6, :6] += self._valid_covariance
+        nav.covariance[:6, :6] += self._valid.covariance[:6, :6]
 
 
 def _upright(force: Array, before: Array | None) -> Array:

@@ -1,4 +1,4 @@
-"""IMU factors of the window: pre-integration between frames, zero velocity, and the prior, added to H d = b.
+"""IMU factors of the window: pre-integration between frames, and zero velocity, added to H d = b.
 
 Pre-integration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that
 ends at its stamp, so rate and force are constant over it; the changes of attitude, velocity and position over
@@ -21,19 +21,14 @@ from stridetwin.estimators.dvio.state import (
     D_POSITION,
     D_VELOCITY,
     FRAME,
-    Calibration,
     FactorParameters,
-    Frames,
     ImuNoise,
     ImuSamples,
     Preintegration,
-    Prior,
     Window,
 )
 from stridetwin.estimators.matrices import (
-    REORDERED,
     clear,
-    clear_block,
     copy,
     copy_matrix,
     identity,
@@ -47,14 +42,6 @@ from stridetwin.estimators.matrices import (
 )
 from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacobian_inverse
 from stridetwin.streams.samples import Array
-
-
-@njit(error_model="numpy", **INSIDE)
-def preintegration_at(zs: Preintegration, k: int) -> Preintegration:
-    """The k-th of an array."""
-    return Preintegration(
-        zs.dt[k], zs.delta_p[k], zs.delta_R[k], zs.delta_v[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
-    )
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -189,32 +176,31 @@ def _moved(
 
 
 @njit(error_model="numpy", **INSIDE)
-def motion(
-    frames: Frames, z: Preintegration, k: int, gravity: float, r: Array, J: Array, first: bool
-) -> None:  # fmt: skip
+def motion(window: Window, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
     """IMU residual from frame k to the next, docs/dvio.md (4): `r` (9,) of position, rotation and velocity.
 
-    Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if `first`.
+    Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if the factors say so.
     """
-    dt, held, of_z = z.dt[0], frames.held, z.by_bias
+    frames, zs, gravity = window.frames, window.preintegrations, factors.gravity
+    dt, held, of_z = zs.dt[k, 0], frames.held, zs.by_bias[k]
     Ri, Rj = frames.R[k], frames.R[k + 1]
     pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
     moved, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
     for i in range(9):
         for j in range(6):
-            moved[i] += of_z[i, j] * (frames.bias[k, j] - z.bias[j])
+            moved[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
     for i in range(3):
         rotation[i] = moved[3 + i]
     _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
-    expected = mul(z.delta_R, exp(rotation))
+    expected = mul(zs.delta_R[k], exp(rotation))
     e = log(mul(transposed(expected), mul(transposed(Ri), Rj)))
     for i in range(3):
-        r[i] = p[i] - z.delta_p[i] - moved[i]
+        r[i] = p[i] - zs.delta_p[k, i] - moved[i]
         r[3 + i] = e[i]
-        r[6 + i] = v[i] - z.delta_v[i] - moved[6 + i]
-    if first and held[k]:
+        r[6 + i] = v[i] - zs.delta_v[k, i] - moved[6 + i]
+    if factors.first_estimates and held[k]:
         Ri, pi, vi = frames.R_first[k], frames.p_first[k], frames.v_first[k]
-    if first and held[k + 1]:
+    if factors.first_estimates and held[k + 1]:
         Rj, pj, vj = frames.R_first[k + 1], frames.p_first[k + 1], frames.v_first[k + 1]
     _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
@@ -242,19 +228,11 @@ def motion(
 
 
 @njit(error_model="numpy", **INSIDE)
-def increment_residual(window: Window, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
-    """IMU residual (9,) of a window from frame k to the next, and its Jacobian (9, 30); see `motion`."""
-    z = preintegration_at(window.preintegrations, k)
-    motion(window.frames, z, k, factors.gravity, r, J, factors.first_estimates)
-
-
-@njit(error_model="numpy", **INSIDE)
-def add_motion(frames: Frames, zs: Preintegration, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor from frame k to the next, Zhao 2023 (9), and the walk of its biases; returns the cost."""
-    z = preintegration_at(zs, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    motion(frames, z, k, factors.gravity, r, J, factors.first_estimates)
-    weight = z.weight
+    motion(window, k, factors, r, J)
+    frames, weight = window.frames, window.preintegrations.weight[k]
     WJ = mul(weight, J)
     o = CALIBRATION + FRAME * k
     cost = 0.0
@@ -271,7 +249,7 @@ def add_motion(frames: Frames, zs: Preintegration, k: int, factors: FactorParame
             row = H[o + a]
             for c in range(a + 1):
                 row[o + c] += g * WJ[i, c]
-    dt = z.dt[0]
+    dt = window.preintegrations.dt[k, 0]
     for i in range(6):
         walk = factors.rate_walk if i < 3 else factors.force_walk
         w = 1.0 / (walk * walk * dt)
@@ -299,49 +277,12 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
     return cost
 
 
-@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
-def add_prior(prior: Prior, d: Array, size: int, H: Array, b: Array) -> float:
-    """Adds the prior, Zhao 2023 (6), of the first `size` states, `d` (N,) off their first estimates; returns its cost.
-
-    The cost is up to a constant.
-    """
-    cost, prior_H, prior_b = 0.0, prior.H, prior.b
-    for i in range(size):
-        h, prior_row, row = 0.0, prior_H[i], H[i]
-        for j in range(size):
-            h += prior_row[j] * d[j]
-        b[i] += prior_b[i] - h
-        cost += d[i] * (0.5 * h - prior_b[i])
-        for j in range(i + 1):
-            row[j] += prior_row[j]
-    return cost
-
-
 @njit(error_model="numpy", **INSIDE)
-def errors(calibration: Calibration, frames: Frames, d: Array) -> None:
-    """Deviation of the states from their first estimates into d (N,); 0 for those that the prior does not contain."""
-    clear(d)
-    copy(calibration.moved, d)
-    for k in range(frames.count[0]):
-        if frames.held[k]:
-            for i in range(FRAME):
-                d[CALIBRATION + FRAME * k + i] = frames.moved[k, i]
-
-
-@njit(error_model="numpy", **INSIDE)
-def add_inertial(window: Window, factors: FactorParameters, frames: int, d: Array, H: Array, b: Array) -> float:
-    """Sets H and b of all states to the prior and the IMU factors of the oldest `frames`; returns the cost.
-
-    `d` (N,) becomes the states' deviation from their first estimates.
-    """
-    f, n = window.frames, window.frames.count[0]
-    size = CALIBRATION + FRAME * n
-    clear_block(H, size)
-    clear(b)
-    errors(window.calibration, f, d)
-    cost = add_prior(window.prior, d, size, H, b)
+def add_inertial(window: Window, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
+    """Adds the IMU factors of the oldest `frames` to H and b of all states; returns their cost."""
+    f, cost = window.frames, 0.0
     for k in range(frames):
         cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)
-        if k + 1 < n:
-            cost += add_motion(f, window.preintegrations, k, factors, H, b)
+        if k + 1 < f.count[0]:
+            cost += add_motion(window, k, factors, H, b)
     return cost

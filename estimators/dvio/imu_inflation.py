@@ -82,7 +82,7 @@ def residuals(window: Window, k: int, factors: FactorParameters, L: Array) -> tu
     C − J P Jᵀ, where P is that of the states x.
     """
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    kernel.increment_residual(window, k, factors, r, J)
+    kernel.motion(window, k, factors, r, J)
     # The rest of L is that of the later frames alone, after the earlier ones are eliminated.
     own = slice(CALIBRATION + FRAME * k, CALIBRATION + FRAME * int(window.frames.count[0]))
     P = covariance_of(np.arange(2 * FRAME), L[own, own], own.stop - own.start)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.noise_model import LATER_DEPTH_SD
 from stridetwin.estimators.dvio.optimiser import preintegrate
+from stridetwin.estimators.dvio.projection import directions
 from stridetwin.estimators.dvio.sliding_window import Core
 from stridetwin.estimators.dvio.state import LANDMARK_SLOTS, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
@@ -342,7 +343,7 @@ class Initializer:
         core, z = self._core, blank_preintegration()
         kernel.integrate(z, core.inertial.kept, self._before_ns, t_ns, core.nav.bias, core.noise)
         R_ic, was = core.window.calibration.R, self._pixels[ids]
-        rays = np.concatenate([core.lens.normalised(was), np.ones((len(ids), 1))], axis=1) @ (R_ic.T @ z.delta_R @ R_ic)
+        rays = directions(core.lens.normalised(was)) @ (R_ic.T @ z.delta_R @ R_ic)
         there, good = core.tracker.follow(was, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
         self._alive[ids] = good
         self._pixels[ids] = there

@@ -12,16 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.projection import (
     COLUMNS,
     HOST,
+    LEAST_DEPTH,
     OBSERVATION,
     OBSERVER,
     RESIDUAL,
     Views,
-    at_exposure,
+    directions,
     huber,
     observation_jacobian,
     project,
@@ -39,18 +41,7 @@ from stridetwin.estimators.dvio.state import (
     Landmarks,
     Window,
 )
-from stridetwin.estimators.matrices import (
-    REORDERED,
-    clear,
-    clear_block,
-    copy,
-    copy_matrix,
-    mul,
-    rotate,
-    rotate_back,
-    transposed,
-    vec3,
-)
+from stridetwin.estimators.matrices import REORDERED, clear, clear_block, matvec
 from stridetwin.streams.samples import Array
 
 POSE = 6
@@ -268,86 +259,49 @@ def state(i: int) -> int:
     return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
 
 
-@njit(error_model="numpy", **INSIDE)
-def _between(
-    R: Array, p: Array, Rh: Array, ph: Array, c: Calibration, rotation: Array, translation: Array
-) -> None:  # fmt: skip
-    """Camera at IMU pose (Rh, ph) to camera at IMU pose (R, p): (3, 3) rotation and (3,) translation, m."""
-    Rc, M, away = transposed(c.R), mul(transposed(R), Rh), vec3()
-    for i in range(3):
-        away[i] = ph[i] - p[i]
-    mounted, moved = rotate(M, c.p), rotate_back(R, away)
-    for i in range(3):
-        away[i] = mounted[i] + moved[i] - c.p[i]
-    copy_matrix(mul(Rc, mul(M, c.R)), rotation)
-    copy(rotate(Rc, away), translation)
-
-
-@njit(error_model="numpy", **INSIDE)
-def _in_front(
-    A: Array, t: Array, x: float, y: float, xi: float, c: Calibration, out: Array
-) -> bool:  # fmt: skip
-    """Observation of a landmark along (x, y, 1) by a camera (A, t) from its host's, (3,) into `out`.
-
-    See `predict_observations`; False, and nothing is written, if the landmark is not in front of the camera.
-    """
-    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + xi * t[0]
-    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + xi * t[1]
-    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + xi * t[2]
-    if q2 < _FRONT:
-        return False
-    out[0] = q0 / q2 / (1.0 + c.focal[0])
-    out[1] = q1 / q2 / (1.0 + c.focal[1])
-    out[2] = xi / q2
-    return True
-
-
-@njit(error_model="numpy", **INSIDE)
 def predict_observations(
-    frames: Frames, marks: Landmarks, c: Calibration, R: Array, p: Array, before: int, expected: Array, start: Array,
-    warp: Array, known: NDArray[np.uint8],
-) -> None:  # fmt: skip
-    """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
+    window: Window, ids: NDArray[np.int64], R: Array, p: Array, before: int
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Predicts the observations of landmarks from a pose of the IMU, and from the earlier frame in slot `before`.
 
     Args:
-        frames: States.
-        marks: Landmarks.
-        c: Calibration.
+        window: With the landmarks.
+        ids: Of the landmarks.
         R: (3, 3) world <- IMU.
         p: (3,) m.
         before: Slot.
-        expected: (L, 3) out: x and y on the plane at depth 1 by the nominal intrinsics, and inverse depth.
-        start: (L, 3) out: the same in the frame `before`.
-        warp: (L, 2, 2) out: affine map from the host's image about the landmark to the new one.
-        known: (L,) out: 1 where the landmark is in front of the camera in both.
+
+    Returns:
+        (N,) ids of those in front of both cameras; (N, 2) on the plane at depth 1 by the nominal intrinsics from the
+        pose, and (N,) inverse depth, as (N, 3); (N, 2) the same place in the frame `before`; and (N, 2, 2) derivative
+        of the former by that in the host's image, on the landmark's surface.
     """
-    n, offset = frames.count[0], c.offset[0]
-    R_before, p_before = at_exposure(frames, before, offset)
-    A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
-    for k in range(n):
-        R_host, p_host = at_exposure(frames, k, offset)
-        _between(R, p, R_host, p_host, c, A[k], t[k])
-        _between(R_before, p_before, R_host, p_host, c, A_before[k], t_before[k])
-    for l in range(marks.host.shape[0]):
-        known[l] = 0
-        h = marks.host[l]
-        if h == NO_HOST:
-            continue
-        x, y = ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
-        xi = marks.inverse_depth[l]
-        if not _in_front(A[h], t[h], x, y, xi, c, expected[l]):
-            continue
-        if not _in_front(A_before[h], t_before[h], x, y, xi, c, start[l]):
-            continue
-        to_new, along, w = A[h], t[h], warp[l]
-        q2 = to_new[2, 0] * x + to_new[2, 1] * y + to_new[2, 2] + xi * along[2]
-        for i in range(2):
-            q = to_new[i, 0] * x + to_new[i, 1] * y + to_new[i, 2] + xi * along[i]
-            for j in range(2):
-                slope = marks.slope[l, j]
-                by, by_depth = to_new[i, j] + along[i] * slope, to_new[2, j] + along[2] * slope
-                w[i, j] = (by - q / q2 * by_depth) / q2
-        known[l] = 1
+    f, marks, c = window.frames, window.landmarks, window.calibration
+    R_hosts, p_hosts = _at_exposure(f, c)
+    A, t = _between(R, p, R_hosts, p_hosts, c)
+    A_before, t_before = _between(R_hosts[before], p_hosts[before], R_hosts, p_hosts, c)
+    h, xi = marks.host[ids], marks.inverse_depth[ids, None]
+    ray_h = directions(marks.at[ids, h] * (1.0 + c.focal))
+    q, q_before = matvec(A[h], ray_h) + xi * t[h], matvec(A_before[h], ray_h) + xi * t_before[h]
+    known = (q[:, 2] >= _FRONT) & (q_before[:, 2] >= _FRONT)
+    ids, h, xi, q, q_before = ids[known], h[known], xi[known], q[known], q_before[known]
+    at = q[:, :2] / q[:, 2:]
+    expected = np.hstack([at / (1.0 + c.focal), xi / q[:, 2:]])
+    by = A[h, :, :2] + t[h, :, None] * marks.slope[ids, None, :]
+    warp = (by[:, :2] - at[:, :, None] * by[:, 2:]) / q[:, 2:, None]
+    return ids, expected, q_before[:, :2] / q_before[:, 2:] / (1.0 + c.focal), warp
+
+
+def _at_exposure(f: Frames, c: Calibration) -> tuple[Array, Array]:
+    """(F, 3, 3) and (F, 3) m, poses of the IMU when the image of each frame was taken. See docs/dvio.md (5)."""
+    late = (c.offset - f.offset)[:, None]
+    return f.R @ Rotation.from_rotvec(f.rate * late).as_matrix(), f.p + f.v * late
+
+
+def _between(R: Array, p: Array, R_hosts: Array, p_hosts: Array, c: Calibration) -> tuple[Array, Array]:
+    """(F, 3, 3) rotation and (F, 3) translation, m, of the cameras at F poses of the IMU in that at a pose (R, p)."""
+    turn = R.T @ R_hosts
+    return c.R.T @ turn @ c.R, (turn @ c.p + (p_hosts - p) @ R - c.p) @ c.R
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -388,55 +342,28 @@ def cull(
     return left
 
 
-@njit(error_model="numpy", **INSIDE)
-def rehost(
-    marks: Landmarks, c: Calibration, A: Array, s: Array, alive: NDArray[np.uint8], newest: int
-) -> None:  # fmt: skip
+def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uint8], newest: int) -> None:
     """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
 
-    Their observations by the newest frame are not used for the prior. `A` and `s` are the rotation and translation of
-    `Views` from the oldest frame to the newest.
+    Their observations by the newest frame are not used for the prior.
     """
-    for l in range(marks.host.shape[0]):
-        if marks.host[l] != 0:
-            continue
-        seen = marks.seen[l]
-        kept, rho = alive[l] and seen[newest], marks.rho[l, newest]
-        for j in range(seen.shape[0]):
-            seen[j] = 0
-        if not kept:
-            marks.host[l] = NO_HOST
-            continue
-        x, y = ray(c, marks.at[l, 0, 0], marks.at[l, 0, 1])
-        _, _, depth, before = project(A, s, x, y, marks.inverse_depth[l])
-        if rho > 0.0:
-            marks.inverse_depth[l] = rho / c.scale[0]
-            marks.measured[l] = 1
-        elif before:
-            marks.inverse_depth[l] = max(depth, LEAST_INVERSE_DEPTH)
-        seen[newest] = 1
-        marks.host[l] = newest
+    own = np.flatnonzero(marks.host == 0)
+    kept = own[(alive[own] > 0) & (marks.seen[own, newest] > 0)]
+    rho, xi = marks.rho[kept, newest], marks.inverse_depth[kept]
+    depth = directions(marks.at[kept, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
+    depth += xi * views.translation[0, newest, 2]
+    carried = np.maximum(xi / np.maximum(depth, LEAST_DEPTH), LEAST_INVERSE_DEPTH)
+    marks.inverse_depth[kept] = np.where(rho > 0.0, rho / c.scale, np.where(depth < LEAST_DEPTH, xi, carried))
+    marks.measured[kept[rho > 0.0]] = 1
+    marks.host[own], marks.seen[own] = NO_HOST, 0
+    marks.host[kept], marks.seen[kept, newest] = newest, 1
 
 
-@njit(error_model="numpy", **INSIDE)
-def parallax(
-    marks: Landmarks, R_newest: Array, R_since: Array, R_camera: Array, newest: int, since: int
-) -> tuple[float, int]:
-    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number.
-
-    The rotations (3, 3) are world <- IMU of the frames, and IMU <- camera.
-    """
-    A = mul(transposed(R_camera), mul(mul(transposed(R_newest), R_since), R_camera))
-    total, count = 0.0, 0
-    for l in range(marks.host.shape[0]):
-        if marks.host[l] == NO_HOST or not (marks.seen[l, newest] and marks.seen[l, since]):
-            continue
-        x, y = marks.at[l, since, 0], marks.at[l, since, 1]
-        depth = A[2, 0] * x + A[2, 1] * y + A[2, 2]
-        if depth < _FRONT:
-            continue
-        u = (A[0, 0] * x + A[0, 1] * y + A[0, 2]) / depth
-        v = (A[1, 0] * x + A[1, 1] * y + A[1, 2]) / depth
-        total += math.hypot(u - marks.at[l, newest, 0], v - marks.at[l, newest, 1])
-        count += 1
-    return (total / count if count else 0.0), count
+def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
+    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
+    f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
+    both = (marks.host != NO_HOST) & (marks.seen[:, [newest, since]] > 0).all(axis=1)
+    q = directions(marks.at[both, since]) @ (R_camera.T @ f.R[newest].T @ f.R[since] @ R_camera).T
+    front = q[:, 2] >= _FRONT
+    motion = np.linalg.norm(q[front, :2] / q[front, 2:] - marks.at[both, newest][front], axis=1)
+    return (float(motion.mean()) if len(motion) else 0.0), len(motion)

@@ -206,7 +206,7 @@ def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
     """(K, K) covariance of some of the first `size` states; L is the Cholesky factor of their normal equations."""
     unit = np.zeros((size, len(which)))
     unit[which, range(len(which))] = 1.0
-    Y: Array = solve_triangular(L[:size, :size], unit, lower=True)
+    Y: Array = solve_triangular(L[:size, :size], unit, lower=True, check_finite=False)
     return np.asarray(Y.T @ Y)
 
 

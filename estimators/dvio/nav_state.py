@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.parameters import DvioParameters
-from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
+from stridetwin.estimators.dvio.state import FRAME, Frames, ImuNoise, ImuSamples, Preintegration
 from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, propagated
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.rig import ImuCalibration
@@ -47,6 +47,19 @@ class NavState(NamedTuple):
     v: Array
     bias: Array
     covariance: Array
+
+
+def copy_of(nav: NavState) -> NavState:
+    """A copy of a state."""
+    return NavState._make(a.copy() for a in nav)
+
+
+def state_of(frames: Frames, k: int) -> NavState:
+    """A copy of the state of the frame in slot k, with zero covariance."""
+    return NavState(
+        t_ns=frames.t_ns[k : k + 1].copy(), R=frames.R[k].copy(), p=frames.p[k].copy(), v=frames.v[k].copy(),
+        bias=frames.bias[k].copy(), covariance=np.zeros((FRAME, FRAME)),
+    )  # fmt: skip
 
 
 def blank_nav_state() -> NavState:
@@ -114,24 +127,6 @@ def plausible(nav: NavState) -> bool:
     if not (math.isfinite(total) and fast < _MAX_SPEED_MPS**2):
         return False
     return gyro < _MAX_GYRO_BIAS_RADPS and accel < _MAX_ACCEL_BIAS_MPS2
-
-
-@njit(error_model="numpy", **INSIDE)
-def pose_and_covariance(nav: NavState, T: Array, covariance: Array) -> None:
-    """Sets T (4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
-    to_world, P = identity(6), np.empty((6, 6))
-    for i in range(4):
-        for j in range(4):
-            T[i, j] = 1.0 if i == j else 0.0
-    for i in range(3):
-        T[i, 3] = nav.p[i]
-        for j in range(3):
-            T[i, j] = nav.R[i, j]
-            to_world[3 + i, 3 + j] = nav.R[i, j]
-    for i in range(6):
-        for j in range(6):
-            P[i, j] = nav.covariance[i, j]
-    copy_matrix(propagated(to_world, P), covariance)
 
 
 class Inertial:

@@ -9,13 +9,25 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.landmarks import CameraEquations, blank_camera_equations
+from stridetwin.estimators.dvio.landmarks import (
+    LEAST_INVERSE_DEPTH,
+    MOST_INVERSE_DEPTH,
+    POSE,
+    CameraEquations,
+    blank_camera_equations,
+    rehost,
+)
 from stridetwin.estimators.dvio.projection import Views, blank_views
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
+    D_FOCAL,
+    D_OFFSET,
+    D_SCALE,
     FRAME,
+    NO_HOST,
     FactorParameters,
     ImuNoise,
     ImuSamples,
@@ -35,7 +47,6 @@ class Work(NamedTuple):
         b: (N,).
         factor: (N, N) its Cholesky factor.
         step: (N,).
-        errors: (N,) deviation of the states from their first estimates.
         camera: Camera factors.
         views: Of the frames.
         saved: Copies of the arrays of `_moving`, before a step.
@@ -45,7 +56,6 @@ class Work(NamedTuple):
     b: Array
     factor: Array
     step: Array
-    errors: Array
     camera: CameraEquations
     views: Views
     saved: list[Array]
@@ -56,7 +66,7 @@ def blank_work(window: Window) -> Work:
     frames, landmarks = len(window.frames.t_ns), len(window.landmarks.host)
     n = CALIBRATION + FRAME * frames
     return Work(
-        H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n), errors=np.zeros(n),
+        H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n),
         camera=blank_camera_equations(frames, landmarks), views=blank_views(frames),
         saved=[a.copy() for a in _moving(window)],
     )  # fmt: skip
@@ -88,7 +98,11 @@ def _linearise(
     only if `host_depth`.
     """
     kernel.view(window.frames, window.calibration, factors.first_estimates, work.views)
-    cost = kernel.add_inertial(window, factors, frames, work.errors, work.H, work.b)
+    prior, d = window.prior, _deviation(window)
+    by_prior = prior.H @ d
+    work.H[:], work.b[:] = prior.H, prior.b - by_prior
+    cost = d @ (0.5 * by_prior - prior.b)  # Zhao 2023 (6), up to a constant
+    cost += kernel.add_inertial(window, factors, frames, work.H, work.b)
     cost += kernel.add_camera_factors(
         window, factors, work.views, work.camera, frames, last, host_depth, work.H, work.b
     )
@@ -109,7 +123,7 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
             continue
         for saved, a in zip(work.saved, moving):
             saved[:] = a
-        kernel.move(window.frames, window.landmarks, window.calibration, work.camera, work.step)
+        _move(window, work.camera, work.step)
         if i == steps - 1:
             break
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
@@ -131,6 +145,41 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
     return cost
 
 
+def _deviation(window: Window) -> Array:
+    """(N,) deviation of the states from their first estimates; 0 for those that the prior does not contain."""
+    f = window.frames
+    return np.concatenate([window.calibration.moved, np.where(f.held[:, None] > 0, f.moved, 0.0).ravel()])
+
+
+def _move(window: Window, camera: CameraEquations, step: Array) -> None:
+    """Applies a step (N,) of all states, and what follows from it for the landmarks.
+
+    Frames that the prior contains move from their first estimate by all steps since.
+    """
+    f, c, marks = window.frames, window.calibration, window.landmarks
+    n = int(f.count[0])
+    held, steps = f.held[:n] > 0, step[CALIBRATION : CALIBRATION + FRAME * n].reshape(n, FRAME)
+    f.moved[:n][held] += steps[held]
+    e = np.where(held[:, None], f.moved[:n], steps)
+    for now, first in ((f.R, f.R_first), (f.p, f.p_first), (f.v, f.v_first), (f.bias, f.bias_first)):
+        now[:n][held] = first[:n][held]
+    turns = Rotation.from_rotvec(np.vstack([step[None, 3:6], e[:, 3:6]])).as_matrix()
+    f.R[:n] = f.R[:n] @ turns[1:]
+    f.p[:n] += e[:, :3]
+    f.v[:n] += e[:, 6:9]
+    f.bias[:n] += e[:, 9:]
+    c.p[:] += step[:3]
+    c.R[:] = c.R @ turns[0]
+    c.offset[:] += step[D_OFFSET]
+    c.scale[:] += step[D_SCALE]
+    c.focal[:] += step[D_FOCAL:CALIBRATION]
+    c.moved[:] += step[:CALIBRATION]
+    l = np.flatnonzero((marks.host != NO_HOST) & (marks.seen[:, :n].sum(axis=1) > 1))
+    by_pose = np.concatenate([step[:CALIBRATION], steps[:, :POSE].ravel()])
+    change = (camera.b_own[l] - camera.cross[l, : len(by_pose)] @ by_pose) / camera.own[l]
+    marks.inverse_depth[l] = np.clip(marks.inverse_depth[l] + change, LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH)
+
+
 def hold(window: Window, slot: int) -> None:
     """Marks a frame as in the prior: its Jacobians stay at its current state."""
     f = window.frames
@@ -145,19 +194,33 @@ def marginalize_oldest(window: Window, factors: FactorParameters, work: Work, al
     Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
     The window holds three frames or more.
     """
-    f, H = window.frames, work.H
+    f = window.frames
     newest = int(f.count[0]) - 1
     size = CALIBRATION + FRAME * (newest + 1)
     _linearise(window, factors, work, 1, newest - 1, factors.host_depth and factors.host_depth_in_prior)
-    kernel.marginalize(H, work.b, work.errors, size, window.prior.H, window.prior.b)
+    left, right = without_oldest(work.H[:size, :size], work.b[:size])
+    d = np.delete(_deviation(window), np.s_[CALIBRATION : CALIBRATION + FRAME])
+    prior, n = window.prior, len(right)
+    prior.H[:], prior.b[:] = 0.0, 0.0
+    prior.H[:n, :n], prior.b[:n] = left, right + left @ d[:n]
     for k in range(1, newest):
-        o = CALIBRATION + FRAME * k
-        if not f.held[k] and H[o, o] > 0.0:
+        o = CALIBRATION + FRAME * (k - 1)
+        if not f.held[k] and prior.H[o, o] > 0.0:
             hold(window, k)
-    views = work.views
-    kernel.rehost(
-        window.landmarks, window.calibration, views.rotation[0, newest], views.translation[0, newest], alive, newest
-    )
+    rehost(window.landmarks, window.calibration, work.views, alive, newest)
+
+
+def without_oldest(H: Array, b: Array) -> tuple[Array, Array]:
+    """The equations H d = b without the oldest frame; of H the lower triangle counts. See docs/dvio.md (11)."""
+    lower = np.tril(H, -1)
+    whole = lower + lower.T + np.diag(np.diag(H))
+    own, rest = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
+    scale = np.maximum(whole.diagonal()[own], 1e-12) ** -0.5
+    scales = np.outer(scale, scale)
+    cover = np.linalg.inv(whole[own, own] * scales + 1e-12 * np.eye(FRAME)) * scales
+    share = whole[rest, own] @ cover
+    left = np.tril(whole[np.ix_(rest, rest)] - share @ whole[own, rest])
+    return left + np.tril(left, -1).T, b[rest] - share @ b[own]
 
 
 def drop_oldest(window: Window) -> None:

@@ -333,39 +333,24 @@ def align(
             good[l] = True
 
 
-@njit(error_model="numpy", **INSIDE)
 def read_slope(
-    depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, roughness: float,
-    slope: Array,
-) -> None:  # fmt: skip
-    """Gradients of the inverse depth (linear in the image of a plane) about points (N, 2) px of a depth image (H, W) m.
+    depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, roughness: float
+) -> Array:
+    """(N, 2) gradients of the inverse depth (linear in the image of a plane) about points (N, 2) px, 1/m per pixel.
 
-    Writes them to `slope` (N, 2), 1/m per pixel; 0 where the mean scatter about a plane exceeds `roughness`, 1/m, or
-    where a depth does not lie between `min_depth_m` and `max_depth_m`.
+    0 where the mean scatter about a plane exceeds `roughness`, 1/m, or where a depth of the image (H, W) m does not lie
+    between `min_depth_m` and `max_depth_m`.
     """
-    height, width = depth.shape
-    r, step = _SLOPE_REACH_PX, _SLOPE_STEP_PX
-    for l in range(len(points)):
-        slope[l, 0] = 0.0
-        slope[l, 1] = 0.0
-        x, y = int(points[l, 0] + 0.5), int(points[l, 1] + 0.5)
-        if not (r <= x < width - r and r <= y < height - r):
-            continue
-        n, total, square, a, b, u2 = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(-r, r + 1, step):
-            for j in range(-r, r + 1, step):
-                z = float(depth[y + i, x + j])
-                if min_depth_m <= z <= max_depth_m:
-                    v = 1.0 / z
-                    n += 1
-                    total += v
-                    square += v * v
-                    a += j * v
-                    b += i * v
-                    u2 += j * j
-        if n < (2 * r // step + 1) ** 2:
-            continue
-        a, b = a / u2, b / u2
-        left = (square - total * total / n - (a * a + b * b) * u2) / n
-        if left < roughness * roughness:
-            slope[l, 0], slope[l, 1] = a, b
+    reach, (height, width) = _SLOPE_REACH_PX, depth.shape
+    at = np.floor(points.astype(float) + 0.5).astype(int)
+    inside = np.flatnonzero(((at >= reach) & (at < (width - reach, height - reach))).all(axis=1))
+    steps = np.arange(-reach, reach + 1, _SLOPE_STEP_PX)
+    columns, rows = (a.ravel() for a in np.meshgrid(steps, steps))
+    z = depth[at[inside, 1, None] + rows, at[inside, 0, None] + columns].astype(float)
+    whole = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
+    v, inside = 1.0 / z[whole], inside[whole]
+    gradient = v @ np.column_stack([columns, rows]) / (columns @ columns)
+    left = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
+    slope = np.zeros((len(points), 2))
+    slope[inside] = np.where(left[:, None] < roughness**2, gradient, 0.0)
+    return slope

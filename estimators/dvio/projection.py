@@ -18,7 +18,7 @@ from stridetwin.streams.samples import Array
 # residual follows, then a column that pads to the width of the vector units.
 HOST, OBSERVER, OBSERVATION = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
 RESIDUAL, COLUMNS = OBSERVATION, OBSERVATION + 2
-_LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to the host's depth
+LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to the host's depth
 
 
 class Views(NamedTuple):
@@ -51,6 +51,11 @@ def blank_views(frames: int) -> Views:
         rotation=np.zeros(pair), translation=np.zeros(vector), rotation_first=np.zeros(pair),
         translation_first=np.zeros(vector), C=np.zeros((F, 3, 3)), CR=np.zeros(pair),
     )  # fmt: skip
+
+
+def directions(at: Array) -> Array:
+    """(..., 3) with a third component of 1, of (..., 2) on the plane at depth 1."""
+    return np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1)
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -123,7 +128,7 @@ def project(A: Array, s: Array, x: float, y: float, inverse_depth: float) -> tup
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
-    if q2 < _LEAST_DEPTH:
+    if q2 < LEAST_DEPTH:
         return q0, q1, q2, False
     return q0 / q2, q1 / q2, inverse_depth / q2, True
 
@@ -142,7 +147,7 @@ def observation_jacobian(
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
-    if q2 < _LEAST_DEPTH:
+    if q2 < LEAST_DEPTH:
         return False
     C, CR, R, p, xi = views.C[observer], views.CR[host, observer], c.R, c.p, inverse_depth
     # h: the point times its inverse depth, in the host's IMU axes

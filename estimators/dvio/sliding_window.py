@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
+from stridetwin.estimators.dvio.landmarks import parallax, predict_observations
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
-from stridetwin.estimators.dvio.nav_state import STATIONARY_S, Inertial, NavState, blank_nav_state
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, Inertial, NavState, blank_nav_state, copy_of, state_of
 from stridetwin.estimators.dvio.noise_model import bias_sd, calibration_prior, factor_parameters, imu_noise
 from stridetwin.estimators.dvio.optimiser import (
     blank_work,
@@ -20,7 +21,9 @@ from stridetwin.estimators.dvio.optimiser import (
     preintegrate,
 )
 from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.patches import read_slope
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
+from stridetwin.estimators.dvio.projection import directions
 from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -132,7 +135,7 @@ class Core:
         self._level.restart()
         self.inflation.restart()
         self.nav.covariance[:] = covariance
-        self._save_previous()
+        self._previous = copy_of(self.nav)
         self.tracker.reset()
         self.tracker.take(frame.grey)
         self._find(frame, 0)
@@ -159,7 +162,8 @@ class Core:
         before = int(f.count[0]) - 1
         slot = before + 1 if self._newest_is_key else before
         t_ns = self.imu_time(frame.t_ns)
-        predicted = self._predicted(before, t_ns)
+        predicted = state_of(f, before)
+        self._propagate(predicted, t_ns)
         moved = self._follow(frame, predicted, before, slot)
         stationary &= moved < _MAX_STATIONARY_PX and self._drift(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
         f.count[0] = slot + 1
@@ -175,8 +179,7 @@ class Core:
         self._measure()
         o = CALIBRATION + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
-        inverse = np.linalg.inv(np.tril(L))
-        self.nav.covariance[:] = inverse.T @ inverse
+        inverse = np.linalg.inv(L)
         self.seen = self._cull()
         if key:
             self._find(frame, slot)
@@ -191,10 +194,8 @@ class Core:
                 drop_oldest(w)
             self._anchor(frame, int(f.count[0]) - 1)
         self._newest_is_key = key
-        s = int(f.count[0]) - 1
-        self.nav.t_ns[0] = f.t_ns[s]
-        self.nav.R[:], self.nav.p[:], self.nav.v[:], self.nav.bias[:] = f.R[s], f.p[s], f.v[s], f.bias[s]
-        self._save_previous()
+        self.nav = state_of(f, int(f.count[0]) - 1)._replace(covariance=inverse.T @ inverse)
+        self._previous = copy_of(self.nav)
 
     def propagate(self, until_ns: int) -> None:
         """Propagates `nav` to a time that the IMU has reached."""
@@ -206,8 +207,7 @@ class Core:
         """Sets `nav` to the propagated state at a time since the newest frame; False if that is too long ago."""
         if t_ns < self._previous.t_ns[0]:
             return False
-        for a, b in zip(self.nav, self._previous, strict=True):
-            a[:] = b
+        self.nav = copy_of(self._previous)
         self._propagate(self.nav, t_ns)
         return True
 
@@ -235,10 +235,6 @@ class Core:
             kernel.add_increment(state, z, self.noise, self.parameters.gravity_mps2)
             state.t_ns[0] = until_ns
 
-    def _save_previous(self) -> None:
-        for a, b in zip(self._previous, self.nav, strict=True):
-            a[:] = b
-
     def _place(self, slot: int, t_ns: int, state: NavState) -> None:
         f = self.window.frames
         f.offset[slot] = self.window.calibration.offset[0]
@@ -247,28 +243,16 @@ class Core:
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.zero_velocity_sd[slot] = np.inf
 
-    def _predicted(self, before: int, t_ns: int) -> NavState:
-        f = self.window.frames
-        state = blank_nav_state()
-        state.t_ns[0] = f.t_ns[before]
-        state.R[:], state.p[:], state.v[:], state.bias[:] = f.R[before], f.p[before], f.v[before], f.bias[before]
-        self._propagate(state, t_ns)
-        return state
-
     def _follow(self, frame: CameraFrame, predicted: NavState, before: int, slot: int) -> float:
         """Tracks landmarks into the image and stores their observations in the slot; returns their mean motion, px."""
         w, marks, p = self.window, self.window.landmarks, self.parameters
-        n = len(marks.host)
-        expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
-        kernel.predict_observations(
-            w.frames, marks, w.calibration, predicted.R, predicted.p, before, expected, start, warp, known
-        )
+        ids = np.flatnonzero((self._alive > 0) & (marks.host != NO_HOST))
+        ids, expected, start, warps = predict_observations(w, ids, predicted.R, predicted.p, before)
         marks.seen[:, slot] = 0
-        ids = np.flatnonzero((self._alive > 0) & (known > 0))
         self._alive[:] = 0
-        was = self._pixels[ids]
-        motion = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids, :2])
-        predicted_px, warps = was + motion, warp[ids]
+        was, inverse_depth = self._pixels[ids], expected[:, 2]
+        motion = self.lens.pixels(expected[:, :2]) - self.lens.pixels(start)
+        predicted_px = was + motion
         self.tracker.take(frame.grey)
         there, good = predicted_px, np.zeros(len(ids), bool)
         if p.method.anchored:
@@ -283,9 +267,7 @@ class Core:
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
         moved = np.linalg.norm(motion, axis=1)
         gate = (
-            _GATE_PX
-            + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2]
-            + unsure * (_UNMEASURED_GATE_PX + moved)
+            _GATE_PX + 2 * self.lens.focal_px * speed_sd * dt * inverse_depth + unsure * (_UNMEASURED_GATE_PX + moved)
         )
         fits = off < gate
         if good.sum() >= _MIN_POINTS and (good & fits).sum() < _MIN_PREDICTED_SHARE * good.sum():
@@ -293,12 +275,12 @@ class Core:
         good &= fits
         if p.method.anchored and elsewhere:
             there, good = self.tracker.settle(ids, there, warps, good)
-        ids, there, was = ids[good], there[good], was[good]
+        ids, there, was, inverse_depth = ids[good], there[good], was[good], inverse_depth[good]
         rate = self.inertial.rate_at(int(predicted.t_ns[0])) - predicted.bias[:3]
-        then = self._shutter.at_image_time(there, expected[ids, 2], w.calibration, predicted.R, predicted.v, rate)
+        then = self._shutter.at_image_time(there, inverse_depth, w.calibration, predicted.R, predicted.v, rate)
         rho = self.depth(frame, then)
         # Reject points at another depth, or occluded by something in front.
-        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
+        apart = np.abs(w.calibration.scale[0] * inverse_depth - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
         here = ~(apart & (rho > 0) & (marks.measured[ids] > 0))
         ids, there, was, rho, at = ids[here], there[here], was[here], rho[here], self.lens.normalised(then[here])
         self._alive[ids] = 1
@@ -338,7 +320,7 @@ class Core:
         use = good & (marks.measured[ids] > 0)
         agree = np.zeros(len(ids), bool)
         h = marks.host[ids]
-        m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
+        m = directions(marks.at[ids, h]) / marks.inverse_depth[ids, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.normalised(there)
         if (pose := perspective(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
@@ -393,17 +375,15 @@ class Core:
         ids = np.flatnonzero((marks.host == slot) & (self._alive > 0))
         points = self._pixels[ids]
         self.tracker.anchor(ids, points)
-        slope = np.zeros((len(ids), 2))
-        if frame.depth is not None and p.method.uses_depth and len(ids):
-            kernel.read_slope(frame.depth, points, *self._depth_range_m, float(p.inverse_depth_sd_per_m), slope)
-        marks.slope[ids] = slope * self.lens.focal_px
+        marks.slope[ids] = 0.0
+        if frame.depth is not None and p.method.uses_depth:
+            slope = read_slope(frame.depth, points, *self._depth_range_m, p.inverse_depth_sd_per_m)
+            marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame differs enough from the last keyframe to be one."""
         f = self.window.frames
-        moved, common = kernel.parallax(
-            self.window.landmarks, f.R[slot], f.R[slot - 1], self.window.calibration.R, slot, slot - 1
-        )
+        moved, common = parallax(self.window, slot, slot - 1)
         return bool(
             moved * self.lens.focal_px > _KEYFRAME_PARALLAX_PX
             or common < _MIN_TRACKED_SHARE * self.window.landmarks.seen[:, slot - 1].sum()

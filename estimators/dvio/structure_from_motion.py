@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.dvio.projection import directions
 from stridetwin.estimators.matrices import matvec
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import exp
@@ -88,7 +89,7 @@ def structure_with_depth(s: Observations) -> Structure | None:
     agree = s.seen.copy()
     while k > 0:
         shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.rho[k - 1] > 0))
-        step = _step(s, _rays(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared])
+        step = _step(s, directions(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared])
         if step is None:
             break
         M, t, fits = step  # camera k <- camera k - 1
@@ -129,7 +130,7 @@ def structure_of_bearings(s: Observations) -> Structure | None:
         if found < _MIN_POINTS or found < _MIN_PAIR_SHARE * len(shared):
             continue
         M, t = np.asarray(rotation, float), np.asarray(translation, float)[:, 0]
-        if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < _MIN_PAIR_PARALLAX_RAD:
+        if np.median(_angles(directions(a[fits]) @ M.T, directions(b[fits]))) < _MIN_PAIR_PARALLAX_RAD:
             return None  # older ones are missing, and newer ones have less parallax
         return _around(s.since(k), shared[fits], M, t, k)
     return None
@@ -182,12 +183,12 @@ def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
     n = np.arange(at.shape[1])
     k = (rho > 0).argmax(axis=0)
     depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
-    return matvec(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
+    return matvec(R[k], directions(at[k, n]) * depth[:, None]) + p[k]
 
 
 def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """(N, 3) points nearest to all their rays, and whether they are in front of all cameras."""
-    ray = np.matmul(_rays(at), np.swapaxes(R, 1, 2))
+    ray = np.matmul(directions(at), np.swapaxes(R, 1, 2))
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
     # The least eigenvalue is about that of two rays, ½ angle², times their number.
@@ -320,10 +321,6 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
 def _summed(a: Array) -> Array:
     """(K, N, ...) of (K, N, 3, ...): sums over the three residuals of an observation."""
     return np.asarray(a[:, :, 0] + a[:, :, 1] + a[:, :, 2])
-
-
-def _rays(at: Array) -> Array:
-    return np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1)
 
 
 def _angles(a: Array, b: Array) -> Array:

@@ -12,6 +12,7 @@ from collections import deque
 
 import numpy as np
 
+from stridetwin.estimators.contact_terrain.ticks import matrix
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.terrain_map.depth_camera import is_pose
 from stridetwin.streams.samples import Array, Odometry
@@ -57,11 +58,10 @@ class Body:
 
         Late or non-finite poses are ignored.
         """
-        q, p = pose.q_world_frame, pose.p_frame_in_world
         if pose.t_ns <= self.t_ns or not is_pose(pose):
             return False
-        R = _matrix(*q.tolist())
-        place, forward = p + R @ self._p, (R @ self._ahead)[:2]
+        R = matrix(pose.q_world_frame)
+        place, forward = pose.p_frame_in_world + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
         far = math.dist(place.tolist(), self.p.tolist()) > _JUMP_SLACK_M + self._max_speed_mps * min(dt, 1.0)
@@ -104,13 +104,3 @@ class Body:
     def velocity(self) -> Array:
         """(3,) m/s, over the last tenth of a second."""
         return (self.p - self.before(_VELOCITY_S)) / _VELOCITY_S
-
-
-def _matrix(w: float, x: float, y: float, z: float) -> Array:
-    """(3, 3) rotation of a quaternion of any norm; scipy takes ten times as long, and poses are frequent."""
-    k = 2.0 / (w * w + x * x + y * y + z * z)
-    return np.array([
-        [1.0 - k * (y * y + z * z), k * (x * y - w * z), k * (x * z + w * y)],
-        [k * (x * y + w * z), 1.0 - k * (x * x + z * z), k * (y * z - w * x)],
-        [k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y)],
-    ])  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,25 +25,8 @@ _TREAD_DOWN_FACTOR = 2.0
 """Factor on the error of descending treads, of which the camera sees only strips."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Found:
-    """A change along the way.
-
-    Attributes:
-        mode: Mode of the first step beyond it.
-        at: m along the path.
-        sd: m.
-        segment: Index of the terrain segment that begins there.
-    """
-
-    mode: str
-    at: float
-    sd: float
-    segment: int
-
-
-def _first(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> _Found | None:
-    """The first segment boundary ahead of the segment `here` beyond which the steps' mode is no longer `mode`.
+def _first(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> tuple[str, int] | None:
+    """The first segment ahead of `here` from which the steps' mode is no longer `mode`: the new mode, and its index.
 
     Stairs end at their last edge: the step over it still climbs, the next one does not.
     """
@@ -52,14 +34,14 @@ def _first(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> _Fou
     for k in range(here + 1, len(ground)):
         into = MODES[int(table[k - 1, k].argmax())]
         if into not in (mode, "LG"):
-            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, segment=k)
+            return into, k
         onward = MODES[int(table[k, k].argmax())]
         if mode in ("SA", "SD"):
             last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
             if into == mode and last and ground[k].length > p.map.max_tread_m:
-                return _Found(mode=onward, at=ground[k].start, sd=ground[k].start_sd, segment=k)
+                return onward, k
         elif into != mode:
-            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, segment=k)
+            return into, k
     return None
 
 
@@ -90,17 +72,17 @@ def next_change(
     found = _first(ground, here, _mode_here(ground, here, p), p)
     if found is None:
         return None
-    beyond = chain.on[:, found.segment :].sum(axis=1) > 0.5
+    mode, segment = found[0], ground[found[1]]
+    beyond = chain.on[:, found[1] :].sum(axis=1) > 0.5
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
     else:
-        more = math.ceil(max(0.0, found.at - moments(chain.density[-1], s)[0]) / step_m)
+        more = math.ceil(max(0.0, segment.start - moments(chain.density[-1], s)[0]) / step_m)
         in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
-    place = line.origin + found.at * line.forward
-    sizes = dict.fromkeys(("riser", "riser_sd", "tread", "tread_sd", "slope", "slope_sd"), math.nan)
+    place = line.origin + segment.start * line.forward
     return NextChange(
-        mode=found.mode, p_in_world=place, distance=found.at - BEHIND_M, distance_sd=max(found.sd, PLACE_SD_M),
-        time_s=in_s, time_sd_s=in_sd_s, **sizes | _sizes(found.mode, ground[found.segment], estimate, place, line, p),
+        mode=mode, p_in_world=place, distance=segment.start - BEHIND_M, distance_sd=max(segment.start_sd, PLACE_SD_M),
+        time_s=in_s, time_sd_s=in_sd_s, **_sizes(mode, segment, estimate, place, line, p),
     )  # fmt: skip
 
 
@@ -138,13 +120,10 @@ def _sizes(
 
 def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
     """The stairs with most steps that have an edge at a (2,) place, m, on the path along (2,) `forward`, up or down."""
-    best: tuple[Stairs, float] | None = None
+    found = []
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)
-        if along < _FLIGHT_COSINE:
-            continue
         away = np.abs(flight.edges - float(flight.up @ place))
-        off = float(np.min(away[np.isfinite(away)], initial=math.inf))
-        if off < _FLIGHT_MATCH_M and (best is None or flight.steps > best[0].steps):
-            best = flight, off
-    return None if best is None else best[0]
+        if along >= _FLIGHT_COSINE and (away < _FLIGHT_MATCH_M).any():
+            found.append(flight)
+    return max(found, key=lambda flight: flight.steps, default=None)

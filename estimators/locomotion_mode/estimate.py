@@ -67,12 +67,12 @@ class NextChange:
     distance_sd: float
     time_s: float
     time_sd_s: float
-    riser: float
-    riser_sd: float
-    tread: float
-    tread_sd: float
-    slope: float
-    slope_sd: float
+    riser: float = math.nan
+    riser_sd: float = math.nan
+    tread: float = math.nan
+    tread_sd: float = math.nan
+    slope: float = math.nan
+    slope_sd: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

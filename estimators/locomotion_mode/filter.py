@@ -21,7 +21,6 @@ from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDown
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
-    Flight,
     Segment,
     heights,
     last_flight,
@@ -30,7 +29,7 @@ from stridetwin.estimators.locomotion_mode.segments import (
     unseen,
     with_unseen,
 )
-from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from stridetwin.estimators.terrain_map import Profile, Stairs, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, is_pose, transform
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
@@ -93,7 +92,7 @@ class LocomotionMode:
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = Rhythm(p), Foothold(p)
-        self._stairs: Flight | None = None
+        self._stairs: Stairs | None = None
 
     @property
     def inner_estimators(self) -> tuple[TerrainMap, ...]:

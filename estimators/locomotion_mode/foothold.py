@@ -258,12 +258,12 @@ class Foothold:
     @property
     def step_m(self) -> float:
         """Expected length of a step on even ground, m."""
-        return self._length.mean
+        return self._length.mean()
 
     @property
     def step_sd_m(self) -> float:
         """Its standard deviation, m."""
-        return self._length.sd
+        return self._length.sd()
 
     def standing(self, line: Line) -> Array:
         """Joint density of the stance foot over the cells of a line, see `Habits`."""
@@ -280,10 +280,10 @@ class Foothold:
             height: (S,) m, height of the ground along the path; None: unknown.
             top: Greatest height of the body over the foot, m.
         """
-        sd = math.hypot(_TOP_SD_M, self._tall.sd)
+        sd = math.hypot(_TOP_SD_M, self._tall.sd())
         if height is None or sd > _MAX_HEIGHT_SD_M:
             return stance
-        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + _LIKELIHOOD_FLOOR)
+        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean()) / sd) ** 2) + _LIKELIHOOD_FLOOR)
         return np.asarray(density / density.sum())
 
     def rolled(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
@@ -296,9 +296,9 @@ class Foothold:
         self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], habit: Habit,
         landing: Likelihoods | None = None,
     ) -> Chain:  # fmt: skip
-        lengths = [self._length.of(SIDE[foot]) for foot in feet]
-        shared = math.hypot(self._length.sd, _ADAPT_SD * self._length.mean)
-        ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
+        lengths = [self._length.mean(SIDE[foot]) for foot in feet]
+        shared = math.hypot(self._length.sd(), _ADAPT_SD * self._length.mean())
+        ratios = {mode: (self._ramps.mean(kind), self._ramps.sd(kind)) for mode, kind in CLIMB.items()}
         return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
 
     def land(
@@ -323,7 +323,7 @@ class Foothold:
         came = None if self._stance is None else self._stance.line.forward
         behind = position(stance)
         before, _ = moments(behind, self.s)
-        between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
+        between = sum(self._length.mean(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - BEHIND_M  # position relative to the body
         went = self.s - before - between
         even = ahead + self._leaning(ground, body) - 0.5 * went
@@ -376,7 +376,7 @@ class Foothold:
         if mode == "LG":
             self._length.update(SIDE[foot], length, sd, even)
         elif mode:
-            level = self._length.of(SIDE[foot])
+            level = self._length.mean(SIDE[foot])
             self._ramps.update(CLIMB[mode], length / level, sd / level, even)
 
     def add_step(self, estimate: StepEstimate, foot: str, down_ns: int) -> bool:

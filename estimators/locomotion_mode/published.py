@@ -93,27 +93,23 @@ class WalkingInformation:
         See docs/locomotion_mode.md (3). The paper gives the first coming footprint, `ahead` = 1; each further one is
         one size on.
         """
-        size, last, axes = self.next_size(), self.last, self._axes()
-        if last is None or axes is None or not math.isfinite(size):
-            return None
-        forward, left = axes
-        other = -SIDE[last.foot] * (1.0 if ahead % 2 else -1.0)
-        offset = 0.5 * size * forward + 0.5 * self._width_m * other * left
-        return last.p[:2] + forward * size * ahead + offset, forward
-
-    def _axes(self) -> tuple[Array, Array] | None:
-        """(2,) and (2,) unit vectors forward and left from the last touch-down's velocity; None without one."""
-        v = np.zeros(2) if self.last is None else self.last.v[:2]
-        speed = np.linalg.norm(v)
-        return (v / speed, np.array([-v[1], v[0]]) / speed) if speed > 0.0 else None
+        return self._foot(self.next_size(), ahead)
 
     def stance(self) -> Array | None:
         """(2,) m, position of the foot that touched down last, by the same offsets."""
-        last, sizes, axes = self.last, self.sizes(), self._axes()
-        if last is None or axes is None or not sizes:
+        size = self.last_size()
+        found = None if size is None else self._foot(size, 0)
+        return None if found is None else found[0]
+
+    def _foot(self, size: float, ahead: int) -> tuple[Array, Array] | None:
+        """As `footprint`, with a size, m."""
+        speed = 0.0 if self.last is None else float(np.linalg.norm(self.last.v[:2]))
+        if self.last is None or speed == 0.0 or not math.isfinite(size):
             return None
-        forward, left = axes
-        return np.asarray(last.p[:2] + 0.5 * sizes[-1] * forward + 0.5 * self._width_m * SIDE[last.foot] * left)
+        forward = self.last.v[:2] / speed
+        left, side = np.array([-forward[1], forward[0]]), SIDE[self.last.foot] * (-1.0) ** ahead
+        offset = 0.5 * size * forward + 0.5 * self._width_m * side * left
+        return self.last.p[:2] + forward * size * ahead + offset, forward
 
 
 def mode_between(

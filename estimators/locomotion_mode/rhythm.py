@@ -86,22 +86,12 @@ class StepFilter:
         self._P = self._P - np.outer(gain, J @ self._P)
         self._P = 0.5 * (self._P + self._P.T)
 
-    def of(self, kind: float) -> float:
-        """Expected step of a kind."""
+    def mean(self, kind: float = 0.0) -> float:
+        """Expected step of a kind; 0: of either."""
         return float(self._x[0] + kind * self._x[1])
 
-    @property
-    def mean(self) -> float:
-        """Expected step of either kind."""
-        return float(self._x[0])
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation of the estimated mean."""
-        return self.sd_of(0.0)
-
-    def sd_of(self, kind: float) -> float:
-        """Standard deviation of the expected step of a kind."""
+    def sd(self, kind: float = 0.0) -> float:
+        """Standard deviation of that mean."""
         J = np.array([1.0, kind])
         return math.sqrt(max(float(J @ self._P @ J), 0.0))
 
@@ -195,17 +185,17 @@ class Rhythm:
     @property
     def step_s(self) -> float:
         """Expected time of a step, s."""
-        return self._time.mean
+        return self._time.mean()
 
     def overdue(self, t_ns: int) -> str | None:
         """The undetected foot that must be down by now, because the other one is about to lift off."""
         waited = (t_ns - self.down_ns) * 1e-9
-        there = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean
+        there = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean()
         return self._undetected if there else None
 
     def over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the stance foot by now."""
-        return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean
+        return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean()
 
     def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
         """Handles a touch-down of `l` or `r`, detected by its insole or inferred; None if the foot only bounced."""
@@ -213,9 +203,9 @@ class Rhythm:
         if detected and foot == self._undetected:
             self._undetected = ""
         if foot == self.foot:
-            if elapsed < _BOUNCE_SHARE * self._time.mean:
+            if elapsed < _BOUNCE_SHARE * self._time.mean():
                 return None
-            missed = elapsed > _MISSED_STEPS * self._time.mean
+            missed = elapsed > _MISSED_STEPS * self._time.mean()
         if missed:
             self._undetected = _OTHER[foot]
         first = self.down_ns < 0
@@ -240,7 +230,7 @@ class Rhythm:
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0
         for foot in feet:
-            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * SOON_S)
-            variance += (self._p.step_noise * self._time.mean) ** 2
-            found.append((int(at), math.sqrt(variance + self._time.sd**2)))
+            at = max(at + 1e9 * self._time.mean(SIDE[foot]), t_ns + 1e9 * SOON_S)
+            variance += (self._p.step_noise * self._time.mean()) ** 2
+            found.append((int(at), math.sqrt(variance + self._time.sd() ** 2)))
         return found

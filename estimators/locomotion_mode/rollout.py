@@ -132,9 +132,13 @@ def roll_out(
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
     chances = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
     steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=chances)
-    density, on, flow, last, joined, evidence = _chain(first, weight, even, over, steps)
+    density, on, flow, ends, joined, evidence = _chain(first, weight, even, over, steps)
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, settings))
-    return Chain(density=density, modes=modes, on=on, last=last, joined=joined, evidence=mass * evidence)
+    last = ends.sum(axis=(0, 2))
+    return Chain(
+        density=density, modes=modes, on=on, last=last / max(float(last.sum()), _LEAST), joined=joined,
+        evidence=mass * evidence,
+    )  # fmt: skip
 
 
 class _Steps(NamedTuple):
@@ -269,8 +273,8 @@ def _chain(
         steps: The coming steps.
 
     Returns:
-        (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, (2, S) of the last one by
-        whether its step crossed an edge; each sums to 1. (K,) probability that a step joins; the sum over all chains.
+        (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, each sums to 1; (H, 2, P,
+        S) density of the last one, as `first`; (K,) probability that a step joins; the sum over all chains.
     """
     kind, near, far, beside, scale, share, joins = steps
     _, H, S, B = near.shape
@@ -280,7 +284,6 @@ def _chain(
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
     evidence = 1.0
     for k in range(K):
-        total = 0.0
         for h in range(H):
             for a in range(P):
                 for p in range(S):
@@ -302,20 +305,10 @@ def _chain(
                     for q in range(S):
                         alpha[k + 1, h, 0, b, q] += even[a, b] * reach_near[k, h, a, q] * weight[b, q]
                         alpha[k + 1, h, 1, b, q] += over[a, b] * reach_far[k, h, a, q] * weight[b, q]
-            for c in range(2):
-                for b in range(P):
-                    for q in range(S):
-                        total += alpha[k + 1, h, c, b, q]
+        total = _total(alpha[k + 1])
         _divide(alpha[k + 1], total)
         evidence *= total
     density, on, flow, joined = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P)), np.zeros(K)
-    last = np.zeros((2, S))
-    for h in range(H):
-        for c in range(2):
-            for b in range(P):
-                for q in range(S):
-                    last[c, q] += alpha[K, h, c, b, q]
-    _normalise(last)
     beta, ends = np.ones((H, 2, P, S)), np.empty((2, P, S))
     for k in range(K - 1, -1, -1):
         back = np.zeros((H, 2, P, S))
@@ -358,7 +351,7 @@ def _chain(
         _normalise(density[k])
         _normalise(on[k])
         _normalise(flow[k])
-    return density, on, flow, last, joined, evidence
+    return density, on, flow, alpha[K], joined, evidence
 
 
 @njit(**INSIDE)

@@ -14,7 +14,7 @@ from stridetwin.estimators.contact_terrain.estimate import above
 from stridetwin.estimators.locomotion_mode.estimate import MODES
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.vertical import without_lean
-from stridetwin.estimators.terrain_map import Change, Profile, TerrainEstimate
+from stridetwin.estimators.terrain_map import Change, Profile, Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
 
 BEHIND_M = 1.2
@@ -90,32 +90,16 @@ class Segment:
         return self.end - self.start
 
 
-@dataclass(frozen=True, kw_only=True)
-class Flight:
-    """Dimensions of the last observed stairs: those of one building are alike.
-
-    Attributes:
-        riser: m.
-        tread: m.
-    """
-
-    riser: float
-    tread: float
-
-
-def last_flight(estimate: TerrainEstimate, before: Flight | None) -> Flight | None:
-    """Dimensions of the well-known stairs with the most steps; if there are none, `before`."""
+def last_flight(estimate: TerrainEstimate, before: Stairs | None) -> Stairs | None:
+    """The well-known stairs with the most steps, as those of one building are alike; if there are none, `before`."""
     most = np.array([_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M]) ** 2
     known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
-    if not known:
-        return before
-    longest = max(known, key=lambda flight: flight.steps)
-    return Flight(riser=longest.riser, tread=longest.tread)
+    return max(known, key=lambda flight: flight.steps, default=before)
 
 
 def segments_along(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: Settings,
-    usual: Flight | None = None,
+    usual: Stairs | None = None,
 ) -> list[Segment]:  # fmt: skip
     """Cuts a profile at its changes; at most one segment lies behind s = 0.
 
@@ -124,7 +108,7 @@ def segments_along(
         estimate: Its planes and terrains; None: unknown.
         forward: (2,) unit vector of the path.
         p: Dimensions and standard deviations.
-        usual: Dimensions of stairs here; None: none observed.
+        usual: Stairs like those here; None: none observed.
     """
     changes, until = _passable(_whole_treads(_without_small_objects(profile.changes, p), p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
@@ -222,7 +206,7 @@ def _is_tread(one: _Bound, other: _Bound, p: Settings) -> bool:
     return one.drop != 0.0 and other.drop != 0.0 and other.s - one.s <= p.map.max_tread_m
 
 
-def _bounds(change: Change, usual: Flight | None, p: Settings) -> list[_Bound]:
+def _bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound]:
     """Converts a change to edges that can be stepped over.
 
     A camera looking down over an edge sees the ground up to the edge, but not what it occludes. The edge is where
@@ -248,7 +232,7 @@ def _bounds(change: Change, usual: Flight | None, p: Settings) -> list[_Bound]:
     ]
 
 
-def _hidden_steps(fall: float, usual: Flight | None, p: Settings) -> tuple[float, float, float, float]:
+def _hidden_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
     """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
     They equal the last observed ones if a whole number of those makes up the drop, and usual ones otherwise.

@@ -163,11 +163,6 @@ class TerrainEstimate:
         """The terrains that are ramps."""
         return tuple(t for t in self.terrains if isinstance(t, Ramp))
 
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        """The terrains that are level."""
-        return tuple(t for t in self.terrains if isinstance(t, Level))
-
     def terrain_of(self, plane: int) -> Terrain | None:
         """The terrain that a plane belongs to: stairs if the plane is a tread, else its own."""
         own: Terrain | None = None

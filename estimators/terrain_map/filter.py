@@ -33,7 +33,7 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet
 from stridetwin.estimators.terrain_map.profile import profile
 from stridetwin.estimators.terrain_map.terrains import Terrains
-from stridetwin.estimators.terrain_map.volume import Volume, VoxelVolume
+from stridetwin.estimators.terrain_map.volume import VoxelVolume
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
@@ -142,11 +142,6 @@ class TerrainMap:
         """The last estimate; None before the first image and after a jump."""
         return self._estimate
 
-    @property
-    def blocks_used(self) -> int:
-        """Number of voxel blocks in use."""
-        return self._volume.blocks_used
-
     def heights(self, xy: Array) -> Array:
         """(N,) m, mapped height of the ground at (N, 2) positions in the world; NaN where unobserved."""
         columns = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_size_m).astype(np.int64)
@@ -198,7 +193,7 @@ class TerrainMap:
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
             t_ns=t_ns, planes=planes, p_camera_in_world=p_camera_in_world,
-            terrains=self._terrains.find(planes, self._planes, self._volume),
+            terrains=self._terrains.find(planes, self._planes, self._volume.refined),
         )  # fmt: skip
 
     def clear(self) -> None:
@@ -209,7 +204,9 @@ class TerrainMap:
         self._extracted_ns = _NEVER_NS
 
 
-def _volume(backend: str, camera: DepthCamera, R_world_grid: Array, p: TerrainMapParameters) -> Volume:
+def _volume(
+    backend: str, camera: DepthCamera, R_world_grid: Array, p: TerrainMapParameters
+) -> VoxelVolume | Open3dVolume:
     if backend in ("", NUMBA):
         return VoxelVolume(camera, R_world_grid, p)
     if backend == OPEN3D:

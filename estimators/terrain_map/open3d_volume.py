@@ -54,7 +54,7 @@ class Open3dVolume:
         self.clear()
 
     def clear(self) -> None:
-        """As `Volume`."""
+        """As `VoxelVolume`."""
         float32 = self._o3d.core.float32
         self._grid = self._o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight"), (float32, float32), ((1,), (1,)), self._p.voxel_size_m, EDGE, CAPACITY
@@ -65,16 +65,16 @@ class Open3dVolume:
 
     @property
     def origin(self) -> NDArray[np.int64]:
-        """As `Volume`."""
+        """As `VoxelVolume`."""
         return np.floor(self._T_grid_camera[:2, 3] / self._p.voxel_size_m).astype(np.int64) - COLUMNS // 2
 
     @property
     def blocks_used(self) -> int:
-        """As `Volume`."""
+        """As `VoxelVolume`."""
         return int(self._grid.hashmap().size())
 
     def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
-        """As `Volume`; free space in view is updated too, so that moving objects vanish."""
+        """As `VoxelVolume`; free space in view is updated too, so that moving objects vanish."""
         p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
         image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
         extrinsic = self._tensor(np.asarray(np.linalg.inv(T_grid_camera), float))
@@ -125,7 +125,7 @@ class Open3dVolume:
         return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
 
     def top_view(self) -> TopView:
-        """As `Volume`: planes of the smoothed depth image, projected down to the columns of the ground."""
+        """As `VoxelVolume`: planes of the smoothed depth image, projected down to the columns of the ground."""
         p, T = self._p, self._T_grid_camera
         depth = self.smoothed()
         points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
@@ -157,11 +157,11 @@ class Open3dVolume:
         return TopView(first, label, plane_sums(view, spread, label, len(planes)), view[..., 2].copy(), spread)
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
-        """As `Volume`: unchanged, because the paper takes stairs from the planes alone."""
+        """As `VoxelVolume`: unchanged, because the paper takes stairs from the planes alone."""
         return edge
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]]:
-        """As `Volume`, by marching cubes."""
+        """(V, 3) m, grid axes, and (F, 3): vertices and triangles of all surfaces, by marching cubes."""
         made = self._grid.extract_triangle_mesh(weight_threshold=1.0)
         return made.vertex.positions.numpy().astype(float), made.triangle.indices.numpy().astype(np.int64)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.matrices import matvec
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -76,7 +77,7 @@ def fit(s: Array) -> Plane:
     return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
 
 
-@njit(error_model="numpy", **INSIDE)
+@cached(_HERE, error_model="numpy")
 def off_plane(s: Array) -> float:
     """Mean squared distance of points from their best-fit plane, m², as in `fit`, without computing the plane.
 
@@ -104,92 +105,52 @@ def off_plane(s: Array) -> float:
     return max(root, 0.0)
 
 
-@cached(_HERE, error_model="numpy")
-def squared_distance(sums: Array) -> float:
-    """`off_plane` for uncompiled code."""
-    return off_plane(sums)
-
-
-@njit(**INSIDE)
-def spread_of(sums: Array, spread: Array) -> None:
-    """(2, 2) m², covariance of points in plan, from their (11,) sums."""
-    n, x, y = sums[0], sums[1] / sums[0], sums[2] / sums[0]
-    xy = sums[5] / n - x * y
-    spread[0, 0] = sums[4] / n - x * x
-    spread[0, 1] = xy
-    spread[1, 0] = xy
-    spread[1, 1] = sums[7] / n - y * y
-
-
-@njit(error_model="numpy", **INSIDE)
-def height_plane(
-    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float, centre: Array, slopes: Array,
-    covariance: Array, spread: Array,
-) -> None:  # fmt: skip
-    """Maximum-likelihood plane through points as a height function, z = z_c + a (x - x_c) + b (y - y_c).
+def height_planes(
+    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
+) -> tuple[Array, Array, Array, Array]:
+    """Maximum-likelihood planes through points as height functions, z = z_c + a (x - x_c) + b (y - y_c).
 
     See docs/terrain_map.md (7), (8).
 
     The prior is a level plane, for points that are too few or too nearly collinear to determine the slope.
 
     Args:
-        sums: (11,) sums over its points, see `SUMS`.
+        sums: (N, 11) sums over the points of each, see `SUMS`.
         common_m: Standard deviation of the height error common to all points.
         common_rad: The same for the slopes, rad.
         alike: Number of points that share an error.
         slope_sd: Prior standard deviation of the slopes, rad.
-        centre: (3,) out.
-        slopes: (2,) out: a and b.
-        covariance: (3, 3) out: of (z_c, a, b).
-        spread: (2, 2) out: `spread_of`.
+
+    Returns:
+        (N, 3) centres, m; (N, 2) slopes a and b; (N, 3, 3) covariances of (z_c, a, b); and (N, 2, 2) m², covariances of
+        the points in plan.
     """
-    n = sums[0]
-    for i in range(3):
-        centre[i] = sums[1 + i] / n
-        covariance[0, i] = 0.0
-        covariance[i, 0] = 0.0
-    spread_of(sums, spread)
-    rise_x, rise_y = sums[6] / n - centre[0] * centre[2], sums[8] / n - centre[1] * centre[2]
-    share = max(sums[10] / n * alike / n, 1e-12)
-    # The slopes' covariance: inverse of spread / share + 1 / slope_sd^2, two by two.
-    xx, yy, xy = (spread[0, 0] / share + slope_sd**-2, spread[1, 1] / share + slope_sd**-2, spread[0, 1] / share)
-    det = xx * yy - xy * xy
-    covariance[1, 1] = yy / det
-    covariance[2, 2] = xx / det
-    covariance[1, 2] = -xy / det
-    covariance[2, 1] = -xy / det
-    slopes[0] = (covariance[1, 1] * rise_x + covariance[1, 2] * rise_y) / share
-    slopes[1] = (covariance[1, 2] * rise_x + covariance[2, 2] * rise_y) / share
-    covariance[0, 0] = share + common_m**2
-    covariance[1, 1] += common_rad**2
-    covariance[2, 2] += common_rad**2
-
-
-@cached(_HERE)
-def height_planes(
-    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
-) -> tuple[Array, Array, Array, Array]:
-    """`height_plane` of (N, 11) sums: (N, 3), (N, 2) and (N, 3, 3); and their (N, 2, 2) `spread_of`."""
-    n = len(sums)
-    centres, slopes, covariances = np.empty((n, 3)), np.empty((n, 2)), np.empty((n, 3, 3))
-    spreads = np.empty((n, 2, 2))
-    for k in range(n):
-        height_plane(sums[k], common_m, common_rad, alike, slope_sd, centres[k], slopes[k], covariances[k], spreads[k])
+    n = sums[:, 0]
+    centres = sums[:, 1:4] / n[:, None]
+    second = (sums[:, [4, 5, 6, 7, 8]] / n[:, None]).T
+    x, y, z = centres.T
+    xx, xy, xz, yy, yz = second - np.array([x * x, x * y, x * z, y * y, y * z])
+    spreads = np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)
+    share = np.maximum(sums[:, 10] / n * alike / n, 1e-12)
+    of_slopes = np.asarray(np.linalg.inv(spreads / share[:, None, None] + slope_sd**-2 * np.eye(2)), float)
+    slopes = matvec(of_slopes, np.column_stack([xz, yz])) / share[:, None]
+    covariances = np.zeros((len(sums), 3, 3))
+    covariances[:, 0, 0] = share + common_m**2
+    covariances[:, 1:, 1:] = of_slopes + common_rad**2 * np.eye(2)
     return centres, slopes, covariances, spreads
 
 
-@cached(_HERE, error_model="numpy")
-def off_height_plane(
+def off_height_planes(
     new: Array, old: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
-) -> float:
-    """Mean squared height difference, m², of points from the `height_plane` of others; both given as (11,) sums."""
-    c, slopes, covariance, spread = np.empty(3), np.empty(2), np.empty((3, 3)), np.empty((2, 2))
-    height_plane(old, common_m, common_rad, alike, slope_sd, c, slopes, covariance, spread)
-    a, b = -slopes[0], -slopes[1]
-    d = -(c[2] + a * c[0] + b * c[1])
+) -> Array:
+    """(N,) mean squared height difference, m², of points from the `height_planes` of others; both as (N, 11) sums."""
+    centres, slopes, _, _ = height_planes(old, common_m, common_rad, alike, slope_sd)
+    a, b = -slopes.T
+    d = -(centres[:, 2] + a * centres[:, 0] + b * centres[:, 1])
+    n, x, y, z, xx, xy, xz, yy, yz, zz, _ = new.T
     # of a x + b y + z + d
-    squares = a * a * new[4] + b * b * new[7] + new[9] + 2.0 * (a * b * new[5] + a * new[6] + b * new[8])
-    return (squares + 2.0 * d * (a * new[1] + b * new[2] + new[3])) / new[0] + d * d
+    squares = a * a * xx + b * b * yy + zz + 2.0 * (a * b * xy + a * xz + b * yz)
+    return np.asarray((squares + 2.0 * d * (a * x + b * y + z)) / n + d * d)
 
 
 @cached(_HERE)

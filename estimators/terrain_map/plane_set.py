@@ -17,9 +17,9 @@ from stridetwin.estimators.terrain_map.plane_fit import (
     SUMS,
     add_point,
     height_planes,
-    off_height_plane,
+    off_height_planes,
+    off_plane,
     rotated,
-    squared_distance,
 )
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 from stridetwin.streams.samples import Array
@@ -314,12 +314,14 @@ class PlaneSet:
         shared = common[new, old]
         union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
         alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE_SHARE * np.maximum(smaller, 1)))
+        alike = alike[np.argsort(-shared[alike], kind="stable")]
+        agrees = self._agree(sums[new[alike]], old[alike])
         parts: dict[int, Array] = {}
-        for n in alike[np.argsort(-shared[alike], kind="stable")]:
-            known, own = int(old[n]), sums[new[n]]
-            together = own + parts.get(known, 0.0)
-            if slots[new[n]] == NONE and self._agrees(own, known) and self._flat(together):
-                slots[new[n]], parts[known] = known, together
+        for d, known in zip(new[alike[agrees]].tolist(), old[alike[agrees]].tolist()):
+            together = sums[d] + parts.get(known, 0.0)
+            # From afar low treads look like a ramp: each lies near that old plane, but they all on no plane.
+            if slots[d] == NONE and off_plane(together) < self._p.plane_noise_m**2:
+                slots[d], parts[known] = known, together
         free = np.flatnonzero(self.ids < 0)
         wanted = np.flatnonzero(slots == NONE)
         if len(wanted) > len(free):
@@ -332,21 +334,13 @@ class PlaneSet:
             self.ids[slot], self._next_id = self._next_id, self._next_id + 1
         return slots
 
-    def _agrees(self, new: Array, slot: int) -> bool:
-        """Whether all of a new plane lies on the old one, from its sums."""
+    def _agree(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """(N,) whether all of a new plane, from its (N, 11) sums, lies on the old one in its slot."""
         p = self._p
-        off = off_height_plane(
-            new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
+        off = off_height_planes(
+            new, self._sums[slots], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
         )
-        return off < (_APART * p.plane_noise_m) ** 2
-
-    def _flat(self, parts: Array) -> bool:
-        """Whether new planes, from the sums of them all, fit one plane.
-
-        From afar low treads look like a ramp. Each of them lies near that old plane, but not near one plane with the
-        others.
-        """
-        return squared_distance(parts) < self._p.plane_noise_m**2
+        return np.asarray(off < (_APART * p.plane_noise_m) ** 2)
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
         """A match is a vote for the plane; no match while in view is a vote against it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,6 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet, borders
 from stridetwin.estimators.terrain_map.risers import Riser, pairs_of, riser
 from stridetwin.estimators.terrain_map.stairs import flights, heading_of, stairs
-from stridetwin.estimators.terrain_map.volume import Volume
 from stridetwin.streams.samples import Array
 
 KERB_M = 0.04
@@ -28,6 +28,10 @@ _HIDDEN_M = 0.30
 """Length of ground that a riser may occlude: the longest shadow of a riser of 0.2 m."""
 _MIN_EDGE_M = 0.3
 """Shortest edge of stairs."""
+
+
+Refined = Callable[[Riser, Plane, Array], Riser]
+"""A riser with its edge measured: from the riser, its upper plane, and (2,) down across all edges of its flight."""
 
 
 class _Known(NamedTuple):
@@ -73,19 +77,19 @@ class Terrains:
         self._risers: dict[tuple[int, int], _Known] = {}
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
-    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, volume: Volume) -> tuple[Terrain, ...]:
+    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, refined: Refined) -> tuple[Terrain, ...]:
         """Levels, ramps and stairs.
 
         Args:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Their columns.
-            volume: Measures the edges.
+            refined: Measures the edges.
         """
         p = self._p
         found: list[Terrain] = []
         treads: set[int] = set()
         rows = [tuple(row) for row in flights(self._find_risers(planes, plane_set), p)]
-        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, volume) for row in rows}
+        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, refined) for row in rows}
         for flight in self._stairs.values():
             found.append(flight)
             treads.update(flight.planes[1:-1])
@@ -100,9 +104,9 @@ class Terrains:
                 found.append(ramp)
         return tuple(found)
 
-    def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], volume: Volume) -> Stairs:
-        down = heading_of(list(row))
-        risers = [volume.refined(r, planes[r.upper], down) for r in row]
+    def _flight(self, row: Sequence[Riser], planes: dict[int, Plane], refined: Refined) -> Stairs:
+        down = heading_of(row)
+        risers = [refined(r, planes[r.upper], down) for r in row]
         return stairs(risers, planes, min(r.upper for r in row), self._p)
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:

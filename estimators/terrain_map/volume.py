@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,41 +32,14 @@ _STALE_S = 1.0
 """Voxels not observed for longer are freed first."""
 
 
-class Volume(Protocol):
-    """A volume in grid axes: the world's, rotated about the vertical.
+class VoxelVolume:
+    """The proposed volume: truncated distances as heights, and a virtual camera that looks straight down on them.
+
+    Grid axes are the world's, rotated about the vertical.
 
     Attributes:
         keeps_unobserved: Whether a column unobserved in a top view keeps its plane.
     """
-
-    keeps_unobserved: bool
-
-    @property
-    def origin(self) -> NDArray[np.int64]:
-        """(2,) lowest column of the window."""
-
-    @property
-    def blocks_used(self) -> int:
-        """Number of voxel blocks in use."""
-
-    def clear(self) -> None:
-        """Removes everything."""
-
-    def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
-        """Takes a depth image, (H, W) m, 0 = none, from a (4, 4) camera pose, m."""
-
-    def top_view(self) -> TopView:
-        """The planes, from the last pose."""
-
-    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
-        """A riser with its edge measured in the volume; `down` (2,) points across all edges of its flight."""
-
-    def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
-        """(V, 3) m, grid axes, and (F, 3): vertices and triangles of all surfaces; None if there is no such mesh."""
-
-
-class VoxelVolume:
-    """The proposed volume: truncated distances as heights, and a virtual camera that looks straight down on them."""
 
     keeps_unobserved = False
 
@@ -78,20 +50,20 @@ class VoxelVolume:
 
     @property
     def origin(self) -> NDArray[np.int64]:
-        """As `Volume`."""
+        """(2,) lowest column of the window."""
         return self._blocks.origin[:2] * EDGE
 
     @property
     def blocks_used(self) -> int:
-        """As `Volume`."""
+        """Number of voxel blocks in use."""
         return int(self._blocks.used.sum())
 
     def clear(self) -> None:
-        """As `Volume`."""
+        """Removes everything."""
         clear(self._blocks)
 
     def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
-        """As `Volume`."""
+        """Takes a depth image, (H, W) m, 0 = none, from a (4, 4) camera pose, m."""
         p, blocks, camera = self._p, self._blocks, self._camera
         self._T_grid_camera, eye = T_grid_camera, T_grid_camera[:3, 3]
         below = eye - np.array([0.0, 0.0, _BELOW_M])
@@ -105,7 +77,7 @@ class VoxelVolume:
         )  # fmt: skip
 
     def top_view(self) -> TopView:
-        """As `Volume`."""
+        """The planes, from the last pose."""
         assert self._T_grid_camera is not None
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
@@ -116,11 +88,11 @@ class VoxelVolume:
         return TopView(first, labels, sums, height, noise)
 
     def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
-        """As `Volume`."""
+        """A riser with its edge measured in the volume; `down` (2,) points across all edges of its flight."""
         return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p.voxel_size_m)
 
     def mesh(self) -> None:
-        """As `Volume`: none."""
+        """None: there is no mesh."""
 
 
 def min_noise_m(p: TerrainMapParameters) -> float:

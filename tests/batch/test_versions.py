@@ -52,7 +52,7 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
         "sim/gait/posture.py",
         "sim/parts/D455.yaml",
         "scenarios/catalogue/zhao_stair_15cm.yaml",
-        "estimators/dvio/solver.py",
+        "estimators/dvio/optimiser.py",
         "estimators/locomotion_mode/rollout.py",
         "outputs/modes/scores.py",
         "outputs/modes/approaches.py",
@@ -82,7 +82,7 @@ def test_pages_tables_and_other_experiments_do_not(copied) -> None:
 
 def test_a_walk_is_as_it_was_whatever_the_estimators_do(copied) -> None:
     before = digest(GENERALITY, estimators=False)
-    copied("estimators/dvio/solver.py")
+    copied("estimators/dvio/optimiser.py")
     assert digest(GENERALITY, estimators=False) == before
     copied("sim/twin.py")
     assert digest(GENERALITY, estimators=False) != before

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.dvio import imu_factors, projection
 from stridetwin.estimators.dvio.projection import OBSERVATION, blank_views
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Preintegration
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME
 from tests.estimators.dvio.scenes import FACTORS, moved, seen_window
 from tests.estimators.from_python import from_python
 
@@ -62,19 +62,17 @@ def test_the_jacobian_of_an_observation_is_its_slope(seed):
 def test_the_jacobian_of_the_motion_is_its_slope(seed):
     rng = np.random.default_rng(seed)
     window = seen_window(rng)
-    z = Preintegration(
-        dt=np.array([0.2]), delta_p=0.1 * rng.normal(size=3), delta_R=np.eye(3), delta_v=rng.normal(size=3),
-        by_bias=0.1 * rng.normal(size=(9, 6)), covariance=np.eye(9), weight=np.eye(9),
-        bias=0.01 * rng.normal(size=6),
-    )  # fmt: skip
+    zs = window.preintegrations
+    zs.dt[0], zs.delta_p[0], zs.delta_v[0] = 0.2, 0.1 * rng.normal(size=3), rng.normal(size=3)
+    zs.by_bias[0], zs.bias[0] = 0.1 * rng.normal(size=(9, 6)), 0.01 * rng.normal(size=6)
     r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
-    motion(window.frames, z, 0, FACTORS.gravity, r, J, False)
+    motion(window, 0, FACTORS, r, J)
 
     def residual(error):
         other = copy.deepcopy(window)
         moved(other, np.concatenate([np.zeros(CALIBRATION), error, np.zeros(FRAME)]))
         out, workspace = np.zeros(9), np.zeros((9, 2 * FRAME))
-        motion(other.frames, z, 0, FACTORS.gravity, out, workspace, False)
+        motion(other, 0, FACTORS, out, workspace)
         return out
 
     for j in range(2 * FRAME):

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import DvioParameters, level, nav_state, plane_cells
+from stridetwin.estimators.dvio.filter import DvioEstimate
 from stridetwin.estimators.dvio.level import LevelGround, Slope
 from stridetwin.estimators.dvio.nav_state import Inertial, blank_nav_state
 from stridetwin.estimators.dvio.sliding_window import Core
@@ -15,6 +16,7 @@ from stridetwin.estimators.dvio.state import blank_preintegration, blank_window
 from stridetwin.estimators.dvio.tracker import Lens
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount
 from stridetwin.streams.samples import Imu
+from stridetwin.streams.trajectory import Pose
 from tests.estimators.dvio.scenes import NOISE
 from tests.estimators.from_python import from_python
 
@@ -70,14 +72,14 @@ def test_a_predicted_state_has_the_covariance_of_its_slopes(seed):
 
 def test_a_pose_and_its_covariance_are_in_world_axes():
     _, nav = measured(np.random.default_rng(3))
-    T, covariance = np.empty((4, 4)), np.empty((6, 6))
-    from_python(nav_state.pose_and_covariance)(nav, T, covariance)
+    camera_pose = Pose(t_ns=0, p_frame_in_world=np.zeros(3), rotation=np.eye(3), frame="head/color")
+    found = DvioEstimate.of(nav, "tracking", camera_pose)
     expected = np.eye(4)
     expected[:3, :3], expected[:3, 3] = nav.R, nav.p
-    np.testing.assert_array_equal(T, expected)
+    np.testing.assert_array_equal(found.pose.T_world_frame, expected)
     turn = np.eye(6)
     turn[3:, 3:] = nav.R
-    np.testing.assert_allclose(covariance, turn @ nav.covariance[:6, :6] @ turn.T, atol=1e-15)
+    np.testing.assert_allclose(found.covariance, turn @ nav.covariance[:6, :6] @ turn.T, atol=1e-15)
 
 
 def test_a_state_is_plausible_if_all_of_it_is_finite_and_within_its_limits():

@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ from stridetwin.estimators.locomotion_mode.rollout import _even_steps, moments, 
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
     CLEARANCE_SD_M,
-    Flight,
     Segment,
     foothold_weights,
     mode_table,
@@ -74,9 +74,9 @@ def test_the_filter_finds_steady_steps_of_both_feet(mean, share, seed):
     for k in range(60):
         side = SIDE["lr"[k % 2]]
         steps.update(side, mean + difference * side + rng.normal(0.0, 0.02))
-    assert abs(steps.mean - mean) < 0.05
-    assert abs(steps.of(SIDE["l"]) - steps.of(SIDE["r"]) - 2 * difference) < 0.08
-    assert 0.0 < steps.sd < 0.15
+    assert abs(steps.mean() - mean) < 0.05
+    assert abs(steps.mean(SIDE["l"]) - steps.mean(SIDE["r"]) - 2 * difference) < 0.08
+    assert 0.0 < steps.sd() < 0.15
 
 
 def test_landings_are_counted_from_the_last_one():
@@ -101,7 +101,7 @@ def test_a_step_into_a_pause_says_little():
     for _ in range(10):
         steady.update(SIDE["l"], 0.6)
     steady.update(SIDE["r"], 0.2)
-    assert steady.mean > 0.5
+    assert steady.mean() > 0.5
 
 
 @settings(max_examples=30, deadline=None)
@@ -230,20 +230,23 @@ def test_what_is_seen_afar_says_nothing_of_the_ground_under_the_feet():
 
 
 def test_hidden_stairs_are_like_those_seen_last():
-    made = segments_along(way((2.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
+    usual = SimpleNamespace(riser=0.15, tread=0.28)
+    made = segments_along(way((2.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, usual)
     assert [m.drop for m in made[1:]] == pytest.approx([-0.15] * 5)
     assert np.diff([m.start for m in made[1:]]) == pytest.approx(0.28)
     assert made[1].drop_sd < 0.01
 
 
 def test_hidden_stairs_that_cannot_be_like_those_are_as_anywhere():
-    made = segments_along(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.25, tread=0.28))
+    usual = SimpleNamespace(riser=0.25, tread=0.28)
+    made = segments_along(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P, usual)
     assert [m.drop for m in made[1:]] == pytest.approx([-0.18] * 4)
     assert made[1].drop_sd > 0.05
 
 
 def test_the_drop_off_behind_a_walker_still_gives_the_place_of_the_hidden_treads():
-    made = segments_along(way((-1.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
+    usual = SimpleNamespace(riser=0.15, tread=0.28)
+    made = segments_along(way((-1.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, usual)
     assert [m.start for m in made] == pytest.approx([-1.0 + 0.28 * k for k in (3, 4)], abs=0.05)
     assert made[1].drop == pytest.approx(-0.15)
 

@@ -11,7 +11,7 @@ from stridetwin.estimators.locomotion_mode.foothold import Line
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between, published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, StepFilter
-from stridetwin.estimators.locomotion_mode.segments import Flight, Segment
+from stridetwin.estimators.locomotion_mode.segments import Segment
 from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp
 from stridetwin.estimators.terrain_map.estimate import Level, Stairs, TerrainEstimate
 
@@ -55,7 +55,7 @@ def test_a_high_drop_hides_steps_of_the_usual_size():
 
 
 def test_hidden_steps_are_like_those_observed_where_their_number_is_whole():
-    usual = Flight(riser=0.15, tread=0.28)
+    usual = SimpleNamespace(riser=0.15, tread=0.28)
     assert segments._hidden_steps(0.45 + 0.029, usual, P) == (0.15, 0.28, 0.05, 0.05)
     assert segments._hidden_steps(0.45 - 0.029, usual, P) == (0.15, 0.28, 0.05, 0.05)
     assert segments._hidden_steps(0.45 + 0.031, usual, P) == (0.18, 0.30, 0.40, 0.15)
@@ -247,7 +247,7 @@ def test_the_last_flight_is_the_longest_that_is_well_known():
 
     def last(*flights):
         estimate = TerrainEstimate(t_ns=0, planes={}, terrains=flights, p_camera_in_world=np.zeros(3))
-        return segments.last_flight(estimate, Flight(riser=9.0, tread=9.0)).riser
+        return segments.last_flight(estimate, SimpleNamespace(riser=9.0)).riser
 
     assert last(stairs(2), stairs(5), stairs(3)) == pytest.approx(0.15)
     assert last(stairs(2), stairs(5, riser_sd=1.01 * segments._KNOWN_RISER_SD_M)) == pytest.approx(0.12)
@@ -298,11 +298,12 @@ def test_the_step_filter_is_a_kalman_filter_that_distrusts_outliers():
             spread *= max(1.0, off**2 / (4.0 * spread))
             gain = P_ @ J / spread
             x, P_ = x + gain * off, P_ - np.outer(gain, J @ P_)
-        assert (steps.of(1), steps.of(-1), steps.mean) == pytest.approx((x[0] + x[1], x[0] - x[1], x[0]), rel=1e-9)
+        found = steps.mean(1), steps.mean(-1), steps.mean()
+        assert found == pytest.approx((x[0] + x[1], x[0] - x[1], x[0]), rel=1e-9)
         for k in (-1.0, 0.0, 1.0):
             J = np.array([1.0, k])
-            assert steps.sd_of(k) == pytest.approx(math.sqrt(J @ P_ @ J), rel=1e-9)
-        assert steps.sd == steps.sd_of(0.0)
+            assert steps.sd(k) == pytest.approx(math.sqrt(J @ P_ @ J), rel=1e-9)
+        assert steps.sd() == steps.sd(0.0)
 
 
 def test_landings_in_order_and_their_uncertainty_grows_with_each_step():
@@ -314,9 +315,9 @@ def test_landings_in_order_and_their_uncertainty_grows_with_each_step():
     times = rhythm.times(rhythm.next_feet(), 3 * ns + 1)
     at = 3 * ns
     for k, ((t_ns, sd), foot) in enumerate(zip(times, "lrlr")):
-        at += 1e9 * rhythm._time.of(1.0 if foot == "l" else -1.0)
+        at += 1e9 * rhythm._time.mean(1.0 if foot == "l" else -1.0)
         assert t_ns == pytest.approx(at, abs=5)
-        assert sd == pytest.approx(math.sqrt((k + 1) * (0.05 * rhythm.step_s) ** 2 + rhythm._time.sd**2))
+        assert sd == pytest.approx(math.sqrt((k + 1) * (0.05 * rhythm.step_s) ** 2 + rhythm._time.sd() ** 2))
     late = 3 * ns + 2_000_000_000  # no landing is expected in the past, nor sooner than 50 ms
     assert rhythm.times(("l",), late)[0][0] == pytest.approx(late + 50_000_000, abs=5)
     share = 0.6 * rhythm.step_s * 1e9

@@ -10,7 +10,6 @@ from stridetwin.estimators.terrain_map import bends, stairs
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.risers import Riser
-from tests.estimators.from_python import from_python
 
 P = TerrainMapParameters()
 HEADING, TURN, START, TREAD = 0.8, 0.03, 2.4, 0.29
@@ -35,6 +34,10 @@ def edge_points(steps=3, scatter=0.006, seed=0):
     return np.vstack(found), counts
 
 
+def by_edge(points, counts):
+    return np.split(points, np.cumsum(counts)[:-1])
+
+
 def least_squares(points, counts, middle, sd):
     """Start, tread and turn by generalised least squares: each edge's points scatter and share one error."""
     s, aside = points @ UP, points @ LEFT - middle
@@ -53,7 +56,7 @@ def least_squares(points, counts, middle, sd):
 def test_even_edges_are_fitted_by_generalised_least_squares():
     points, counts = edge_points()
     middle = 0.2
-    values, covariance = from_python(stairs._even)(points, counts, SD, UP, middle, LEAST)
+    values, covariance = stairs.even_edges(by_edge(points, counts), SD, UP, middle, LEAST)
     expected, expected_covariance = least_squares(points, counts, middle, SD)
     np.testing.assert_allclose(values, expected, rtol=1e-6)
     np.testing.assert_allclose(covariance, expected_covariance, rtol=1e-5, atol=1e-12)
@@ -63,7 +66,7 @@ def test_even_edges_are_fitted_by_generalised_least_squares():
 
 def test_a_single_edge_has_a_place_and_a_direction_and_no_tread():
     points, counts = edge_points(1)
-    values, covariance = from_python(stairs._even)(points, counts, SD[:1], UP, 0.2, LEAST)
+    values, covariance = stairs.even_edges([points], SD[:1], UP, 0.2, LEAST)
     expected, expected_covariance = least_squares(points, counts, 0.2, SD[:1])
     np.testing.assert_allclose(values[[0, 2]], expected, rtol=1e-6)
     np.testing.assert_allclose(covariance[np.ix_([0, 2], [0, 2])], expected_covariance, rtol=1e-5, atol=1e-12)
@@ -73,8 +76,8 @@ def test_a_single_edge_has_a_place_and_a_direction_and_no_tread():
 def test_base_and_riser_are_a_weighted_line_through_the_heights():
     heights, sd = np.array([0.11, 0.27, 0.40, 0.58]), np.array([0.004, 0.01, 0.003, 0.02])
     A = np.column_stack([np.ones(4), np.arange(4)]) / sd[:, None]
-    base, riser, covariance = from_python(stairs._stair_line)(heights, sd)
-    np.testing.assert_allclose([base, riser], np.linalg.lstsq(A, heights / sd, rcond=None)[0], rtol=1e-9)
+    steps, covariance = stairs.stair_line(heights, sd)
+    np.testing.assert_allclose(steps, np.linalg.lstsq(A, heights / sd, rcond=None)[0], rtol=1e-9)
     np.testing.assert_allclose(covariance, np.linalg.inv(A.T @ A), rtol=1e-9)
 
 
@@ -91,8 +94,7 @@ def riser(points, k, found=True):
 
 def flight(steps=3):
     points, counts = edge_points(steps, scatter=0.002)
-    parts = np.split(points, np.cumsum(counts)[:-1])
-    row = [riser(part, k) for k, part in enumerate(parts)]
+    row = [riser(part, k) for k, part in enumerate(by_edge(points, counts))]
     planes = {k: plane(k, START + (k - 0.5) * TREAD, 0.3 + 0.15 * k) for k in range(steps + 1)}
     return row, planes, points
 

@@ -73,7 +73,7 @@ def test_ground_that_left_the_view_stays_and_memory_is_bounded():
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
         terrain_map.update(pose(i * PERIOD_NS, eye, R))
         terrain_map.update(depth(i * PERIOD_NS, image([Box(x=(-5, 40), y=(-5, 5))], eye, R, None)))
-        held.append(terrain_map.blocks_used)
+        held.append(terrain_map._volume.blocks_used)
     assert terrain_map.ground(np.array([x, 0.0])) is not None  # under the feet
     assert max(held[-10:]) < 1.3 * max(held[15:25])
 
@@ -119,5 +119,5 @@ def test_jumps_clear_the_volume():
     terrain_map, _ = approach(FLOOR, start=2.0, end=1.6, frames=3, terrain_map=published_map())
     assert isinstance(terrain_map._volume, Open3dVolume)
     terrain_map.update(pose(10**12, np.array([50.0, 0.0, EYE_M]), attitude(0.0)))
-    assert terrain_map.blocks_used == 0
+    assert terrain_map._volume.blocks_used == 0
     assert terrain_map.estimate is None

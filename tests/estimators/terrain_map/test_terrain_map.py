@@ -206,7 +206,7 @@ def test_a_long_way_keeps_to_its_memory():
         eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
         terrain_map.update(pose(i * 400_000_000, eye, R))
         estimate = terrain_map.update(depth(i * 400_000_000, image([ground, *steps], eye, R, None)))
-        held.append(terrain_map.blocks_used)
+        held.append(terrain_map._volume.blocks_used)
         assert len(estimate.planes) < 40
     assert max(held) < CAPACITY
     assert max(held[-20:]) < 1.3 * max(held[10:30])
