@@ -75,7 +75,9 @@ Aid = tuple[int, BoardObservation | RelativePosition | Range]  # with the foot t
 def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Sequence[int]) -> tuple[Events, list[Aid]]:
     """All samples in time order, each aid right after the IMU sample by which both feet have reached its time.
 
-    `newest_ns` are the times that the feet had reached before. Returns also the aids whose time is still to come.
+    An echo waits until both feet are past its time: whichever of an echo and the IMUs' samples of the same time comes
+    first, it counts from the same sample on. `newest_ns` are the times that the feet had reached before. Returns also
+    the aids whose time is still to come.
     """
     feet = [f for f in range(2) if FEET[f] in imus]
     blocks = [imus[FEET[f]] for f in feet]
@@ -86,12 +88,13 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     place[sequence] = np.arange(len(t_ns))
 
     aid_t = np.array([a.t_ns for _, a in aids], np.int64)
+    due = aid_t + np.array([isinstance(a, Range) for _, a in aids], np.int64)
     ready = np.full(len(aids), -1)
     for f in range(2):
         own = place[foot == f]
-        at = np.searchsorted(t_ns[foot == f], aid_t)
+        at = np.searchsorted(t_ns[foot == f], due)
         reached = np.append(own, len(t_ns))[at]
-        ready = np.maximum(ready, np.where(aid_t <= newest_ns[f], -1, reached))
+        ready = np.maximum(ready, np.where(due <= newest_ns[f], -1, reached))
     coming = ready == len(t_ns)
     used = [a for a, later in zip(aids, coming) if not later]
     aid_t, ready = aid_t[~coming], ready[~coming]

@@ -63,8 +63,8 @@ class FootToFoot:
     """Inertial navigation of two shoes, coupled by camera or sonar measurements of each other.
 
     Causal, of constant memory and cost, deterministic. Each foot is filtered as by `FootIns`, within one covariance of
-    both; one foot alone, or two without mutual measurements, give the same numbers as `FootIns`. A board observation or
-    echo is used once both IMUs have reached its time, at most one sample later.
+    both; one foot alone, or two without mutual measurements, give the same numbers as `FootIns`. A board observation
+    is used once both IMUs have reached its time, and an echo once both are past it: at most one sample later.
 
     Args:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.

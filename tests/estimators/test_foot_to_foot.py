@@ -199,6 +199,22 @@ def test_sample_by_sample_and_block_give_identical_numbers(short, method: str) -
     np.testing.assert_array_equal(right.covariance[:3, :3], path.covariance[-1, :3, :3])
 
 
+@pytest.mark.parametrize("method", ["proposed", "zupt_relative_distance"])
+@pytest.mark.parametrize("echoes_last", [False, True])  # at equal times; without it topics are in alphabetical order
+def test_every_pose_is_the_same_sample_by_sample_and_in_a_block(short, method: str, echoes_last: bool) -> None:
+    simulation, imus, aids = short
+    echoes = [a for a in aids if isinstance(a, Range)]
+    samples = [*imus["l"], *imus["r"], *echoes]
+    samples.sort(key=lambda s: (s.t_ns, echoes_last and isinstance(s, Range), s.topic))
+    assert {s.t_ns for s in echoes} & set(imus["r"].t_ns.tolist())
+    whole = estimator_for(simulation, method).run(imus, echoes)
+    for foot, path in follow(estimator_for(simulation, method), samples).items():
+        expected = whole[foot].trajectory
+        np.testing.assert_array_equal(path.trajectory.t_ns, expected.t_ns)
+        np.testing.assert_array_equal(path.trajectory.p_frame_in_world, expected.p_frame_in_world)
+        np.testing.assert_array_equal(path.trajectory.q_world_frame, expected.q_world_frame)
+
+
 def test_blocks_in_pieces_give_the_same_path(short) -> None:
     simulation, imus, aids = short
     whole = estimator_for(simulation).run(imus, aids)
