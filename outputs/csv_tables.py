@@ -1,4 +1,4 @@
-"""Tables of text as CSV files and as single rows."""
+"""Tables of text as CSV files, as single rows, and as what `live` writes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from stridetwin.estimators.base import Estimator
+from stridetwin.outputs.base import LiveOutput
 from stridetwin.streams.files import whole_file
 
 
@@ -23,3 +25,28 @@ def csv_row(cells: Sequence[str]) -> str:
     line = io.StringIO()
     csv.writer(line, lineterminator="").writerow(cells)
     return line.getvalue()
+
+
+class LiveTable(LiveOutput):
+    """Rows in `live`, some of which become a table at the end.
+
+    Args:
+        columns: Titles of the columns.
+        file: File to write; None only gives rows.
+    """
+
+    def __init__(self, columns: Sequence[str], file: Path | None) -> None:
+        self._columns, self._file = columns, file
+        self._kept: dict[int, Sequence[str]] = {}
+
+    def keep(self, number: int, cells: Sequence[str]) -> None:
+        """Keeps a row for the table, in the place of an earlier one of the same number."""
+        if self._file is not None:
+            self._kept[number] = cells
+
+    def finish(self, estimator: Estimator) -> dict[Path, int]:
+        """Writes the table, in the order of the numbers."""
+        if self._file is None:
+            return {}
+        write_table(self._columns, [self._kept[number] for number in sorted(self._kept)], self._file)
+        return {self._file: len(self._kept)}
