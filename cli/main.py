@@ -13,9 +13,9 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from stridetwin.cli import COMMANDS, Command, Options, Outcome
+from stridetwin.cli.commands import COMMANDS, Command
 from stridetwin.cli.console import Console, show
-from stridetwin.cli.options import Progress, check_outputs
+from stridetwin.cli.options import Options, check_outputs
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.files import asked_name
 
@@ -31,14 +31,6 @@ class Call:
 
     command: str
     options: Options
-
-    def run(self, progress: Progress) -> Outcome:
-        """Runs the command.
-
-        Raises:
-            StrideTwinError: The command failed.
-        """
-        return COMMANDS[self.command].run(self.options, progress)
 
 
 def parse(argv: Sequence[str] | None = None) -> Call:
@@ -68,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(call: Call, console: Console) -> int:
     try:
         check_outputs(call.command, call.options)
-        outcome = call.run(console)
+        outcome = COMMANDS[call.command].run(call.options, console)
     except StrideTwinError as error:
         return _failed(console, str(error))
     except OSError as error:

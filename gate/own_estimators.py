@@ -85,20 +85,8 @@ class PythonClass(OwnEstimator):
         Raises:
             StrideTwinError: There is no such class, or it has no `update`.
         """
-        module, colon, attribute = self.place.partition(":")
-        if not (module and colon and attribute):
-            raise StrideTwinError(f"--estimator {self.name}: invalid {self.place!r}: expected module:Class")
-        here = str(Path.cwd())
-        if here not in sys.path:
-            sys.path.append(here)  # installed modules take precedence over the working folder
-        with _code_of_others(f"--estimator {self.name}: {self.place}: cannot be imported"):
-            found: Any = importlib.import_module(module)
-            for part in attribute.split("."):
-                found = getattr(found, part)
-            fits, frame = isinstance(found, type), getattr(found, "frame", None)
-            fits = fits and callable(getattr(found, "update", None))
-        if not fits:
-            raise StrideTwinError(f"--estimator {self.name}: {self.place} is not a class with an update(sample) method")
+        found = load_class(self.place, f"--estimator {self.name}")
+        frame = getattr(found, "frame", None)
         if not (frame is None or isinstance(frame, str)):
             raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
         return found
@@ -178,6 +166,32 @@ class Program(OwnEstimator):
             except StrideTwinError as error:
                 raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
         return PathEstimate(name=self.name, frame=self.frame, path=path)
+
+
+def load_class(place: str, option: str) -> type[Any]:
+    """A class with a method `update`, installed or in the working folder.
+
+    Args:
+        place: `module:Class`.
+        option: What asks for it, for errors.
+
+    Raises:
+        StrideTwinError: There is no such class, it has no `update`, or its import raised an exception.
+    """
+    module, colon, attribute = place.partition(":")
+    if not (module and colon and attribute):
+        raise StrideTwinError(f"{option}: invalid {place!r}: expected module:Class")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # installed modules take precedence over the working folder
+    with _code_of_others(f"{option}: {place}: cannot be imported"):
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+        fits = isinstance(found, type) and callable(getattr(found, "update", None))
+    if not fits:
+        raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
+    return found
 
 
 def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
