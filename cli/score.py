@@ -76,18 +76,21 @@ def _check_options(arguments: ScoreOptions) -> None:
     for name in ("least", "false_alarms", "tolerance", "junit", "markdown"):
         if getattr(arguments, name) is not None and arguments.baseline is None:
             raise StrideTwinError(f"--{name.replace('_', '-')} is about changes: expected --baseline as well")
-    if arguments.history and not arguments.label:
-        raise StrideTwinError("--history needs the --label of this version, such as a commit")
-    if arguments.label is not None and not arguments.history:
-        raise StrideTwinError("--label names a version in a history: expected --history as well")
+    own = arguments.estimate or arguments.estimator or arguments.program
+    none_of_own = "expected no --estimate, --estimator, --program"
+    for is_wrong, message in (
+        (arguments.history and not arguments.label, "--history needs the --label of this version, such as a commit"),
+        (
+            arguments.label is not None and not arguments.history,
+            "--label names a version in a history: expected --history as well",
+        ),
+        (arguments.resume and own, f"--resume is only valid for built-in estimators: {none_of_own}"),
+        (arguments.only and own, f"--only selects built-in estimators: {none_of_own}"),
+    ):
+        if is_wrong:
+            raise StrideTwinError(message)
     if arguments.label is not None and not is_text(arguments.label):
         raise ConfigError("command line", "--label", arguments.label, "text in UTF-8")
-    if arguments.resume and (arguments.estimate or arguments.estimator or arguments.program):
-        raise StrideTwinError(
-            "--resume is only valid for built-in estimators: expected no --estimate, --estimator, --program"
-        )
-    if arguments.only and (arguments.estimate or arguments.estimator or arguments.program):
-        raise StrideTwinError("--only selects built-in estimators: expected no --estimate, --estimator, --program")
 
 
 def _rules(arguments: ScoreOptions) -> Rules:

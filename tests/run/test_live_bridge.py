@@ -257,9 +257,8 @@ def test_what_an_estimator_can_take():
     assert "colour" in image("/foot_l/camera", 24, 32, 3)[0]
     assert image("/head/color", 32, 24, 3)[1] == "24 × 32, not 32 × 24"
     assert fit.find_problem(Depth(topic="/head/depth", t_ns=1, depth=np.zeros((24, 32), np.float32))) is None
-    assert image("/head/depth", 24, 32)[1] == "Image, not Depth"
-    assert fit.other_kind == {"/head/depth": 1}
-    assert fit.other_size == {"/foot_l/camera": 1, "/head/color": 1}
+    assert image("/head/depth", 24, 32)[1:] == ("Image, not Depth", "other_kind")
+    assert image("/foot_l/camera", 24, 32, 3)[2] == image("/head/color", 32, 24, 3)[2] == "other_size"
 
 
 def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, monkeypatch):
