@@ -11,10 +11,10 @@ from markupsafe import Markup
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import Scores
-from stridetwin.outputs.modes.scores import SCORES, ModeScores, first_steps, predictions_by_step
-from stridetwin.outputs.route_figures import outline
+from stridetwin.outputs.modes.scores import SCORES, ModeScores
+from stridetwin.outputs.modes.true_steps import first_steps, predictions_by_step
+from stridetwin.outputs.route_figures import StraightenedRoute, outline
 from stridetwin.outputs.score_rows import score_rows
-from stridetwin.outputs.straightened_route import StraightenedRoute
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.pages.html import boxes, section, table
 from stridetwin.pages.plot import ERROR, INK, MUTED, Plot, faint

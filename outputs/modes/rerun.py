@@ -99,9 +99,9 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
 
 
 def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
-    """(5, 3) m, the sole of a coming step in the true world."""
+    """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is that of the odometry's floor."""
     half = 0.5 * (estimate.heading + alignment.yaw)
-    place = _known_height(step, alignment)
+    place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
     footprint = Footprint(
         topic="", t_ns=step.t_ns, foot=step.foot, p_foot_in_world=place, terrain="", mode=step.mode,
         q_world_foot=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
@@ -114,11 +114,6 @@ def _flat_ellipse(sole: Array, covariance: Array) -> Array:
     middle = sole[:4].mean(axis=0)
     xy = ellipse(middle, covariance)
     return np.column_stack([xy, np.full(len(xy), middle[2])])
-
-
-def _known_height(step: StepPrediction, alignment: YawAlignment) -> Array:
-    """(3,) m in the true world; unknown ground has the floor's height in the estimator's world."""
-    return alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
 
 
 def _closed(corners: Array) -> Array:

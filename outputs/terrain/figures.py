@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import Scores
-from stridetwin.outputs.route_figures import draw_profile
+from stridetwin.outputs.route_figures import HALF_WIDTH_M, StraightenedRoute, draw_profile
 from stridetwin.outputs.score_rows import score_table
-from stridetwin.outputs.straightened_route import HALF_WIDTH_M, StraightenedRoute
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.outputs.terrain.mapped_route import CELL_M, MappedRoute
 from stridetwin.outputs.terrain.run import SampledMap

@@ -18,10 +18,10 @@ from stridetwin.outputs.modes.scores import (
     ModeScores,
     ScoredMode,
     mode_figures,
-    predictions_by_step,
     reliability,
     score_modes,
 )
+from stridetwin.outputs.modes.true_steps import predictions_by_step
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.outputs.truth import flights
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
