@@ -255,17 +255,18 @@ def _place(error: BaseException) -> str:
 
     The user's code is the innermost that belongs neither to this project nor to an installed package.
     """
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
-    own = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME) and not _is_installed(f.filename)]
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(("<", _STANDARD_LIBRARY))
+        and "site-packages" not in frame.filename
+        and not Path(frame.filename).resolve().is_relative_to(_HOME)
+    ]
     if not own:
         return ""
     file, here = Path(own[-1].filename), Path.cwd()
     shown = file.relative_to(here) if file.is_relative_to(here) else file
     return f" ({shown}:{own[-1].lineno}, in {own[-1].name})"
-
-
-def _is_installed(filename: str) -> bool:
-    return "site-packages" in filename or filename.startswith(_STANDARD_LIBRARY)
 
 
 def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,21 +21,6 @@ from stridetwin.streams.recording.reader import Recording
 Frame = tuple[float, NDArray[np.uint8]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """Output of a run.
-
-    Attributes:
-        folder: Folder of the files.
-        files: Their names.
-        scores: Estimator to scores.
-    """
-
-    folder: Path
-    files: tuple[str, ...]
-    scores: dict[str, Scores]
-
-
 def run_scenario(
     scenario: Scenario,
     seed: int,
@@ -47,7 +31,7 @@ def run_scenario(
     film: bool = True,
     backend: str = "",
     only: Collection[str] = (),
-) -> Run:
+) -> tuple[tuple[str, ...], dict[str, Scores]]:
     """Simulates a walk, runs the estimators and scores them.
 
     Args:
@@ -62,6 +46,9 @@ def run_scenario(
         backend: Of the terrain map, see `Options.backend`.
         only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
             and nothing else is estimated. Empty runs all.
+
+    Returns:
+        Names of the files, and the scores of every output by its name.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -106,15 +93,15 @@ def run_scenario(
             progress("rerun", 0.0)
             write_rerun(out / "run.rrd", recording, of_kinds)
         files = tuple(sorted(p.name for p in out.iterdir()))
-    return Run(folder=folder, files=files, scores=scores)
+    return files, scores
 
 
 def scores_document(
     scenario: Scenario,
     seed: int,
     scores: dict[str, Scores],
-    fell_at: float | None = None,
-    faults: Sequence[InjectedFault] = (),
+    fell_at: float | None,
+    faults: Sequence[InjectedFault],
 ) -> dict[str, object]:
     """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes."""
     walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
@@ -122,10 +109,7 @@ def scores_document(
         walk["fell_at_s"] = fell_at
     if faults:
         walk["faults"] = [vars(f) for f in faults]
-    return {
-        "recordings": [walk],
-        "estimators": scores,
-    }
+    return {"recordings": [walk], "estimators": scores}
 
 
 def _reporting(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,9 @@ COLUMNS = ("t_s", "phase", "phase_sd", "rate_hz", "walking", "swing")
 
 def write_phases(series: PhaseSeries, file: Path) -> int:
     """Writes a table of `COLUMNS`, one row per sample; returns the number of rows."""
-    write_table(COLUMNS, _rows(series), file)
-    return len(series.t_ns)
-
-
-def _rows(series: PhaseSeries) -> Iterator[list[str]]:
     columns = (series.t_ns, series.phase, series.phase_sd, series.rate, series.walking, series.swing)
-    for values in zip(*(column.tolist() for column in columns)):
-        yield _cells(*values)
+    write_table(COLUMNS, starmap(_cells, zip(*(column.tolist() for column in columns))), file)
+    return len(series.t_ns)
 
 
 def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool, swing: bool) -> list[str]:

@@ -99,7 +99,7 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
 
 
 def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
-    """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is that of the odometry's floor."""
+    """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is the odometry's floor."""
     half = 0.5 * (estimate.heading + alignment.yaw)
     place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
     footprint = Footprint(
