@@ -38,7 +38,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
         more="; estimates, film and report take two to three times as long",
     )
     folder = arguments.output or Path("runs") / scenario.config.name
-    files, scores = run_scenario(
+    run = run_scenario(
         scenario,
         arguments.seed,
         folder,
@@ -48,9 +48,9 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
         backend=arguments.backend or "",
         only=arguments.only,
     )
-    data = {"folder": str(folder), "files": list(files), "estimators": scores}
-    report = (folder / "report.html").absolute().as_uri()
-    return Outcome(data=data, lines=[*score_tables(scores), "", f"report  {report}", f"files   {folder}/"])
+    data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
+    report = (run.folder / "report.html").absolute().as_uri()
+    return Outcome(data=data, lines=[*score_tables(run.scores), "", f"report  {report}", f"files   {folder}/"])
 
 
 def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,21 @@ from stridetwin.streams.recording.reader import Recording
 Frame = tuple[float, NDArray[np.uint8]]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Output of a run.
+
+    Attributes:
+        folder: Folder of the files.
+        files: Their names.
+        scores: Estimator to scores.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    scores: dict[str, Scores]
+
+
 def run_scenario(
     scenario: Scenario,
     seed: int,
@@ -31,7 +47,7 @@ def run_scenario(
     film: bool = True,
     backend: str = "",
     only: Collection[str] = (),
-) -> tuple[tuple[str, ...], dict[str, Scores]]:
+) -> Run:
     """Simulates a walk, runs the estimators and scores them.
 
     Args:
@@ -46,9 +62,6 @@ def run_scenario(
         backend: Of the terrain map, see `Options.backend`.
         only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
             and nothing else is estimated. Empty runs all.
-
-    Returns:
-        Names of the files, and the scores of every output by its name.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -93,7 +106,7 @@ def run_scenario(
             progress("rerun", 0.0)
             write_rerun(out / "run.rrd", recording, of_kinds)
         files = tuple(sorted(p.name for p in out.iterdir()))
-    return files, scores
+    return Run(folder=folder, files=files, scores=scores)
 
 
 def scores_document(
