@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from stridetwin.estimators.base import Estimator
-from stridetwin.outputs.base import LiveOutput
+from stridetwin.outputs.base import LiveOutput, Written
 from stridetwin.streams.files import whole_file
 
 
@@ -18,6 +18,12 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Pat
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
+
+
+def written_table(columns: Sequence[str], rows: Sequence[Sequence[str]], file: Path, words: str) -> Written:
+    """Writes a CSV file as the file of an output; `words` is what a message calls its rows."""
+    write_table(columns, rows, file)
+    return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} {words}"])
 
 
 def csv_row(cells: Sequence[str]) -> str:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from itertools import starmap
-from pathlib import Path
 from typing import Any
 
 from stridetwin.estimators.gait_phase import PhaseEstimate
-from stridetwin.outputs.csv_tables import LiveTable, csv_row, write_table
+from stridetwin.outputs.csv_tables import LiveTable, csv_row
 from stridetwin.outputs.gait_phase.scores import PhaseSeries
 
 COLUMNS = ("t_s", "phase", "phase_sd", "rate_hz", "walking", "swing")
 """Time, phase of the cycle (0-1) and its standard deviation, cycles per second, and 0 or 1 for the two states."""
 
 
-def write_phases(series: PhaseSeries, file: Path) -> int:
-    """Writes a table of `COLUMNS`, one row per sample; returns the number of rows."""
+def phase_rows(series: PhaseSeries) -> list[list[str]]:
+    """One row of `COLUMNS` per sample."""
     columns = (series.t_ns, series.phase, series.phase_sd, series.rate, series.walking, series.swing)
-    write_table(COLUMNS, starmap(_cells, zip(*(column.tolist() for column in columns))), file)
-    return len(series.t_ns)
+    return list(starmap(_cells, zip(*(column.tolist() for column in columns))))
 
 
 def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool, swing: bool) -> list[str]:

@@ -20,8 +20,9 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
+from stridetwin.outputs.csv_tables import written_table
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.gait_phase.files import COLUMNS, LivePhases, write_phases
+from stridetwin.outputs.gait_phase.files import COLUMNS, LivePhases, phase_rows
 from stridetwin.outputs.gait_phase.scores import (
     SCORES,
     EvaluatedPhases,
@@ -68,8 +69,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
 
     def write(self, output: Output[PhaseSeries], file: Path, options: FileOptions) -> Written:
         """Writes a table, one row per sample."""
-        rows = write_phases(output.estimates, file)
-        return Written(files=[file], rows=rows, lines=[f"{file}: {rows} phases"])
+        return written_table(COLUMNS, phase_rows(output.estimates), file, "phases")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """One row per sample."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.outputs.csv_tables import LiveTable, csv_row, write_table
+from stridetwin.outputs.csv_tables import LiveTable, csv_row
 
 MODE_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
@@ -67,11 +67,6 @@ def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
     """The last prediction of each completed step."""
     steps = CompletedSteps()
     return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
-
-
-def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
-    """Writes a table with one row per step, columns `MODE_COLUMNS`; unknown values are empty."""
-    write_table(MODE_COLUMNS, map(mode_cells, rows), path)
 
 
 def mode_cells(row: PredictedStep) -> list[str]:

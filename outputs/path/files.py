@@ -6,9 +6,9 @@ otherwise, a file holds the poses that the estimator trusts and that no long dea
 
 from __future__ import annotations
 
-import csv
 import os
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import TRACKING, Declaration, Estimator, PathEstimate
 from stridetwin.outputs.base import LiveOutput, part_file
+from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.path.run import pose_of
-from stridetwin.streams.files import partial_path, whole_file
+from stridetwin.streams.files import partial_path
 from stridetwin.streams.formats.tum import seconds, write_tum
 from stridetwin.streams.trajectory import Trajectory
 
@@ -59,7 +60,7 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
     which = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
     path = estimate.path[which]
     if file.suffix == TABLE:
-        _write_table(path, None if estimate.status is None else estimate.status[which], file)
+        write_table(COLUMNS, _rows(path, None if estimate.status is None else estimate.status[which]), file)
     else:
         write_tum(path, file)
     return len(path), f"{file}: {len(path)} poses{_left_out(estimate.path, keep, dead_reckoning)}"
@@ -78,17 +79,14 @@ def _left_out(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
     return f"{ended}; {int((~keep).sum())} poses without tracking {what}"
 
 
-def _write_table(path: Trajectory, status: NDArray[np.str_] | None, file: Path) -> None:
-    """Writes `COLUMNS`; an unknown status or covariance is empty."""
+def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[str]]:
+    """Rows of `COLUMNS`; an unknown status or covariance is empty."""
     poses = np.column_stack((path.p_frame_in_world, path.q_world_frame[:, [1, 2, 3, 0]])).tolist()
     words = [""] * len(path) if status is None else status.tolist()
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
-    with whole_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
-            known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
-            writer.writerow([seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known])
+    for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
+        known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
+        yield [seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known]
 
 
 class LivePaths(LiveOutput):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.outputs.csv_tables import LiveTable, csv_row, write_table
+from stridetwin.outputs.csv_tables import LiveTable, csv_row
 
 STEP_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", "slope_rad", "slope_sd_rad", "elevation_m", "elevation_sd_m", "x_m",
@@ -22,11 +20,6 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
         f"{e.t_ns * 1e-9:.3f}", str(e.step), e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
         f"{e.slope_sd:.5f}", f"{e.elevation:.5f}", f"{e.elevation_sd:.5f}", *(f"{x:.5f}" for x in e.p_sole_in_world),
     )  # fmt: skip
-
-
-def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
-    """Writes a table with one row per step, columns `STEP_COLUMNS`; unknown values are empty."""
-    write_table(STEP_COLUMNS, map(step_cells, estimates), path)
 
 
 class LiveSteps(LiveTable):

@@ -20,8 +20,9 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
+from stridetwin.outputs.csv_tables import written_table
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.steps.files import STEP_COLUMNS, LiveSteps, write_steps
+from stridetwin.outputs.steps.files import STEP_COLUMNS, LiveSteps, step_cells
 from stridetwin.outputs.steps.scores import SCORES, ScoredStep, false_steps, score_steps, step_scores
 from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
 from stridetwin.streams.errors import RecordingError
@@ -87,9 +88,7 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
 
     def write(self, output: Output[list[StepEstimate]], file: Path, options: FileOptions) -> Written:
         """Writes a table, one row per step."""
-        write_steps(output.estimates, file)
-        rows = len(output.estimates)
-        return Written(files=[file], rows=rows, lines=[f"{file}: {rows} steps"])
+        return written_table(STEP_COLUMNS, [step_cells(step) for step in output.estimates], file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """One row per estimate."""
