@@ -70,13 +70,10 @@ class Chain:
 
     def update(self, sample: Sample) -> Iterator[Row]:
         """Processes a sample that `takes` allows; gives a row each time an estimator has finished with it."""
-        if self._driven is None:
-            yield self._name, self._output.add(self._estimator.update(sample))
-            return
-        if self._driven.feeds_odometry(sample):
+        if self._driven is not None and self._driven.feeds_odometry(sample):
             yield self._driven.odometry, None if self._driven.update_odometry(sample) is None else ""
-        if self._driven.feeds_estimator(sample):
-            yield self._name, self._output.add(self._driven.update(sample))
+        if self._driven is None or self._driven.feeds_estimator(sample):
+            yield self._name, self._output.add(self._estimator.update(sample))
 
     def finish(self) -> dict[Path, int]:
         """Writes the files; returns rows by file."""
