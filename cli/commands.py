@@ -5,10 +5,8 @@ The functions are imported when they run, so that help appears at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Annotated, Literal
 
 import typer
@@ -19,8 +17,6 @@ from stridetwin.cli.options import (
     ImportableOptions,
     OnlyOption,
     Options,
-    Outcome,
-    Progress,
     SchedulerOption,
     SourceOptions,
     WalkOptions,
@@ -382,15 +378,6 @@ class Command:
 
     options: type[Options]
     function: str
-
-    def run(self, arguments: Options, progress: Progress) -> Outcome:
-        """Runs the command.
-
-        Raises:
-            StrideTwinError: The command failed.
-        """
-        run: Callable[[Options, Progress], Outcome] = resolve_name(f"stridetwin.cli.{self.function}")
-        return run(arguments, progress)
 
 
 COMMANDS = {

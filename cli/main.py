@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
 from importlib.metadata import version
 from inspect import Parameter, Signature, get_annotations
+from pkgutil import resolve_name
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from stridetwin.cli.commands import COMMANDS, Command
 from stridetwin.cli.console import Console, show
-from stridetwin.cli.options import Options, check_outputs
+from stridetwin.cli.options import Options, Outcome, Progress, check_outputs
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.files import asked_name
 
@@ -31,6 +32,15 @@ class Call:
 
     command: str
     options: Options
+
+    def run(self, progress: Progress) -> Outcome:
+        """Runs the command.
+
+        Raises:
+            StrideTwinError: The command failed.
+        """
+        run: Callable[[Options, Progress], Outcome] = resolve_name(f"stridetwin.cli.{COMMANDS[self.command].function}")
+        return run(self.options, progress)
 
 
 def parse(argv: Sequence[str] | None = None) -> Call:
@@ -60,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(call: Call, console: Console) -> int:
     try:
         check_outputs(call.command, call.options)
-        outcome = COMMANDS[call.command].run(call.options, console)
+        outcome = call.run(console)
     except StrideTwinError as error:
         return _failed(console, str(error))
     except OSError as error:
