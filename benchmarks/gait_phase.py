@@ -27,12 +27,12 @@ from benchmarks.command import answer, command, show_summary
 from benchmarks.real_walks import MarkerWalk, data_folder, imu_block, load_loop, load_markers, load_stairs, load_vicon
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.gait_phase import GaitPhase, GaitPhaseParameters, PhaseEstimate
-from stridetwin.outputs.gait_phase.run import as_series
 from stridetwin.outputs.gait_phase.scores import (
     LONGEST_STRIDE_S,
     LONGEST_STRIDE_SHARE,
     PhaseSeries,
     Stride,
+    as_series,
     detected_touch_downs,
     match_touch_downs,
     phase_errors,

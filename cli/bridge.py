@@ -8,20 +8,17 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from itertools import chain
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
-from stridetwin.cli.options import BackendOption, ImportableOptions, Options, Outcome, Progress, one_of, positive, share
+from stridetwin.cli.commands import LiveOptions, SendOptions
+from stridetwin.cli.options import Outcome, Progress
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
 from stridetwin.streams.errors import RecordingError, StrideTwinError
-
-if TYPE_CHECKING:
-    from stridetwin.streams.live.messages import Message
+from stridetwin.streams.live.messages import Message, stored_messages
+from stridetwin.streams.live.sender import Sender
+from stridetwin.streams.live.wire import parse_address
+from stridetwin.streams.rig import Rig
 
 TRUTH = "/truth/"
 FIGURES = {
@@ -36,81 +33,8 @@ _SWITCH_S = 0.0005
 """Thread switch interval, a tenth of Python's default: how long receiving threads wait for a computing one."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SendOptions(ImportableOptions):
-    """Play a recording to `live` in real time, as hardware would."""
-
-    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of `live` (default 127.0.0.1:7365).")] = ""
-    speed: Annotated[
-        float,
-        typer.Option(parser=share, metavar="N", help="Times real time; 0: as fast as the receiver takes it."),
-    ] = 1.0
-    topic: Annotated[list[str], typer.Option(metavar="TOPIC", help="A stream to send (default all but the truth).")] = (
-        field(default_factory=list)
-    )
-    patience: Annotated[
-        float, typer.Option(parser=positive, metavar="S", help="How long to wait for the receiver, s.")
-    ] = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveOptions(Options):
-    """Run one estimator on samples as hardware sends them, record them, or both."""
-
-    estimator: Annotated[
-        str | None,
-        typer.Argument(metavar="ESTIMATOR", help="As in `estimate`.", **one_of(registry.names())),
-    ] = None
-    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address to listen at (default 127.0.0.1:7365).")] = (
-        ""
-    )
-    rig: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Calibration (Kalibr YAML) in place of what the senders provide."),
-    ] = None
-    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
-    foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None
-    method: Annotated[str | None, typer.Option(metavar="NAME", help="As in `estimate`.")] = None
-    backend: BackendOption = None
-    exoskeleton: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the sender provides none."),
-    ] = None
-    budget: Annotated[
-        float | None,
-        typer.Option(parser=positive, metavar="MS", help="Exit 1 if 1 % of a stream's samples take longer."),
-    ] = None
-    window: Annotated[
-        float | None,
-        typer.Option(
-            parser=share,
-            metavar="MS",
-            help="How long samples wait for older ones of other streams (default 10; maps 60).",
-        ),
-    ] = None
-    skip_images: Annotated[
-        float | None,
-        typer.Option(
-            parser=positive,
-            metavar="MS",
-            help="Skip images that have waited longer, so that a slow estimator keeps up (default: none).",
-        ),
-    ] = None
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="As in `estimate`; without it each estimate is a row on stdout."
-        ),
-    ] = None
-
-
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """`send`."""
-    from stridetwin.streams.live.messages import stored_messages
-    from stridetwin.streams.live.sender import Sender
-    from stridetwin.streams.live.wire import parse_address
-    from stridetwin.streams.rig import Rig
-
     address = parse_address(arguments.to, "--to")
     recording = imported(arguments)
     topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH)]
@@ -156,10 +80,8 @@ def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
 def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     """`live`."""
     from stridetwin.cli.estimate import goes_with, options_of
-    from stridetwin.estimators import registry
     from stridetwin.run.live import LiveRequest, run_live
     from stridetwin.run.live_chain import Request
-    from stridetwin.streams.live.wire import parse_address
 
     name = arguments.estimator
     if name is None and arguments.record is None:

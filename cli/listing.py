@@ -1,34 +1,30 @@
-"""`list`: lists the available choices."""
+"""`list` and `schema`: the available choices, and the JSON Schemas of configuration files, for editors."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+import json
+from dataclasses import asdict
+from pkgutil import resolve_name
+from typing import Any
 
+from rich.table import Table
+
+from stridetwin.cli.commands import SCHEMAS, ListOptions, SchemaOptions
 from stridetwin.cli.console import table
-from stridetwin.cli.options import Options, Outcome, Progress
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-
-@dataclass(frozen=True, kw_only=True)
-class ListOptions(Options):
-    """List scenarios, sensors, parts, kinds of output, estimators and experiments."""
+from stridetwin.cli.options import Outcome, Progress
+from stridetwin.estimators.registry import descriptions, output_descriptions
+from stridetwin.scenarios.built_in import campaigns, catalogue, experiments, problems
+from stridetwin.sim.config import PHYSICS, TwinConfig
+from stridetwin.sim.faults.catalogue import FAULTS
+from stridetwin.sim.parts.library import kind_of, library, part
+from stridetwin.sim.parts.sensor_config import KIND
+from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.streams.json_schema import schema_file
+from stridetwin.streams.yaml_file import read_yaml
 
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
-    from stridetwin.estimators.registry import descriptions, output_descriptions
-    from stridetwin.scenarios.built_in import campaigns, catalogue, problems
-    from stridetwin.sim.config import PHYSICS, TwinConfig
-    from stridetwin.sim.faults.catalogue import FAULTS
-    from stridetwin.sim.parts.library import kind_of, library, part
-    from stridetwin.sim.parts.sensor_config import KIND
-    from stridetwin.sim.wearer.anthropometry import PEOPLE
-    from stridetwin.streams.yaml_file import read_yaml
-    from stridetwin.studies.experiment import descriptions as experiments
-
     parts = {name: part(name) for name in library()}
     data: dict[str, Any] = {
         "scenarios": {name: read_yaml(path)["description"] for name, path in catalogue().items()},
@@ -37,7 +33,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "sensors": list(KIND),
         "outputs": output_descriptions(),
         "estimators": descriptions(),
-        "experiments": experiments(),
+        "experiments": {name: read_yaml(path)["study"] for name, path in experiments().items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(FAULTS),
         "physics": list(PHYSICS),
@@ -57,3 +53,9 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     lines += [table(part_rows, text_columns=3), ""]
     lines += ["Faults", ", ".join(sorted(FAULTS)), "", table(people, title="People", text_columns=2)]
     return Outcome(data=data, lines=lines)
+
+
+def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:
+    """`schema`."""
+    found = schema_file(resolve_name(SCHEMAS[arguments.kind]))
+    return Outcome(data=found, lines=json.dumps(found, indent=1, ensure_ascii=False).splitlines())

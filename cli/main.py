@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
 from importlib.metadata import version
 from inspect import Parameter, Signature, get_annotations
+from pkgutil import resolve_name
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from stridetwin.cli import COMMANDS, Command, Options, Outcome
+from stridetwin.cli.commands import COMMANDS, Command
 from stridetwin.cli.console import Console, show
-from stridetwin.cli.options import Progress, check_outputs
+from stridetwin.cli.options import Options, Outcome, Progress, check_outputs
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.files import asked_name
 
@@ -38,7 +39,8 @@ class Call:
         Raises:
             StrideTwinError: The command failed.
         """
-        return COMMANDS[self.command].run(self.options, progress)
+        run: Callable[[Options, Progress], Outcome] = resolve_name(f"stridetwin.cli.{COMMANDS[self.command].function}")
+        return run(self.options, progress)
 
 
 def parse(argv: Sequence[str] | None = None) -> Call:

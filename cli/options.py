@@ -23,7 +23,9 @@ from stridetwin.streams.formats.file_formats import FILE_FORMATS
 if TYPE_CHECKING:
     from rich.table import Table
 
-_MOST = 1_000_000
+_MOST_DIGITS = 1000
+LARGEST_PX = 1024
+"""Edge of a scene's textures, pixels."""
 _OUTPUTS = {
     "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",
 }  # fmt: skip
@@ -108,19 +110,22 @@ share = _number(lambda value: 0 <= value <= 1000, "0-1000")
 probability = _number(lambda value: 0.01 <= value <= 50, "0.01-50")
 
 
-def whole(text: str) -> int:
-    """An integer of at least 0, such as a seed."""
-    if not str(text).isdecimal():
-        raise typer.BadParameter(f"{text!r}: expected a whole number from 0 on")
-    return int(text)
+def _whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    expected = f"a whole number from {least} {'on' if most is None else f'to {most}'}"
+
+    def parser(text: str) -> int:
+        digits = str(text)
+        fits = digits.isdecimal() and len(digits) <= _MOST_DIGITS and int(digits) >= least
+        if not fits or (most is not None and int(digits) > most):
+            raise typer.BadParameter(f"{digits!r}: expected {expected}")
+        return int(digits)
+
+    return parser
 
 
-def count(text: str) -> int:
-    """A count: an integer of at least 1."""
-    digits = str(text)
-    if not digits.isdecimal() or len(digits) > len(str(_MOST)) or not 1 <= int(digits) <= _MOST:
-        raise typer.BadParameter(f"{text!r}: expected a whole number from 1 to {_MOST}")
-    return int(digits)
+whole = _whole_number(0)
+count = _whole_number(1, 1_000_000)
+pixels = _whole_number(16, LARGEST_PX)
 
 
 def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] | None = None) -> Any:

@@ -2,38 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from stridetwin.cli.options import Options, Outcome, Progress, option, output_option
+from stridetwin.cli.commands import SceneOptions
+from stridetwin.cli.options import Outcome, Progress
 from stridetwin.cli.walk import load_with_notes
+from stridetwin.scenarios.record import make_twin
 from stridetwin.streams.errors import needing
 
-_SMALLEST_PX, _LARGEST_PX = 16, 1024
 _NEED = "scenes need the simulator"
-
-
-def _pixels(text: str) -> int:
-    digits = str(text)
-    if not digits.isdecimal() or not _SMALLEST_PX <= int(digits) <= _LARGEST_PX:
-        raise typer.BadParameter(f"{text!r}: expected a whole number from {_SMALLEST_PX} to {_LARGEST_PX}")
-    return int(digits)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneOptions(Options):
-    """Write the scene of a walk as MJCF, which MuJoCo opens without StrideTwin."""
-
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
-    ]
-    texture_px: Annotated[int, option("Edge of the textures, pixels: fewer make a smaller folder.", "PX", _pixels)] = (
-        _LARGEST_PX
-    )
-    output: Annotated[Path, output_option("Folder to write; scenes of one wearer may share it.", "DIR")]
 
 
 def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
@@ -59,8 +34,6 @@ def play_walk(source: str, seed: int, progress: Progress) -> Outcome:
         seed: Seed of the walk.
         progress: Receives the stage and its progress (0-1).
     """
-    from stridetwin.scenarios.record import make_twin
-
     with needing(_NEED, "twin"):
         from stridetwin.sim.scene.playback_window import check_display, play
     scenario = load_with_notes(source)

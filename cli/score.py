@@ -1,116 +1,31 @@
-"""`score`: compares estimators with the truth and with a baseline; `history`: shows scores over time."""
+"""`score`: compares estimators with the truth and with a baseline."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from rich.table import Table
 
+from stridetwin.batch.executors import BatchOptions
+from stridetwin.cli.commands import SCORED_FRAME, ScoreOptions
 from stridetwin.cli.console import table
-from stridetwin.cli.options import (
-    OnlyOption,
-    Options,
-    Outcome,
-    Progress,
-    SchedulerOption,
-    check_executor,
-    count,
-    option,
-    output_option,
-    positive,
-    probability,
-    share,
-    switch,
-)
+from stridetwin.cli.options import Outcome, Progress, check_executor
+from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scores
+from stridetwin.gate.formatting import HEAD, Failure, cells, changed, failed_lines, failures, junit, markdown, verdict
+from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, TumFile
+from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
+from stridetwin.gate.walk_scores import jobs_of, score_walks
+from stridetwin.outputs.base import AnyKind, Scores
+from stridetwin.outputs.registry import kind_with_scores, kinds
+from stridetwin.report.history import append_history, history_line
+from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from stridetwin.gate.compare import Comparison, Rules
-    from stridetwin.gate.formatting import Failure
-    from stridetwin.gate.own_estimators import OwnEstimator
-    from stridetwin.outputs.base import AnyKind, Scores
-
-_FRAME = "foot_l/imu"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScoreOptions(Options):
-    """Score estimates against the truth of recordings, and against a baseline."""
-
-    recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
-    ]
-    lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
-    only: OnlyOption = field(default_factory=list)
-    workers: Annotated[int | None, option("Recordings at a time (default 1).", "N", count)] = None
-    scheduler: SchedulerOption = None
-    resume: Annotated[
-        Path | None,
-        option("Keep what is scored in this folder, and reuse what an earlier run with equal options has kept.", "DIR"),
-    ] = None
-    estimate: Annotated[list[str], option("Score an existing TUM file.", "NAME=FILE")] = field(default_factory=list)
-    estimator: Annotated[list[str], option("Score a Python class with update(sample).", "NAME=MODULE:CLASS")] = field(
-        default_factory=list
-    )
-    program: Annotated[
-        list[str],
-        option(
-            "Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
-            "NAME=COMMAND",
-        ),
-    ] = field(default_factory=list)
-    timeout: Annotated[float, option("Time limit of a program, s.", "S", positive)] = 600.0
-    frame: Annotated[
-        str | None, option(f"Frame that these three estimate, unless a class declares its own (default {_FRAME}).")
-    ] = None
-    align: Annotated[Literal["start", "yaw", "se3"], option("Alignment of paths with the truth.")] = "start"
-    baseline: Annotated[Path | None, option("An earlier `score --json`; exit 1 if a score is worse.", "FILE")] = None
-    least: Annotated[
-        float | None,
-        option("--baseline: ignore smaller changes, % of an error, points of a share (default 1).", "PCT", share),
-    ] = None
-    false_alarms: Annotated[
-        float | None,
-        option(
-            "--baseline: percentage of comparisons in which a score may seem worse by chance (default 1).",
-            "PCT",
-            probability,
-        ),
-    ] = None
-    tolerance: Annotated[
-        float | None, option("--baseline: how much worse means of few walks may be, % (default 10).", "PCT", share)
-    ] = None
-    junit: Annotated[Path | None, option("Write the comparison as JUnit XML.", "FILE")] = None
-    markdown: Annotated[Path | None, option("Write the comparison for a pull request.", "FILE")] = None
-    history: Annotated[Path | None, option("Append a line with means and verdict (.jsonl).", "FILE")] = None
-    label: Annotated[str | None, option("--history: name of this version.", "TEXT")] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class HistoryOptions(Options):
-    """Draw how scores changed from version to version."""
-
-    history: Annotated[Path, typer.Argument(metavar="FILE", help="File that `score --history` has written (.jsonl).")]
-    title: Annotated[str, option("Title of the page.")] = "History"
-    output: Annotated[Path, output_option("Page to write (.html).")]
+from stridetwin.streams.files import whole_file
 
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
-    from stridetwin.batch.executors import BatchOptions
-    from stridetwin.gate.compare import check_level, compare_scores
-    from stridetwin.gate.formatting import failures, junit, markdown
-    from stridetwin.gate.score_table import document_of, mean_scores, read_table, table_of
-    from stridetwin.gate.walk_scores import jobs_of, score_walks
-    from stridetwin.report.history import append_history, history_line
-    from stridetwin.scenarios.score_needs import estimators_of
-    from stridetwin.streams.files import whole_file
-
     check_executor(arguments.workers, arguments.scheduler)
     _check_options(arguments)
     baseline = read_table(arguments.baseline) if arguments.baseline else None
@@ -149,8 +64,6 @@ def printed(
     means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
 ) -> list[str | Table]:
     """What `score` prints: means over some walks, failures, and the changes from the baseline."""
-    from stridetwin.gate.formatting import failed_lines
-
     lines = score_tables(means)
     if walks > 1:
         lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
@@ -160,51 +73,36 @@ def printed(
 
 def _check_options(arguments: ScoreOptions) -> None:
     """Refuses options that would have no effect, and a label that no file can hold."""
-    from stridetwin.gate.score_table import is_text
-
     for name in ("least", "false_alarms", "tolerance", "junit", "markdown"):
         if getattr(arguments, name) is not None and arguments.baseline is None:
             raise StrideTwinError(f"--{name.replace('_', '-')} is about changes: expected --baseline as well")
-    if arguments.history and not arguments.label:
-        raise StrideTwinError("--history needs the --label of this version, such as a commit")
-    if arguments.label is not None and not arguments.history:
-        raise StrideTwinError("--label names a version in a history: expected --history as well")
+    own = arguments.estimate or arguments.estimator or arguments.program
+    none_of_own = "expected no --estimate, --estimator, --program"
+    for is_wrong, message in (
+        (arguments.history and not arguments.label, "--history needs the --label of this version, such as a commit"),
+        (
+            arguments.label is not None and not arguments.history,
+            "--label names a version in a history: expected --history as well",
+        ),
+        (arguments.resume and own, f"--resume is only valid for built-in estimators: {none_of_own}"),
+        (arguments.only and own, f"--only selects built-in estimators: {none_of_own}"),
+    ):
+        if is_wrong:
+            raise StrideTwinError(message)
     if arguments.label is not None and not is_text(arguments.label):
         raise ConfigError("command line", "--label", arguments.label, "text in UTF-8")
-    if arguments.resume and (arguments.estimate or arguments.estimator or arguments.program):
-        raise StrideTwinError(
-            "--resume is only valid for built-in estimators: expected no --estimate, --estimator, --program"
-        )
-    if arguments.only and (arguments.estimate or arguments.estimator or arguments.program):
-        raise StrideTwinError("--only selects built-in estimators: expected no --estimate, --estimator, --program")
 
 
 def _rules(arguments: ScoreOptions) -> Rules:
     """The rules of the comparison, with the defaults where an option is not given."""
-    from stridetwin.gate.compare import Rules
-
     given = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
     shares = {name: value / 100.0 for name, value in given.items() if value is not None}
     return Rules(**shares) if arguments.least is None else Rules(**shares, least=arguments.least)
 
 
-def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
-    """`history`."""
-    from stridetwin.report.history import history_page, read_history
-    from stridetwin.streams.files import whole_file
-
-    lines = read_history(arguments.history)
-    with whole_file(arguments.output) as file:
-        file.write_text(history_page(lines, arguments.title), encoding="utf-8")
-    data = {"file": str(arguments.output), "versions": len(lines), "last": lines[-1]["verdict"]}
-    return Outcome(data=data, lines=[f"{arguments.output}: {len(lines)} versions, the last: {lines[-1]['verdict']}"])
-
-
 def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     """Estimators that replace the built-in ones; an invalid one is reported before anything is scored."""
-    from stridetwin.gate.own_estimators import Program, PythonClass, TumFile
-
-    frame = arguments.frame or _FRAME
+    frame = arguments.frame or SCORED_FRAME
     own: list[OwnEstimator] = []
     for text in arguments.estimate:
         name, file = _named(text, "--estimate", "FILE")
@@ -231,8 +129,6 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
 
 def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
     """The main scores, one row per output, one table per kind of output."""
-    from stridetwin.outputs.registry import kind_with_scores, kinds
-
     of_kinds: dict[AnyKind, dict[str, Scores]] = {kind: {} for kind in kinds().values()}
     for name, values in scores.items():
         of_kinds[kind_with_scores(values)][name] = values
@@ -248,8 +144,6 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
 
 def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:
     """The scores that differ from the baseline, regressions first."""
-    from stridetwin.gate.formatting import HEAD, cells, changed, verdict
-
     rows = [cells(line) for line in changed(comparison)]
     head = f"against the baseline: {comparison.words}"
     return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict(comparison, failed)]

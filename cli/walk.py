@@ -5,74 +5,32 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from stridetwin.cli.options import (
-    BackendOption,
-    OnlyOption,
-    Outcome,
-    Progress,
-    WalkOptions,
-    check_executor,
-    count,
-    option,
-    output_option,
-    switch,
-    whole,
-)
+from stridetwin.cli.commands import GenerateOptions, RunOptions
+from stridetwin.cli.options import Outcome, Progress, check_executor
 from stridetwin.cli.score import score_tables
+from stridetwin.scenarios import record
+from stridetwin.scenarios.campaign import manifest
+from stridetwin.scenarios.campaign.campaign_file import Campaign, campaigns, find_campaign, read_campaign
+from stridetwin.scenarios.campaign.extremes import base_scenarios, valid_scenarios
+from stridetwin.scenarios.campaign.generate import Options, generate
+from stridetwin.scenarios.campaign.plan import Extra, Walk
+from stridetwin.scenarios.campaign.walk import ACCEPTED, FAILED
+from stridetwin.scenarios.cost import Cost, cost_of, scaled
+from stridetwin.scenarios.scenario_file import CAMERAS, Scenario, catalogue, load_scenario
+from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
+from stridetwin.sim.parts.sensor_config import KIND
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-
-if TYPE_CHECKING:
-    from stridetwin.scenarios.campaign.campaign_file import Campaign
-    from stridetwin.scenarios.campaign.generate import Options
-    from stridetwin.scenarios.campaign.plan import Walk
-    from stridetwin.scenarios.cost import Cost
-    from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.streams.validation import suggest
 
 _PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunOptions(WalkOptions):
-    """Walk, estimate and score in one go."""
-
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
-    ]
-    seed: Annotated[int, option("Determines every byte.", "N", whole)] = 0
-    backend: BackendOption = None
-    only: OnlyOption = field(default_factory=list)
-    no_film: Annotated[bool, switch("--no-film", "Leave the film out of the report.")] = False
-    output: Annotated[Path | None, output_option("Folder for the files (default runs/SCENARIO).", "DIR")] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class GenerateOptions(WalkOptions):
-    """Record a walk, or the data set of a campaign, without estimates."""
-
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO|CAMPAIGN", help="Name in the catalogue (see `list`), or a .yaml file.")
-    ]
-    seed: Annotated[int | None, option("Determines every byte (default 0, or the campaign's).", "N", whole)] = None
-    only: OnlyOption = field(default_factory=list)
-    workers: Annotated[int | None, option("Campaign: walks at a time (default 1).", "N", count)] = None
-    scheduler: Annotated[str | None, option("Campaign: walk on the workers of this Dask scheduler.", "ADDRESS")] = None
-    subset: Annotated[int | None, option("Campaign: only the first K walks.", "K", count)] = None
-    output: Annotated[
-        Path,
-        output_option("Recording to write (.mcap); for a campaign: output folder, existing walks are kept.", "PATH"),
-    ]
 
 
 def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     """`run`."""
     from stridetwin.report.runner import run_scenario
-    from stridetwin.scenarios.cost import cost_of
 
     scenario = _scenario(arguments)
     _announce(
@@ -97,10 +55,6 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
 
 def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate`; the contents of a file decide whether it is a scenario or a campaign."""
-    from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign
-    from stridetwin.scenarios.scenario_file import catalogue
-    from stridetwin.streams.validation import suggest
-
     name, names = arguments.scenario, [*catalogue(), *campaigns()]
     if name not in names and not Path(name).suffix and Path(name).parent == Path("."):
         valid = f"{suggest(name, names)}, or the path of a .yaml file"
@@ -116,12 +70,6 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a campaign."""
-    from stridetwin.scenarios.campaign import manifest
-    from stridetwin.scenarios.campaign.campaign_file import read_campaign
-    from stridetwin.scenarios.campaign.generate import Options, generate
-    from stridetwin.scenarios.campaign.plan import Extra
-    from stridetwin.scenarios.campaign.walk import ACCEPTED, FAILED
-
     if arguments.output.suffix == ".mcap" or arguments.output.is_file():
         raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
     check_executor(arguments.workers, arguments.scheduler)
@@ -163,9 +111,6 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
 
 def _announce_campaign(campaign: Campaign, options: Options, missing: Sequence[Walk]) -> None:
     """Says what the missing walks of a campaign take, if it is long, by a few of them with the values drawn."""
-    from stridetwin.scenarios.campaign.extremes import valid_scenarios
-    from stridetwin.scenarios.cost import cost_of, scaled
-
     few = missing[:: max(1, len(missing) // _PRICED_WALKS)]
     configs = [scenario.config for scenario in valid_scenarios(campaign, few)]
     if configs:
@@ -180,14 +125,8 @@ def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
     """Groups of sensors that the walks of a campaign do without."""
-    from stridetwin.scenarios.scenario_file import CAMERAS
-    from stridetwin.sim.parts.sensor_config import KIND
-
     off = set(CAMERAS if arguments.no_cameras else ())
     if arguments.only:
-        from stridetwin.scenarios.campaign.extremes import base_scenarios
-        from stridetwin.scenarios.score_needs import estimators_of, sensors_of
-
         asked = estimators_of(arguments.only, "--only")
         off |= set(KIND) - {group for base in base_scenarios(campaign) for group in sensors_of(asked, base.config)}
     return tuple(group for group in KIND if group in off)
@@ -195,23 +134,18 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
-    from stridetwin.scenarios.cost import cost_of
-    from stridetwin.scenarios.record import make_twin, record
-
     scenario = _asked(_scenario(arguments), arguments)
     _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0
-    twin = make_twin(scenario, seed)
+    twin = record.make_twin(scenario, seed)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    record(twin, arguments.output, progress)
+    record.record(twin, arguments.output, progress)
     data = {"recording": str(arguments.output), "duration_s": twin.duration_s, "seed": seed}
     return Outcome(data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"])
 
 
 def load_with_notes(name: str) -> Scenario:
     """A scenario by its name in the catalogue or its file; its notes go to stderr."""
-    from stridetwin.scenarios.scenario_file import load_scenario
-
     scenario = load_scenario(name)
     for note in scenario.notes:
         print(f"stridetwin: note: {note}", file=sys.stderr)
@@ -219,19 +153,17 @@ def load_with_notes(name: str) -> Scenario:
 
 
 def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
-    from stridetwin.scenarios.record import without_cameras
 
     scenario = load_with_notes(arguments.scenario)
     if arguments.physics is not None:
         scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
-    return without_cameras(scenario) if arguments.no_cameras else scenario
+    return record.without_cameras(scenario) if arguments.no_cameras else scenario
 
 
 def _asked(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scenario:
     """The scenario with the sensors alone that the estimators of `--only` read."""
     if not arguments.only:
         return scenario
-    from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
 
     return with_sensors_for(scenario, estimators_of(arguments.only, "--only"))
 

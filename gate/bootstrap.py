@@ -85,12 +85,22 @@ def _test(sides: Sequence[Array], draws: int) -> Tested:
     rng = np.random.default_rng(_SEED)
     means, variances, counts = zip(*map(_moments, sides))
     drawn_means, drawn_variances = zip(*(_resampled(side, draws, rng) for side in sides))
-    return _tested(
-        _difference(means),
-        np.sqrt(np.sum(variances, axis=0)),
-        _difference(drawn_means),
-        np.sqrt(np.sum(drawn_variances, axis=0)),
-        np.min(counts, axis=0),
+    mean, drawn_mean = _difference(means), _difference(drawn_means)
+    error, drawn_error = (np.sqrt(np.sum(v, axis=0)) for v in (variances, drawn_variances))
+    tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # equal values have no spread
+    error = np.maximum(error, tiny)
+    t, drawn = mean / error, drawn_mean / np.maximum(drawn_error, tiny)
+    tail = (1.0 - _COVERAGE) / 2.0
+    bounded = drawn_mean / np.maximum(drawn_error, np.maximum(_LEAST_SPREAD * error, tiny))
+    below, above = np.quantile(bounded, [tail, 1.0 - tail], axis=0)
+    limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
+    return Tested(
+        count=np.min(counts, axis=0),
+        mean=mean,
+        low=mean - above * error,
+        high=mean - below * error,
+        p_above=(1.0 + (drawn >= t - limit).sum(axis=0)) / (1.0 + draws),
+        p_below=(1.0 + (drawn <= t + limit).sum(axis=0)) / (1.0 + draws),
     )
 
 
@@ -134,21 +144,3 @@ def _resampled(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, A
         mean[part] = total / count
         variance[part] = np.maximum(squares / count - mean[part] ** 2, 0.0) / np.maximum(count - 1.0, 1.0)
     return mean, variance
-
-
-def _tested(mean: Array, error: Array, drawn_mean: Array, drawn_error: Array, count: Array) -> Tested:
-    tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # equal values have no spread
-    error = np.maximum(error, tiny)
-    t, drawn = mean / error, drawn_mean / np.maximum(drawn_error, tiny)
-    tail = (1.0 - _COVERAGE) / 2.0
-    bounded = drawn_mean / np.maximum(drawn_error, np.maximum(_LEAST_SPREAD * error, tiny))
-    below, above = np.quantile(bounded, [tail, 1.0 - tail], axis=0)
-    limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
-    return Tested(
-        count=count,
-        mean=mean,
-        low=mean - above * error,
-        high=mean - below * error,
-        p_above=(1.0 + (drawn >= t - limit).sum(axis=0)) / (1.0 + len(drawn)),
-        p_below=(1.0 + (drawn <= t + limit).sum(axis=0)) / (1.0 + len(drawn)),
-    )

@@ -146,18 +146,16 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     lines = _lost(now, baseline, shared, method)
     gone = {line.estimator for line in lines if line.now == 0}
     columns = _columns(before, after, gone)
-    if method == TOLERANCE:
-        lines += _tolerated(now.means, {n: s for n, s in baseline.means.items() if n not in gone}, rules)
-    else:
-        enough = [c for c in columns if c.count(method) >= LEAST_WALKS]
+    enough = [c for c in columns if method != TOLERANCE and c.count(method) >= LEAST_WALKS]
+    if method != TOLERANCE:
         lines += _tested_by_walks([*enough, *_composites(columns)], method, rules)
-        tested = {(name, c.metric) for c in enough for name in c.members}
-        means = {
-            name: {m: v for m, v in scores.items() if (name, m) not in tested}
-            for name, scores in baseline.means.items()
-            if name not in gone
-        }
-        lines += _tolerated(now.means, means, rules)
+    tested = {(name, c.metric) for c in enough for name in c.members}
+    means = {
+        name: {m: v for m, v in scores.items() if (name, m) not in tested}
+        for name, scores in baseline.means.items()
+        if name not in gone
+    }
+    lines += _tolerated(now.means, means, rules)
     lines += [
         Line(estimator=name, metric=WALKS, method=method, walks=len(now.walks), verdict=NEW)
         for name in now.means
@@ -185,11 +183,16 @@ class _Column:
     before: Array
     now: Array
 
-    def count(self, method: str) -> int:
-        """Number of walks that have it."""
+    def known(self, method: str) -> tuple[Array, Array]:
+        """The losses before and now, of the walks that have them; PAIRED: of those that have both."""
+        had, has = np.isfinite(self.before), np.isfinite(self.now)
         if method == PAIRED:
-            return int(np.isfinite(self.before + self.now).sum())
-        return int(min(np.isfinite(self.before).sum(), np.isfinite(self.now).sum()))
+            had = has = had & has
+        return self.before[had], self.now[has]
+
+    def count(self, method: str) -> int:
+        """Number of walks that have it; of two groups the smaller one."""
+        return min(map(len, self.known(method)))
 
 
 Walks = Sequence[Mapping[str, Scores]]
@@ -199,10 +202,8 @@ def _columns(before: Walks, now: Walks, gone: Iterable[str]) -> list[_Column]:
     names = sorted({name for walk in before for name in walk} - set(gone))
     found = []
     for estimator, members in _estimators(names).items():
-        metrics = sorted({m for walk in before for name in members for m in walk.get(name, {})})
-        for metric in metrics:
-            scale = scale_of(metric)
-            if scale is not None:
+        for metric in sorted({m for walk in before for name in members for m in walk.get(name, {})}):
+            if (scale := scale_of(metric)) is not None:
                 b, n = (
                     np.mean([_losses(walks, name, metric, scale) for name in members], axis=0)
                     for walks in (before, now)
@@ -240,19 +241,16 @@ def _composites(columns: Sequence[_Column]) -> list[_Column]:
         errors = [c for c in columns if c.estimator == name and c.scale.kind == ERROR]
         if not errors:
             continue
-        before, now = (np.array(side) for side in zip(*((c.before, c.now) for c in errors)))
-        rows = [np.isfinite(side).any(axis=0) for side in (before, now)]
-        if min(row.sum() for row in rows) < LEAST_WALKS:
+        before, now = np.array([c.before for c in errors]), np.array([c.now for c in errors])
+        had, has = (side[:, np.isfinite(side).any(axis=0)] for side in (before, now))
+        if min(had.shape[1], has.shape[1]) < LEAST_WALKS:
             continue
-        whole = np.isfinite(before[:, rows[0]]).all(axis=1) & np.isfinite(now[:, rows[1]]).all(axis=1)
-        spread = np.std(before[:, rows[0]], axis=1)
-        whole &= spread > _NO_SPREAD
-        if whole.sum() < 2:
-            continue
-        weights = 1.0 / spread[whole]
-        b, n = (weights @ side[whole] / weights.sum() for side in (before, now))
-        members, scale = errors[0].members, Scale(kind=ERROR)
-        found.append(_Column(estimator=name, members=members, metric=OVERALL, scale=scale, before=b, now=n))
+        spread = np.std(had, axis=1)
+        whole = np.isfinite(had).all(axis=1) & np.isfinite(has).all(axis=1) & (spread > _NO_SPREAD)
+        if whole.sum() >= 2:
+            weights = 1.0 / spread[whole]
+            b, n = (weights @ side[whole] / weights.sum() for side in (before, now))
+            found.append(replace(errors[0], metric=OVERALL, scale=Scale(kind=ERROR), before=b, now=n))
     return found
 
 
@@ -260,15 +258,13 @@ def _tested_by_walks(columns: Sequence[_Column], method: str, rules: Rules) -> l
     """Lines of the scores that enough walks have."""
     lines = []
     for c in columns:
-        there = np.isfinite(c.before + c.now) if method == PAIRED else None
-        b, n = (side[there] if there is not None else side[np.isfinite(side)] for side in (c.before, c.now))
-        values = c.scale.value(float(b.mean())), c.scale.value(float(n.mean()))
+        b, n = (c.scale.value(float(side.mean())) for side in c.known(method))
         if c.metric == OVERALL:  # of several units
-            values = 1.0, values[1] / values[0]
+            b, n = 1.0, n / b
         lines.append(
             Line(
-                estimator=c.estimator, metric=c.metric, method=method, walks=c.count(method), baseline=values[0],
-                now=values[1], change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points, mean=c.scale.mean,
+                estimator=c.estimator, metric=c.metric, method=method, walks=c.count(method), baseline=b, now=n,
+                change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points, mean=c.scale.mean,
                 absolute=c.scale.signed,
             )
         )  # fmt: skip
@@ -337,17 +333,15 @@ def _tolerated(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules:
             scale, current = scale_of(metric), now.get(name, {}).get(metric)
             if scale is None or (scale.by_walks_only and current is not None):
                 continue
-            higher = scale.higher_is_better
-            allowance = abs(value) * rules.tolerance + scale.slack
-            limit = value - allowance if higher else value + allowance
             line = Line(
-                estimator=name, metric=metric, method=TOLERANCE, walks=0, baseline=value, limit=limit,
+                estimator=name, metric=metric, method=TOLERANCE, walks=0, baseline=value, verdict=MISSING,
                 in_points=scale.in_points, mean=ARITHMETIC,
             )  # fmt: skip
-            if current is None:
-                lines.append(replace(line, verdict=MISSING, limit=None))
-                continue
-            change = current - value if scale.in_points else 100.0 * (current / value - 1.0) if value else None
-            worse = current < limit if higher else current > limit
-            lines.append(replace(line, now=current, change=change, verdict=WORSE if worse else SAME))
+            if current is not None:
+                allowance = abs(value) * rules.tolerance + scale.slack
+                limit = value - allowance if scale.higher_is_better else value + allowance
+                worse = current < limit if scale.higher_is_better else current > limit
+                change = current - value if scale.in_points else 100.0 * (current / value - 1.0) if value else None
+                line = replace(line, limit=limit, now=current, change=change, verdict=WORSE if worse else SAME)
+            lines.append(line)
     return lines

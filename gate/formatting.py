@@ -128,15 +128,10 @@ def junit(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
         suite = ElementTree.SubElement(top, "testsuite", name=_xml(name))
         _count(suite, own, len(fell))
         for failure in fell:
-            case = ElementTree.SubElement(
-                suite, "testcase", classname=_xml(f"stridetwin.{name}"), name=_xml(failure.walk), time="0"
-            )
+            case = _case(suite, name, failure.walk)
             ElementTree.SubElement(case, "error", type="failed", message=_xml(failure.why))
         for line in own:
-            case = ElementTree.SubElement(
-                suite, "testcase", classname=_xml(f"stridetwin.{name}"), name=_xml(line.metric)
-            )
-            case.set("time", "0")
+            case = _case(suite, name, line.metric)
             words = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], cells(line)[2:-1]) if cell != "-")
             if line.regressed:
                 worse = ElementTree.SubElement(case, "failure", type=line.verdict, message=_xml(sentence(line)))
@@ -149,12 +144,15 @@ def junit(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
     return ElementTree.tostring(top, encoding="unicode", xml_declaration=True) + "\n"
 
 
+def _case(suite: Any, estimator: str, name: str) -> Any:
+    classname = _xml(f"stridetwin.{estimator}")
+    return ElementTree.SubElement(suite, "testcase", classname=classname, name=_xml(name), time="0")
+
+
 def _count(element: Any, lines: Sequence[Line], failed: int) -> None:
-    element.set("tests", str(len(lines) + failed))
-    element.set("failures", str(sum(line.regressed for line in lines)))
-    element.set("errors", str(failed))
-    element.set("skipped", str(sum(line.verdict == NEW for line in lines)))
-    element.set("time", "0")
+    regressed, new = sum(line.regressed for line in lines), sum(line.verdict == NEW for line in lines)
+    counts = {"tests": len(lines) + failed, "failures": regressed, "errors": failed, "skipped": new, "time": 0}
+    element.attrib.update({name: str(count) for name, count in counts.items()})
 
 
 def sentence(line: Line) -> str:

@@ -85,20 +85,8 @@ class PythonClass(OwnEstimator):
         Raises:
             StrideTwinError: There is no such class, or it has no `update`.
         """
-        module, colon, attribute = self.place.partition(":")
-        if not (module and colon and attribute):
-            raise StrideTwinError(f"--estimator {self.name}: invalid {self.place!r}: expected module:Class")
-        here = str(Path.cwd())
-        if here not in sys.path:
-            sys.path.append(here)  # installed modules take precedence over the working folder
-        with _code_of_others(f"--estimator {self.name}: {self.place}: cannot be imported"):
-            found: Any = importlib.import_module(module)
-            for part in attribute.split("."):
-                found = getattr(found, part)
-            fits, frame = isinstance(found, type), getattr(found, "frame", None)
-            fits = fits and callable(getattr(found, "update", None))
-        if not fits:
-            raise StrideTwinError(f"--estimator {self.name}: {self.place} is not a class with an update(sample) method")
+        found = load_class(self.place, f"--estimator {self.name}")
+        frame = getattr(found, "frame", None)
         if not (frame is None or isinstance(frame, str)):
             raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
         return found
@@ -180,6 +168,32 @@ class Program(OwnEstimator):
         return PathEstimate(name=self.name, frame=self.frame, path=path)
 
 
+def load_class(place: str, option: str) -> type[Any]:
+    """A class with a method `update`, installed or in the working folder.
+
+    Args:
+        place: `module:Class`.
+        option: What asks for it, for errors.
+
+    Raises:
+        StrideTwinError: There is no such class, it has no `update`, or its import raised an exception.
+    """
+    module, colon, attribute = place.partition(":")
+    if not (module and colon and attribute):
+        raise StrideTwinError(f"{option}: invalid {place!r}: expected module:Class")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # installed modules take precedence over the working folder
+    with _code_of_others(f"{option}: {place}: cannot be imported"):
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+        fits = isinstance(found, type) and callable(getattr(found, "update", None))
+    if not fits:
+        raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
+    return found
+
+
 def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
@@ -241,17 +255,18 @@ def _place(error: BaseException) -> str:
 
     The user's code is the innermost that belongs neither to this project nor to an installed package.
     """
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
-    own = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME) and not _is_installed(f.filename)]
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(("<", _STANDARD_LIBRARY))
+        and "site-packages" not in frame.filename
+        and not Path(frame.filename).resolve().is_relative_to(_HOME)
+    ]
     if not own:
         return ""
     file, here = Path(own[-1].filename), Path.cwd()
     shown = file.relative_to(here) if file.is_relative_to(here) else file
     return f" ({shown}:{own[-1].lineno}, in {own[-1].name})"
-
-
-def _is_installed(filename: str) -> bool:
-    return "site-packages" in filename or filename.startswith(_STANDARD_LIBRARY)
 
 
 def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:

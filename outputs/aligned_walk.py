@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.base import PathEstimate
-from stridetwin.outputs.alignment import MovingAlignment, YawAlignment
+from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.truth import FOOTPRINTS, along_way, true_footprints, true_path
 from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
@@ -56,10 +56,6 @@ class AlignedWalk:
         """The true place along the route at the last pose, m; None before the first one."""
         i = int(np.searchsorted(self.poses.t_ns, t_ns, side="right")) - 1
         return float(self.place_m[i]) if i >= 0 else None
-
-    def alignment_at(self, t_ns: int) -> YawAlignment:
-        """The alignment at an instant."""
-        return self.alignment.at(t_ns)
 
 
 def odometry_of(recording: Recording, paths: Iterable[PathEstimate]) -> PathEstimate | None:

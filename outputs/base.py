@@ -9,7 +9,7 @@ names it in `Declaration.kind`. `docs/output_kinds.md` adds one step by step.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -83,6 +83,21 @@ class Evaluation(Protocol):
         """Its scores."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluated(Generic[E]):
+    """An evaluation whose figures need what the kind made of the estimates.
+
+    Attributes:
+        name: Name of the output.
+        estimates: The estimates, or each true value with its estimate.
+        scores: The scores that the kind declares.
+    """
+
+    name: str
+    estimates: E
+    scores: Scores
+
+
 class Collector(ABC, Generic[E]):
     """Keeps what is needed of one estimator while the samples of a recording are replayed."""
 
@@ -97,6 +112,28 @@ class Collector(ABC, Generic[E]):
         Raises:
             StrideTwinError: The estimator gave none.
         """
+
+
+class EveryEstimate(Collector[E]):
+    """Every estimate of an estimator that gives one output.
+
+    Args:
+        name: Of the output.
+        pack: Turns the list of the estimates, in time order, into what the kind keeps of them.
+    """
+
+    def __init__(self, name: str, pack: Callable[[list[Any]], E]) -> None:
+        self._name, self._pack = name, pack
+        self._estimates: list[Any] = []
+
+    def add(self, sample: Sample, estimate: Any) -> None:
+        """Keeps an estimate."""
+        if estimate is not None:
+            self._estimates.append(estimate)
+
+    def outputs(self) -> list[Output[E]]:
+        """The output."""
+        return [Output(name=self._name, estimates=self._pack(self._estimates))]
 
 
 class LiveOutput(ABC):

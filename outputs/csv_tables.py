@@ -1,4 +1,4 @@
-"""Tables of text as CSV files and as single rows."""
+"""Tables of text as CSV files, as single rows, and as what `live` writes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from stridetwin.estimators.base import Estimator
+from stridetwin.outputs.base import LiveOutput, Written
 from stridetwin.streams.files import whole_file
 
 
@@ -18,8 +20,39 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Pat
         writer.writerows(rows)
 
 
+def written_table(columns: Sequence[str], rows: Sequence[Sequence[str]], file: Path, words: str) -> Written:
+    """Writes a CSV file as the file of an output; `words` is what a message calls its rows."""
+    write_table(columns, rows, file)
+    return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} {words}"])
+
+
 def csv_row(cells: Sequence[str]) -> str:
     """One row of a CSV file, without the line's end."""
     line = io.StringIO()
     csv.writer(line, lineterminator="").writerow(cells)
     return line.getvalue()
+
+
+class LiveTable(LiveOutput):
+    """Rows in `live`, some of which become a table at the end.
+
+    Args:
+        columns: Titles of the columns.
+        file: File to write; None only gives rows.
+    """
+
+    def __init__(self, columns: Sequence[str], file: Path | None) -> None:
+        self._columns, self._file = columns, file
+        self._kept: dict[int, Sequence[str]] = {}
+
+    def keep(self, number: int, cells: Sequence[str]) -> None:
+        """Keeps a row for the table, in the place of an earlier one of the same number."""
+        if self._file is not None:
+            self._kept[number] = cells
+
+    def finish(self, estimator: Estimator) -> dict[Path, int]:
+        """Writes the table, in the order of the numbers."""
+        if self._file is None:
+            return {}
+        write_table(self._columns, [self._kept[number] for number in sorted(self._kept)], self._file)
+        return {self._file: len(self._kept)}

@@ -31,10 +31,10 @@ def default_odometry() -> EstimatorClass:
     Raises:
         StrideTwinError: None is installed.
     """
-    for estimator_class in registry.estimators(PATH).values():
-        if estimator_class.declaration.supplies_poses:
-            return estimator_class
-    raise StrideTwinError("no installed estimator gives poses of a camera that could lead terrain map and modes")
+    odometry = next((found for found in registry.estimators(PATH).values() if found.declaration.supplies_poses), None)
+    if odometry is None:
+        raise StrideTwinError("no installed estimator gives poses of a camera that could lead terrain map and modes")
+    return odometry
 
 
 def pose_sample(t_ns: int, p_frame_in_world: Array, q_world_frame: Array, topic: str = POSES) -> Odometry:

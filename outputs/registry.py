@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from stridetwin.estimators import registry as estimator_registry
@@ -21,7 +21,7 @@ def kinds() -> dict[str, AnyKind]:
     Raises:
         StrideTwinError: A kind cannot be imported, or is not an `OutputKind`.
     """
-    by_name = {name: _load(name, value) for name, value in _entry_points().items()}
+    by_name = {name: _load(point) for name, point in _entry_points().items()}
     return dict(sorted(by_name.items(), key=lambda item: (item[1].order, item[0])))
 
 
@@ -34,7 +34,7 @@ def kind_of(declaration: Declaration) -> AnyKind:
     points = _entry_points()
     if declaration.kind not in points:
         raise ConfigError(declaration.name, "declaration.kind", declaration.kind, ", ".join(sorted(points)))
-    return _load(declaration.kind, points[declaration.kind])
+    return _load(points[declaration.kind])
 
 
 def estimators() -> dict[str, EstimatorClass]:
@@ -61,24 +61,23 @@ def kind_with_scores(scores: Scores) -> AnyKind:
     return max(kinds().values(), key=lambda kind: sum(score.name in scores for score in kind.scores))
 
 
-def _entry_points() -> dict[str, str]:
+def _entry_points() -> dict[str, EntryPoint]:
     return _entry_points_on(tuple(sys.path))
 
 
 @cache
-def _entry_points_on(path: tuple[str, ...]) -> dict[str, str]:
-    points: dict[str, str] = {}
+def _entry_points_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    points: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=OUTPUT_GROUP), key=lambda p: p.name):
-        if point.value != points.setdefault(point.name, point.value):
-            both = f"{points[point.name]} and {point.value}"
+        if point.value != points.setdefault(point.name, point).value:
+            both = f"{points[point.name].value} and {point.value}"
             raise StrideTwinError(f"{OUTPUT_GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
     return points
 
 
 @cache
-def _load(name: str, value: str) -> AnyKind:
-    point = next(p for p in entry_points(group=OUTPUT_GROUP) if (p.name, p.value) == (name, value))
-    place = f"{OUTPUT_GROUP}: {name} = {value}"
+def _load(point: EntryPoint) -> AnyKind:
+    place = f"{OUTPUT_GROUP}: {point.name} = {point.value}"
     try:
         kind_class: Any = point.load()
     except Exception as error:

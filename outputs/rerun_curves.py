@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ CURVES_HZ = 50.0
 
 
 def log_curves(
-    rerun: Any, stream: Any, entity: str, t_ns: NDArray[np.int64], values: Array, labels: tuple[str, ...]
-) -> None:
+    rerun: Any, stream: Any, entity: str, t_ns: NDArray[np.int64], values: Array, labels: tuple[str, ...],
+    colors: Sequence[tuple[int, int, int]] | None = None,
+) -> None:  # fmt: skip
     """Logs (N, K) values at (N,) stamps as K curves; an empty label stands for the last part of the entity."""
     seconds, thinned = thin_out(t_ns, CURVES_HZ, values)
     names = [label or entity.rsplit("/", 1)[1] for label in labels]
-    stream.log(entity, rerun.SeriesLines(names=names), static=True)
+    stream.log(entity, rerun.SeriesLines(names=names, colors=colors), static=True)
     columns = rerun.Scalars.columns(scalars=thinned)
     stream.send_columns(entity, indexes=[rerun.TimeColumn("time", duration=seconds)], columns=columns)
 

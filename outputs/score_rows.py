@@ -1,11 +1,13 @@
-"""Rows of a report's table of scores, from the declarations of a kind."""
+"""A report's table of scores, from the declarations of a kind."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+from markupsafe import Markup
 
 from stridetwin.outputs.base import Score, Scores
-from stridetwin.pages.html import number_text
+from stridetwin.pages.html import number_text, table
 
 
 def score_rows(declared: Sequence[Score], columns: Sequence[Scores]) -> list[tuple[str, ...]]:
@@ -23,3 +25,8 @@ def score_rows(declared: Sequence[Score], columns: Sequence[Scores]) -> list[tup
         for score in declared
         if score.label and any(score.name in column for column in columns)
     ]
+
+
+def score_table(declared: Sequence[Score], outputs: Mapping[str, Scores]) -> Markup:
+    """The rows of `score_rows` as a table with one column per output, by the title of the column."""
+    return table(("Score", *outputs), score_rows(declared, list(outputs.values())), range(1, len(outputs) + 1))

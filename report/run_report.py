@@ -15,7 +15,7 @@ from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures
 from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.images import Film, camera_views, jpeg_uri
 from stridetwin.scenarios.metadata import injected_faults
-from stridetwin.sim.config import TwinConfig
+from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
@@ -28,8 +28,7 @@ class ReportData:
     """Content of a report.
 
     Attributes:
-        description: One line about the scenario.
-        config: Configuration of the twin.
+        scenario: Of the walk.
         seed: Seed of the walk.
         duration_s: Length of the walk.
         command: The command that reproduces it.
@@ -38,8 +37,7 @@ class ReportData:
         film: Third-person film, or None.
     """
 
-    description: str
-    config: TwinConfig
+    scenario: Scenario
     seed: int
     duration_s: float
     command: str
@@ -50,7 +48,7 @@ class ReportData:
 
 def render_report(data: ReportData) -> str:
     """The report as HTML text."""
-    config = data.config
+    config = data.scenario.config
     parts = [of_kind.kind.report(of_kind.evaluations, data.recording) for of_kind in data.of_kinds]
     chips = [
         f"{data.duration_s:.1f} s of walking",
@@ -79,7 +77,7 @@ def render_report(data: ReportData) -> str:
     ]
     name = config.name.replace("_", " ")
     footer = "Everything on this page comes from one recording; the estimators never had access to the truth."
-    return page(name[:1].upper() + name[1:], data.description, chips, sections, footer)
+    return page(name[:1].upper() + name[1:], data.scenario.description, chips, sections, footer)
 
 
 def _root_help(recording: Recording, mass_kg: float) -> str:
@@ -101,7 +99,7 @@ def _film(film: Film | None) -> str:
 
 
 def _views(data: ReportData) -> str:
-    boards = data.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
+    boards = data.scenario.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
     partly = [t for t in data.recording.rig.cameras if boards and t.startswith("/foot_")]
     views = [
         {"title": view.title, "images": [(f"{t:.1f} s", jpeg_uri(pixels, 75)) for t, pixels in view.images]}
@@ -123,7 +121,7 @@ def _gait(data: ReportData) -> str:
     strides = level_strides(footprints)
     figures = [
         *joint_figures(data.recording, strides),
-        ground_reaction_figure(data.recording, strides, data.config.person.mass_kg),
+        ground_reaction_figure(data.recording, strides, data.scenario.config.person.mass_kg),
         pressure_figure(data.recording, footprints),
     ]
     body = boxes(figures)

@@ -80,23 +80,20 @@ def run_scenario(
         progress("estimate", 0.0)
         selection = Selection(only=estimators, backend=backend)
         of_kinds = []
-        for outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
-            kind = outputs.kind
-            for output in outputs.outputs:
+        for kind, outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
+            for output in outputs:
                 if not kind.is_empty(output):
                     kind.write(output, out / f"{output.name}{kind.suffix}", FileOptions(dead_reckoning=True))
-            of_kinds.append(KindEvaluations(kind=kind, evaluations=kind.evaluate(outputs.outputs, recording)))
-        of_kinds = [of_kind for of_kind in of_kinds if of_kind.evaluations]
+            if evaluations := kind.evaluate(outputs, recording):
+                of_kinds.append(KindEvaluations(kind=kind, evaluations=evaluations))
         scores = scores_by_output(of_kinds)
-        faults = injected_faults(recording.metadata)
-        document = scores_document(scenario, seed, scores, twin.fell_at, faults)
+        document = scores_document(scenario, seed, scores, twin.fell_at, injected_faults(recording.metadata))
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)
         data = ReportData(
-            description=scenario.description,
-            config=scenario.config,
+            scenario=scenario,
             seed=seed,
             duration_s=twin.duration_s,
             command=command,
@@ -116,8 +113,8 @@ def scores_document(
     scenario: Scenario,
     seed: int,
     scores: dict[str, Scores],
-    fell_at: float | None = None,
-    faults: Sequence[InjectedFault] = (),
+    fell_at: float | None,
+    faults: Sequence[InjectedFault],
 ) -> dict[str, object]:
     """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes."""
     walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
@@ -125,10 +122,7 @@ def scores_document(
         walk["fell_at_s"] = fell_at
     if faults:
         walk["faults"] = [vars(f) for f in faults]
-    return {
-        "recordings": [walk],
-        "estimators": scores,
-    }
+    return {"recordings": [walk], "estimators": scores}
 
 
 def _reporting(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:

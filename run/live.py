@@ -110,8 +110,7 @@ class _Live:
         self._start_error, self._warned = "", set[tuple[str, str]]()
         self._span: tuple[int, int] | None = None
         self._input_check = InputCheck({}, Rig())
-        self._early: Counter[str] = Counter()
-        self._skipped: Counter[str] = Counter()
+        self._counts = {name: Counter[str]() for name in ("before_start", "other_kind", "other_size", "skipped")}
         self._refusals_reported = 0
 
     def run(self) -> Outcome:
@@ -130,13 +129,7 @@ class _Live:
                 if self._chain is not None:
                     self._chain.abandon()
                 raise
-            counted = {
-                "late": self._reorder.late,
-                "before_start": self._early if self._chain is not None else Counter(),
-                "other_kind": self._input_check.other_kind,
-                "other_size": self._input_check.other_size,
-                "skipped": self._skipped,
-            }
+            counted = {"late": self._reorder.late, **self._counts}
             streams = {
                 topic: {**vars(traffic), **{name: counts[topic] for name, counts in counted.items()}}
                 for topic, traffic in sorted(receiver.traffic.items())
@@ -222,19 +215,21 @@ class _Live:
         if self._recorder is not None:
             self._recorder.write(arrival.message, arrival.sample.t_ns)
         if self._chain is None:
-            self._early[topic] += 1
+            self._counts["before_start"][topic] += self._request.chain is not None
         elif topic in self._chain.takes:
             if (wrong := self._input_check.find_problem(arrival.sample)) is None:
                 self._reorder.add(arrival)
             else:
-                self._warn_once(topic, *wrong)
+                what, case, counted_as = wrong
+                self._counts[counted_as][topic] += 1
+                self._warn_once(topic, what, case)
 
     def _process(self, arrivals: Iterable[Arrival]) -> None:
         for arrival in arrivals:
             assert self._chain is not None
             topic, before = arrival.sample.topic, time.perf_counter_ns()
             if self._is_stale(arrival, before):
-                self._skipped[topic] += 1
+                self._counts["skipped"][topic] += 1
                 continue
             for estimator, line in self._chain.update(arrival.sample):
                 now = time.perf_counter_ns()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -71,13 +70,10 @@ class Chain:
 
     def update(self, sample: Sample) -> Iterator[Row]:
         """Processes a sample that `takes` allows; gives a row each time an estimator has finished with it."""
-        if self._driven is None:
-            yield self._name, self._output.add(self._estimator.update(sample))
-            return
-        if self._driven.feeds_odometry(sample):
+        if self._driven is not None and self._driven.feeds_odometry(sample):
             yield self._driven.odometry, None if self._driven.update_odometry(sample) is None else ""
-        if self._driven.feeds_estimator(sample):
-            yield self._name, self._output.add(self._driven.update(sample))
+        if self._driven is None or self._driven.feeds_estimator(sample):
+            yield self._name, self._output.add(self._estimator.update(sample))
 
     def finish(self) -> dict[Path, int]:
         """Writes the files; returns rows by file."""
@@ -89,15 +85,11 @@ class Chain:
 
 
 class InputCheck:
-    """Checks samples against what is known of their topics; counts those that do not match.
+    """Checks samples against what is known of their topics.
 
     Args:
         takes: The accepted kind of sample by topic.
         rig: Provides the image sizes. Foot cameras observe boards in grey.
-
-    Attributes:
-        other_kind: Samples of another kind, by topic.
-        other_size: Images of another size or format, by topic.
     """
 
     def __init__(self, takes: Mapping[str, type[Sample]], rig: Rig) -> None:
@@ -105,23 +97,21 @@ class InputCheck:
         self._cameras: dict[str, CameraCalibration] = {}
         for camera in rig.cameras.values():
             self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
-        self.other_kind: Counter[str] = Counter()
-        self.other_size: Counter[str] = Counter()
 
-    def find_problem(self, sample: Sample) -> tuple[str, str] | None:
-        """The problem of a sample of an accepted topic, in general and in this case; None if it matches."""
-        topic, kind = sample.topic, self._takes[sample.topic]
+    def find_problem(self, sample: Sample) -> tuple[str, str, str] | None:
+        """The problem of a sample of an accepted topic, None if it matches.
+
+        Returns:
+            The problem in general, in this case, and the name under which such samples are counted.
+        """
+        kind, camera = self._takes[sample.topic], self._cameras.get(sample.topic)
         if not isinstance(sample, kind):
-            self.other_kind[topic] += 1
-            return _KIND, f"{type(sample).__name__}, not {kind.__name__}"
-        camera = self._cameras.get(topic)
+            return _KIND, f"{type(sample).__name__}, not {kind.__name__}", "other_kind"
         if camera is None or not isinstance(sample, Image | Depth):
             return None
         height, width, *channels = (sample.pixels if isinstance(sample, Image) else sample.depth).shape
         if (height, width) != (camera.height, camera.width):
-            self.other_size[topic] += 1
-            return _SIZE, f"{width} × {height}, not {camera.width} × {camera.height}"
+            return _SIZE, f"{width} × {height}, not {camera.width} × {camera.height}", "other_size"
         if channels and camera.mount.body.startswith("foot"):
-            self.other_size[topic] += 1
-            return _COLOUR, f"{channels[0]} channels"
+            return _COLOUR, f"{channels[0]} channels", "other_size"
         return None

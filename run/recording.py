@@ -21,13 +21,8 @@ from stridetwin.outputs.registry import kinds
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Image
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KindOutputs:
-    """The outputs of one kind of one recording, before they are compared with the truth."""
-
-    kind: AnyKind
-    outputs: list[Output[Any]]
+KindOutputs = tuple[AnyKind, list[Output[Any]]]
+"""A kind, and its outputs of one recording before they are compared with the truth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,10 +77,9 @@ def evaluate_recording(
     Raises:
         StrideTwinError: As the estimators, and as `OutputKind.evaluate`; the kinds before have been given.
     """
-    for of_kind in run_recording(recording, selection, progress=progress, in_two_processes=in_two_processes):
-        evaluations = of_kind.kind.evaluate(of_kind.outputs, recording, alignment)
-        if evaluations:
-            yield KindEvaluations(kind=of_kind.kind, evaluations=evaluations)
+    for kind, outputs in run_recording(recording, selection, progress=progress, in_two_processes=in_two_processes):
+        if evaluations := kind.evaluate(outputs, recording, alignment):
+            yield KindEvaluations(kind=kind, evaluations=evaluations)
 
 
 def run_recording(
@@ -97,7 +91,6 @@ def run_recording(
 ) -> Iterator[KindOutputs]:
     """The outputs of every selected estimator that a recording feeds, kind by kind; see `evaluate_recording`."""
     selection = selection or Selection()
-    pose_driven = [name for name, kind in kinds().items() if kind.takes_poses]
     with ExitStack() as stack:
         find_paths: Callable[..., list[PathEstimate]] = partial(all_paths, recording, only=selection.only)
         driven: list[KindOutputs] | None = None
@@ -105,7 +98,7 @@ def run_recording(
             pool = stack.enter_context(open_pool(1))
             future = pool.submit(_other_paths, recording.path, recording.lenient, selection.only)
             odometries = find_paths(supplies_poses=True)
-            driven = _run_driven(recording, selection, odometries, pose_driven, progress)
+            driven = _run_driven(recording, selection, odometries, progress)
             paths = future.result() + odometries
         else:
             paths = find_paths()
@@ -113,17 +106,14 @@ def run_recording(
             if kind.takes_poses or not kind.has_truth(recording):
                 continue
             if name == PATH:
-                outputs = [Output(name=p.name, estimates=p) for p in paths if _is_wanted(p, selection.frames)]
+                frames = selection.frames
+                outputs = [Output(name=p.name, estimates=p) for p in paths if frames is None or p.frame in frames]
             else:
                 instances = selection.instances(name, recording)
                 outputs = [output for instance in instances for output in kind.run(instance, recording)]
             if outputs:
-                yield KindOutputs(kind=kind, outputs=outputs)
-        yield from _run_driven(recording, selection, paths, pose_driven, progress) if driven is None else driven
-
-
-def _is_wanted(path: PathEstimate, frames: frozenset[str] | None) -> bool:
-    return frames is None or path.frame in frames
+                yield kind, outputs
+        yield from _run_driven(recording, selection, paths, progress) if driven is None else driven
 
 
 def _other_paths(path: Path, lenient: bool, only: Container[str] | None) -> list[PathEstimate]:
@@ -131,14 +121,11 @@ def _other_paths(path: Path, lenient: bool, only: Container[str] | None) -> list
 
 
 def _run_driven(
-    recording: Recording,
-    selection: Selection,
-    paths: Iterable[PathEstimate],
-    pose_driven: list[str],
-    progress: Progress | None,
+    recording: Recording, selection: Selection, paths: Iterable[PathEstimate], progress: Progress | None
 ) -> list[KindOutputs]:
     """Outputs of the kinds that take poses; none if no odometry supplies them, or nothing of these is selected."""
-    names = {name for kind in pose_driven for name in estimator_registry.estimators(kind)}
+    takes_poses = [name for name, kind in kinds().items() if kind.takes_poses]
+    names = {name for kind in takes_poses for name in estimator_registry.estimators(kind)}
     if selection.only is not None and not names & selection.only:
         return []
     odometry = odometry_of(recording, paths)
@@ -167,7 +154,7 @@ def run_driven(
     by_kind: dict[AnyKind, list[Output[Any]]] = {}
     for kind, outputs in replay(instances, recording, walk.poses, walk.camera, walk, progress):
         by_kind.setdefault(kind, []).extend(outputs)
-    return [KindOutputs(kind=kind, outputs=outputs) for kind, outputs in by_kind.items()]
+    return list(by_kind.items())
 
 
 def has_two_image_estimators(recording: Recording, only: Container[str] | None = None) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import cv2
 import numpy as np
@@ -74,25 +75,20 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     pixels, depth = _colours() if Depth in takes.values() else _board(), _depths()
     rates = {topic: _IMAGES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
     due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
+    constant: dict[type[Sample], dict[str, Any]] = {
+        Image: {"pixels": pixels},
+        Depth: {"depth": depth},
+        Imu: {"specific_force": np.array([0.0, 0.0, NOMINAL_GRAVITY_MPS2])},
+        Ahrs: {"q_world_sensor": np.array([1.0, 0.0, 0.0, 0.0]), "angular_rate": np.zeros(3)},
+        Encoder: {"angle": 0.0},
+        Insole: {"force": np.array([200.0, 100.0, 100.0, 20.0])},
+        Range: {"distance": 0.2},
+    }
     for t_ns, topic, i in sorted(due):
-        kind = takes[topic]
-        if kind is Image:
-            yield Image(topic=topic, t_ns=t_ns, pixels=pixels)
-        elif kind is Depth:
-            yield Depth(topic=topic, t_ns=t_ns, depth=depth)
-        elif kind is Imu:
-            rate = _TREMOR * (-1) ** i * (t_ns < _TREMOR_S * 1e9)
-            yield Imu(
-                topic=topic, t_ns=t_ns, angular_rate=rate, specific_force=np.array([0.0, 0.0, NOMINAL_GRAVITY_MPS2])
-            )
-        elif kind is Ahrs:
-            yield Ahrs(topic=topic, t_ns=t_ns, q_world_sensor=np.array([1.0, 0.0, 0.0, 0.0]), angular_rate=np.zeros(3))
-        elif kind is Encoder:
-            yield Encoder(topic=topic, t_ns=t_ns, angle=0.0)
-        elif kind is Insole:
-            yield Insole(topic=topic, t_ns=t_ns, force=np.array([200.0, 100.0, 100.0, 20.0]))
-        elif kind is Range:
-            yield Range(topic=topic, t_ns=t_ns, distance=0.2)
+        kind: Any = takes[topic]
+        tremor = {"angular_rate": _TREMOR * (-1) ** i * (t_ns < _TREMOR_S * 1e9)} if kind is Imu else {}
+        if kind in constant:
+            yield kind(topic=topic, t_ns=t_ns, **constant[kind], **tremor)
 
 
 def _board() -> NDArray[np.uint8]:

@@ -111,11 +111,6 @@ class Experiment:
 _LOADED: dict[str, Experiment] = {}
 
 
-def descriptions() -> dict[str, str]:
-    """What each experiment compares, in one line."""
-    return {name: str(_read(path)["study"]) for name, path in experiments().items()}
-
-
 def experiment(name: str) -> Experiment:
     """An experiment of the catalogue, with its modules imported.
 

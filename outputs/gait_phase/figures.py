@@ -8,10 +8,18 @@ import numpy as np
 from markupsafe import Markup
 
 from stridetwin.estimators.base import FEET
-from stridetwin.outputs.base import Score, Scores
-from stridetwin.outputs.gait_phase.scores import RAMP, STAIRS, PhaseSeries, Stride, phase_errors, true_phase
-from stridetwin.outputs.score_rows import score_rows
-from stridetwin.pages.html import boxes, section, table
+from stridetwin.outputs.gait_phase.scores import (
+    RAMP,
+    SCORES,
+    STAIRS,
+    EvaluatedPhases,
+    PhaseSeries,
+    Stride,
+    phase_errors,
+    true_phase,
+)
+from stridetwin.outputs.score_rows import score_table
+from stridetwin.pages.html import boxes, section
 from stridetwin.pages.plot import INK, PALETTE, Plot, data_range
 from stridetwin.streams.samples import Array
 
@@ -61,13 +69,10 @@ def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
     return plot.html()
 
 
-def phase_section(legs: Sequence[tuple[str, PhaseSeries, Sequence[Stride], Scores]], declared: Sequence[Score]) -> str:
-    """Section of a report: phase over time, error over the cycle, and scores, for legs with name and evaluation."""
-    figures = [
-        figure(series, strides) for _, series, strides, _ in legs for figure in (phase_over_time, error_over_cycle)
-    ]
-    names = [name for name, *_ in legs]
-    scores = table(("Score", *names), score_rows(declared, [scores for *_, scores in legs]), range(1, len(names) + 1))
+def phase_section(legs: Sequence[EvaluatedPhases]) -> str:
+    """Section of a report: phase over time, error over the cycle, and scores of each leg."""
+    figures = [figure(leg.estimates, leg.strides) for leg in legs for figure in (phase_over_time, error_over_cycle)]
+    scores = score_table(SCORES, {leg.name: leg.scores for leg in legs})
     lead = (
         "From the IMU of each foot alone: 0 % where the foot touches down, 100 % where it does so again. The truth "
         "grows linearly between the true touch-downs."

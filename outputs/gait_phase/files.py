@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from itertools import starmap
 from typing import Any
 
-from stridetwin.estimators.base import Estimator
 from stridetwin.estimators.gait_phase import PhaseEstimate
-from stridetwin.outputs.base import LiveOutput
-from stridetwin.outputs.csv_tables import csv_row, write_table
+from stridetwin.outputs.csv_tables import LiveTable, csv_row
 from stridetwin.outputs.gait_phase.scores import PhaseSeries
 
 COLUMNS = ("t_s", "phase", "phase_sd", "rate_hz", "walking", "swing")
 """Time, phase of the cycle (0-1) and its standard deviation, cycles per second, and 0 or 1 for the two states."""
 
 
-def write_phases(series: PhaseSeries, file: Path) -> int:
-    """Writes a table of `COLUMNS`, one row per sample; returns the number of rows."""
-    write_table(COLUMNS, _rows(series), file)
-    return len(series.t_ns)
-
-
-def _rows(series: PhaseSeries) -> Iterator[list[str]]:
+def phase_rows(series: PhaseSeries) -> list[list[str]]:
+    """One row of `COLUMNS` per sample."""
     columns = (series.t_ns, series.phase, series.phase_sd, series.rate, series.walking, series.swing)
-    for values in zip(*(column.tolist() for column in columns)):
-        yield _cells(*values)
+    return list(starmap(_cells, zip(*(column.tolist() for column in columns))))
 
 
 def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool, swing: bool) -> list[str]:
@@ -34,16 +25,8 @@ def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool,
     ]  # fmt: skip
 
 
-class LivePhases(LiveOutput):
-    """One row per sample in `live`, and the same rows as a table.
-
-    Args:
-        file: File to write; None only gives rows.
-    """
-
-    def __init__(self, file: Path | None) -> None:
-        self._file = file
-        self._rows: list[list[str]] = []
+class LivePhases(LiveTable):
+    """One row per sample in `live`, and the same rows as a table."""
 
     def add(self, estimate: Any) -> str | None:
         """The row of an estimate."""
@@ -51,13 +34,5 @@ class LivePhases(LiveOutput):
             return None
         e = estimate
         row = _cells(e.t_ns, e.phase, e.phase_sd, e.rate, e.walking, e.swing)
-        if self._file is not None:
-            self._rows.append(row)
+        self.keep(len(self._kept), row)
         return csv_row(row)
-
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
-        """Writes the table."""
-        if self._file is None:
-            return {}
-        write_table(COLUMNS, self._rows, self._file)
-        return {self._file: len(self._rows)}

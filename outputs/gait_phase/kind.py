@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,39 +11,29 @@ from stridetwin.estimators.base import Declaration, Estimator
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
     Collector,
+    EveryEstimate,
     FileOptions,
     LiveOutput,
     Output,
     OutputKind,
     ReportParts,
     Score,
-    Scores,
     Written,
 )
+from stridetwin.outputs.csv_tables import written_table
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.gait_phase.files import LivePhases, write_phases
-from stridetwin.outputs.gait_phase.run import PhaseCollector
-from stridetwin.outputs.gait_phase.scores import SCORES, PhaseSeries, Stride, phase_scores, true_strides
+from stridetwin.outputs.gait_phase.files import COLUMNS, LivePhases, phase_rows
+from stridetwin.outputs.gait_phase.scores import (
+    SCORES,
+    EvaluatedPhases,
+    PhaseSeries,
+    as_series,
+    phase_scores,
+    true_strides,
+)
 from stridetwin.outputs.rerun_curves import log_curves
 from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
 from stridetwin.streams.recording.reader import Recording
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EvaluatedPhases:
-    """Phases of one leg beside its true strides.
-
-    Attributes:
-        name: Name of the output, such as `gait_phase_l`.
-        series: The estimated phases.
-        strides: The true strides of the foot.
-        scores: `SCORES`.
-    """
-
-    name: str
-    series: PhaseSeries
-    strides: list[Stride]
-    scores: Scores
 
 
 class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
@@ -56,7 +46,8 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
         self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PhaseSeries]:
         """Keeps every phase."""
-        return PhaseCollector(instance.declaration.name, instance.options.foot)
+        foot = instance.options.foot
+        return EveryEstimate(f"{instance.declaration.name}_{foot}", partial(as_series, foot=foot))
 
     def has_truth(self, recording: Recording) -> bool:
         """Whether there are true footprints."""
@@ -72,25 +63,23 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
             scores = phase_scores(output.estimates, strides)
             if scores:
                 evaluations.append(
-                    EvaluatedPhases(name=output.name, series=output.estimates, strides=strides, scores=scores)
+                    EvaluatedPhases(name=output.name, estimates=output.estimates, strides=strides, scores=scores)
                 )
         return evaluations
 
     def write(self, output: Output[PhaseSeries], file: Path, options: FileOptions) -> Written:
         """Writes a table, one row per sample."""
-        rows = write_phases(output.estimates, file)
-        return Written(files=[file], rows=rows, lines=[f"{file}: {rows} phases"])
+        return written_table(COLUMNS, phase_rows(output.estimates), file, "phases")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """One row per sample."""
-        return LivePhases(file)
+        return LivePhases(COLUMNS, file)
 
     def report(self, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> ReportParts:
         """Phase over time, error over the cycle, and scores of every leg."""
         from stridetwin.outputs.gait_phase.figures import phase_section
 
-        legs = [(e.name, e.series, e.strides, e.scores) for e in evaluations]
-        return ReportParts(figures=phase_section(legs, SCORES))
+        return ReportParts(figures=phase_section(evaluations))
 
     def rerun_views(self, evaluations: Sequence[EvaluatedPhases]) -> dict[str, tuple[str, str]]:
         """The phases over time."""
@@ -99,5 +88,5 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> None:
         """The phase of each leg over time, `phase/NAME`."""
         for evaluation in evaluations:
-            series = evaluation.series
+            series = evaluation.estimates
             log_curves(rerun, stream, f"phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))

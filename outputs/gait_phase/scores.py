@@ -16,7 +16,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score
+from stridetwin.estimators.gait_phase import PhaseEstimate
+from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Evaluated, Score
 from stridetwin.streams.samples import Array, Footprint
 
 TERRAINS = LEVEL, STAIRS, RAMP = ("level", "stairs", "ramp")
@@ -101,6 +102,31 @@ class PhaseSeries:
     walking: NDArray[np.bool_]
     swing: NDArray[np.bool_]
     touch_down_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedPhases(Evaluated[PhaseSeries]):
+    """Phases of one leg beside the truth.
+
+    Attributes:
+        strides: The true strides of the foot.
+    """
+
+    strides: Sequence[Stride]
+
+
+def as_series(estimates: Sequence[PhaseEstimate], foot: str) -> PhaseSeries:
+    """Estimates of one foot, `l` or `r`, as columns."""
+    return PhaseSeries(
+        foot=foot,
+        t_ns=np.array([e.t_ns for e in estimates], np.int64),
+        phase=np.array([e.phase for e in estimates], float),
+        phase_sd=np.array([e.phase_sd for e in estimates], float),
+        rate=np.array([e.rate for e in estimates], float),
+        walking=np.array([e.walking for e in estimates], bool),
+        swing=np.array([e.swing for e in estimates], bool),
+        touch_down_ns=np.array([e.touch_down_ns for e in estimates], np.int64),
+    )
 
 
 def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:

@@ -1,4 +1,4 @@
-"""Figures of predicted steps: from above, modes over time, lead times."""
+"""Figures of predicted steps: from above, modes over time, lead times; and the section of a report with them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,28 @@ from markupsafe import Markup
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
-from stridetwin.outputs.modes.scores import ModeScores, first_steps, predictions_by_step
-from stridetwin.outputs.route_figures import outline
-from stridetwin.outputs.straightened_route import StraightenedRoute
+from stridetwin.outputs.base import Scores
+from stridetwin.outputs.modes.scores import SCORES, ModeScores
+from stridetwin.outputs.modes.true_steps import first_steps, predictions_by_step
+from stridetwin.outputs.route_figures import StraightenedRoute, outline
+from stridetwin.outputs.score_rows import score_rows
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
+from stridetwin.pages.html import boxes, section, table
 from stridetwin.pages.plot import ERROR, INK, MUTED, Plot, faint
+from stridetwin.reference.norms import reference
 from stridetwin.streams.samples import Array
 
 _HEX = {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, CLASS_COLORS)}
 _WITHIN_95 = 2.448  # standard deviations that contain 95 % of a normal density in the plane
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 25)
+_LEAD = (
+    "From depth camera, visual-inertial odometry and insoles: the mode of each coming step, and the footprints "
+    "predicted one step before, with their 95 % ellipses. Drift of the odometry counts as an error of its path only."
+)
+_NOTE = (
+    "Zhao et al. 2023, tables II and III: mean and standard deviation over 540 walks of real people; the paper "
+    "reports none of the other scores. For orientation, not for ranking."
+)
 
 
 def ellipse(middle: Array, covariance: Array) -> Array:
@@ -53,7 +65,7 @@ def _predicted_footprints(
         if first is None:
             continue
         estimate, step = first
-        alignment = walk.alignment_at(estimate.t_ns)
+        alignment = walk.alignment.at(estimate.t_ns)
         shift = alignment.to_true(step.p_foot_in_world[:2]) - walk.footprints[i].p_foot_in_world[:2]
         rotation = straight.rotation(i) @ alignment.rotation
         place = straight.straighten(i, outline(walk.footprints[i]) + shift)
@@ -159,3 +171,18 @@ def lead_times(scores: ModeScores) -> str:
         plot.dots(t[changes], lead[changes], INK, label="changes the mode")
     _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.right]).reshape(-1, 2))
     return plot.html()
+
+
+def mode_section(estimates: list[ModeEstimate], modes: ModeScores, walk: AlignedWalk, scores: Scores) -> str:
+    """The steps from above, modes over time, lead times, and the scores of one estimator beside the paper's."""
+    figures = [steps_from_above(estimates, modes, walk), mode_ribbon(estimates, modes, walk), lead_times(modes)]
+    return section("Coming steps", _LEAD, boxes([*figures, _score_table(scores)]), "stack")
+
+
+def _score_table(scores: Scores) -> str:
+    paper = reference("zhao2023")["generality"]["accuracy_pct"]
+    published = {"accuracy_pct": f"{paper['mean']:.2f} ± {paper['sd']:.2f}"}
+    rows = [
+        (*row, published.get(score.name, "\N{EN DASH}")) for score in SCORES for row in score_rows([score], [scores])
+    ]
+    return table(("Score", "this walk", "Zhao et al. 2023"), rows, (1, 2), note=_NOTE)

@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators.base import Estimator
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.outputs.base import LiveOutput
-from stridetwin.outputs.csv_tables import csv_row, write_table
+from stridetwin.outputs.csv_tables import LiveTable, csv_row
 
 MODE_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
@@ -71,11 +69,6 @@ def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
     return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
 
 
-def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
-    """Writes a table with one row per step, columns `MODE_COLUMNS`; unknown values are empty."""
-    write_table(MODE_COLUMNS, map(mode_cells, rows), path)
-
-
 def mode_cells(row: PredictedStep) -> list[str]:
     """A step as a row of `MODE_COLUMNS`."""
     step, change = row.step, row.estimate.change
@@ -102,29 +95,18 @@ def _cell(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 
-class LiveModes(LiveOutput):
-    """The next step of each estimate as a row in `live`, and a table with the last prediction of each step.
-
-    Args:
-        file: File to write; None only gives rows.
-    """
+class LiveModes(LiveTable):
+    """The next step of each estimate as a row in `live`, and a table with the last prediction of each step."""
 
     def __init__(self, file: Path | None) -> None:
-        self._file = file
-        self._steps, self._predicted = CompletedSteps(), list[PredictedStep]()
+        super().__init__(MODE_COLUMNS, file)
+        self._steps = CompletedSteps()
 
     def add(self, estimate: Any) -> str | None:
         """The row of the next step."""
         if estimate is None:
             return None
         if (completed := self._steps.add(estimate)) is not None:
-            self._predicted.append(completed)
+            self.keep(len(self._kept), mode_cells(completed))
         steady_s = self._steps.steady_s(estimate)
         return csv_row(mode_cells(PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=steady_s)))
-
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
-        """Writes the table."""
-        if self._file is None:
-            return {}
-        write_modes(self._predicted, self._file)
-        return {self._file: len(self._predicted)}

@@ -12,39 +12,42 @@ from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
     Collector,
+    Evaluated,
+    EveryEstimate,
     FileOptions,
     LiveOutput,
     Output,
     OutputKind,
     ReportParts,
     Score,
-    Scores,
     Written,
 )
+from stridetwin.outputs.csv_tables import written_table
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.modes.files import LiveModes, predicted_steps, write_modes
-from stridetwin.outputs.modes.run import ModeCollector, ModeRun
+from stridetwin.outputs.modes.files import MODE_COLUMNS, LiveModes, mode_cells, predicted_steps
 from stridetwin.outputs.modes.scores import SCORES, ModeScores, score_modes, scores_of_walk
 from stridetwin.streams.recording.reader import Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EvaluatedModes:
-    """Predicted steps beside the true ones.
+class ModeRun:
+    """All predictions of one estimator in time order, and the walk beside the truth; None without a truth."""
+
+    estimates: list[ModeEstimate]
+    walk: AlignedWalk | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedModes(Evaluated[list[ModeEstimate]]):
+    """Predicted steps, in time order, beside the true ones.
 
     Attributes:
-        name: Name of the estimator.
-        estimates: Its predictions, in time order.
         modes: Every true step and terrain change, with its prediction.
         walk: The walk beside the truth.
-        scores: `SCORES`.
     """
 
-    name: str
-    estimates: list[ModeEstimate]
     modes: ModeScores
     walk: AlignedWalk
-    scores: Scores
 
 
 class Modes(OutputKind[ModeRun, EvaluatedModes]):
@@ -59,7 +62,11 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
         self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[ModeRun]:
         """Keeps every prediction."""
-        return ModeCollector(instance.declaration.name, walk)
+
+        def pack(estimates: list[ModeEstimate]) -> ModeRun:
+            return ModeRun(estimates=estimates, walk=walk)
+
+        return EveryEstimate(instance.declaration.name, pack)
 
     def evaluate(
         self, outputs: Sequence[Output[ModeRun]], recording: Recording, alignment: str = "start"
@@ -78,9 +85,8 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
 
     def write(self, output: Output[ModeRun], file: Path, options: FileOptions) -> Written:
         """Writes a table with the last prediction of each step."""
-        rows = predicted_steps(output.estimates.estimates)
-        write_modes(rows, file)
-        return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} steps"])
+        rows = [mode_cells(step) for step in predicted_steps(output.estimates.estimates)]
+        return written_table(MODE_COLUMNS, rows, file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """The next step, one row per prediction."""
@@ -88,7 +94,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
 
     def report(self, evaluations: Sequence[EvaluatedModes], recording: Recording) -> ReportParts:
         """The steps of the first estimator from above, modes over time, lead times, and its scores."""
-        from stridetwin.outputs.modes.report import mode_section
+        from stridetwin.outputs.modes.figures import mode_section
 
         first = evaluations[0]
         return ReportParts(figures=mode_section(first.estimates, first.modes, first.walk, first.scores))

@@ -12,6 +12,7 @@ from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPredi
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.alignment import YawAlignment
 from stridetwin.outputs.modes.figures import ellipse
+from stridetwin.outputs.rerun_curves import log_curves
 from stridetwin.outputs.route_figures import outline
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.streams.samples import Array, Footprint
@@ -39,7 +40,7 @@ def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> Non
 
 def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
     for estimate in _thin_out(estimates):
-        alignment = walk.alignment_at(estimate.t_ns)
+        alignment = walk.alignment.at(estimate.t_ns)
         known = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
         colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in known]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
@@ -57,13 +58,11 @@ def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Ali
 def _log_probabilities(rerun: Any, stream: Any, estimates: list[ModeEstimate]) -> None:
     if not estimates:
         return
-    t = np.array([e.t_ns * 1e-9 for e in estimates])
+    t_ns = np.array([e.t_ns for e in estimates])
     for i, mode in enumerate(MODES):
         entity = f"{MODE}/probability/{mode}"
-        stream.log(entity, rerun.SeriesLines(names=[CLASS_NAMES[mode]], colors=[CLASS_COLORS[i]]), static=True)
-        p = np.array([e.steps[0].probabilities[mode] for e in estimates])
-        columns = rerun.Scalars.columns(scalars=p)
-        stream.send_columns(entity, indexes=[rerun.TimeColumn("time", duration=t)], columns=columns)
+        p = np.array([[e.steps[0].probabilities[mode]] for e in estimates])
+        log_curves(rerun, stream, entity, t_ns, p, (CLASS_NAMES[mode],), colors=[CLASS_COLORS[i]])
     before = ""
     for estimate in _thin_out(estimates):
         text = prediction_text(estimate)
@@ -100,9 +99,9 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
 
 
 def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
-    """(5, 3) m, the sole of a coming step in the true world."""
+    """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is the odometry's floor."""
     half = 0.5 * (estimate.heading + alignment.yaw)
-    place = _known_height(step, alignment)
+    place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
     footprint = Footprint(
         topic="", t_ns=step.t_ns, foot=step.foot, p_foot_in_world=place, terrain="", mode=step.mode,
         q_world_foot=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
@@ -115,11 +114,6 @@ def _flat_ellipse(sole: Array, covariance: Array) -> Array:
     middle = sole[:4].mean(axis=0)
     xy = ellipse(middle, covariance)
     return np.column_stack([xy, np.full(len(xy), middle[2])])
-
-
-def _known_height(step: StepPrediction, alignment: YawAlignment) -> Array:
-    """(3,) m in the true world; unknown ground has the floor's height in the estimator's world."""
-    return alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
 
 
 def _closed(corners: Array) -> Array:

@@ -11,26 +11,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
 from stridetwin.outputs.modes.approaches import score_approaches
-from stridetwin.outputs.terrain.changes import ScoredChange, mode_of
+from stridetwin.outputs.modes.true_steps import first_predictions, other_modes, predictions_by_step, slope_under
+from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.outputs.truth import along_way
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import Layout
 
-_JUST_LANDED_NS = 150_000_000
-_HEEL_M = 0.045
-_GENTLE_RAD = math.radians(3.49)
-"""Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
-_LOW_RISER_M = (0.065, 0.075)
-"""A stair begins at 70 mm (Zhao et al. 2023); within 5 mm of that, either answer serves the walker."""
 _CHANGES = {
     "LG": ("level", "level ground"),
     "SA": ("stairs_up", "stairs up"),
@@ -186,15 +180,15 @@ def score_modes(
     """
     landed = footprints[2:]
     by_step = predictions_by_step(landed, estimates)
-    first = _first_predictions(landed, by_step)
+    first = first_predictions(landed, by_step)
     others: list[tuple[str, ...]] = [() for _ in landed]
     slopes = [math.nan for _ in landed]
     approaches: list[ScoredChange] = []
     if layout is not None:
         every = along_way([f.p_foot_in_world for f in footprints], layout)
         places, behind = every[2:], every[1:-1]
-        others = [_other_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
-        slopes = [_slope_under(s, layout, sole_m) for s in places]
+        others = [other_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
+        slopes = [slope_under(s, layout, sole_m) for s in places]
         approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
     before = "LG"
@@ -220,78 +214,6 @@ def score_modes(
         )  # fmt: skip
         before = print_.mode
     return ModeScores(steps=steps, approaches=approaches)
-
-
-def first_steps(
-    footprints: Sequence[Footprint], estimates: Sequence[ModeEstimate]
-) -> list[tuple[ModeEstimate, StepPrediction] | None]:
-    """For each true step the first prediction after the previous foot had landed; None if there was none."""
-    landed = footprints[2:]
-    first = _first_predictions(landed, predictions_by_step(landed, estimates))
-    return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
-
-
-def _first_predictions(
-    landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
-) -> list[tuple[ModeEstimate, int] | None]:
-    """For each step the first estimate that predicts it as the next one."""
-    found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
-    for i in range(1, len(landed)):
-        candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
-        found[i] = next(candidates, None)
-    return found
-
-
-def predictions_by_step(
-    landed: Sequence[Footprint], estimates: Sequence[ModeEstimate]
-) -> list[list[tuple[ModeEstimate, int]]]:
-    """For each step the estimates before its touch-down that predict it, and its index in each.
-
-    An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
-    touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
-    """
-    t_ns = np.array([f.t_ns for f in landed])
-    found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
-    for estimate in estimates:
-        first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
-        next_foot = estimate.steps[0].foot if estimate.steps else ""
-        late = early = False
-        if first > 0 and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS:
-            late = next_foot == landed[first - 1].foot
-        if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
-            early = next_foot not in ("", landed[first].foot)
-        offset = early - late
-        for k in range(late, len(estimate.steps)):
-            if first + k + offset < len(landed):
-                found[first + k + offset].append((estimate, k))
-    return found
-
-
-def _other_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a step between two arc lengths, m, may count as.
-
-    Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
-    for everyone to call it a stair.
-    """
-    behind, s = from_to
-    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
-    gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
-    found = ["LG"] if gentle and mode in ("RA", "RD") else []
-    for before, after in pairwise(layout.profile):
-        rise = after.z0 - before.z1
-        if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
-            found += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
-        if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
-            found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
-    return tuple(dict.fromkeys(found))
-
-
-def _slope_under(s: float, layout: Layout, sole_m: float) -> float:
-    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges."""
-    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
-    return next(
-        (p.slope for p in layout.profile if p.terrain in ("level", "ramp") and p.s0 <= heel and toe <= p.s1), math.nan
-    )
 
 
 def _miss(
@@ -337,8 +259,6 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
     steps = [s for w in walks for s in w.steps]
     approaches = [a for w in walks for a in w.approaches]
     transitions = [s for s in steps if s.transition]
-    lead = [s.lead_s for s in steps]
-    steady = [s for w in walks for s in _steady(w.steps)]
     confusion = {m: {t: sum(s.mode == m and s.predicted == t for s in steps) for t in (*MODES, "")} for m in MODES}
     return {
         "accuracy_pct": _percent(s.right for s in steps),
@@ -347,20 +267,24 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
         "transition_accuracy_pct": _percent(s.right for s in transitions),
         "accuracy_by_mode_pct": {m: _percent(s.right for s in steps if s.mode == m) for m in MODES},
         "confusion": confusion,
-        "lead_time_s": {"median": _quantile(lead, 50), "p5": _quantile(lead, 5)},
-        "transition_lead_time_s": {
-            "median": _quantile([s.lead_s for s in transitions], 50),
-            "p5": _quantile([s.lead_s for s in transitions], 5),
-        },
-        "footprint_rmse_m": {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])},
-        "footprint_steady_rmse_m": {
-            "forward": rms([s.forward_m for s in steady]), "left": rms([s.left_m for s in steady])
-        },
+        "lead_time_s": _lead_times(steps),
+        "transition_lead_time_s": _lead_times(transitions),
+        "footprint_rmse_m": _misses(steps),
+        "footprint_steady_rmse_m": _misses([s for w in walks for s in _steady(w.steps)]),
         "calibration_error": _calibration(steps),
         "steps": len(steps),
         "transitions": len(transitions),
         **_change_figures(approaches),
     }  # fmt: skip
+
+
+def _lead_times(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+    lead_s = [step.lead_s for step in steps]
+    return {"median": _quantile(lead_s, 50), "p5": _quantile(lead_s, 5)}
+
+
+def _misses(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+    return {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])}
 
 
 def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
@@ -391,9 +315,9 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
         "changes_found_pct": _percent(a.found for a in approaches),
         "begins_found_pct": _percent(a.found for a in begins),
         "distance_median_mm": median,
-        "riser_rmse_mm": _scaled(rms(seen["riser_m"]), 1e3),
-        "tread_rmse_mm": _scaled(rms(seen["tread_m"]), 1e3),
-        "slope_rmse_deg": _scaled(rms(seen["slope_rad"]), 180.0 / math.pi),
+        "riser_rmse_mm": rms(seen["riser_m"], 1e3),
+        "tread_rmse_mm": rms(seen["tread_m"], 1e3),
+        "slope_rmse_deg": rms(seen["slope_rad"], 180.0 / math.pi),
         "sizes": {
             size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
                    for way, mode in zip(("up", "down"), modes)}
@@ -414,8 +338,8 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
     own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
         "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
-        "rmse": _scaled(rms([e for e, d in own if d < _SEEN[name]]), factor),
-        "all_rmse": _scaled(rms([e for e, _ in own]), factor),
+        "rmse": rms([e for e, d in own if d < _SEEN[name]], factor),
+        "all_rmse": rms([e for e, _ in own], factor),
     }
 
 
@@ -454,14 +378,10 @@ def _quantile(values: Sequence[float], percent: float) -> float | None:
     return float(np.percentile(values, percent)) if len(values) else None
 
 
-def rms(values: Sequence[float]) -> float | None:
-    """Root mean square of the known values; None without any."""
+def rms(values: Sequence[float], factor: float = 1.0) -> float | None:
+    """Root mean square of the known values times a factor to another unit; None without any."""
     known = [v for v in values if math.isfinite(v)]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else None
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
+    return float(np.sqrt(np.mean(np.square(known)))) * factor if known else None
 
 
 def scores_of_walk(modes: ModeScores) -> Scores:

@@ -6,20 +6,22 @@ otherwise, a file holds the poses that the estimator trusts and that no long dea
 
 from __future__ import annotations
 
-import csv
 import os
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.base import TRACKING, Declaration, Estimator, PathEstimate
 from stridetwin.outputs.base import LiveOutput, part_file
+from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.path.run import pose_of
-from stridetwin.streams.files import partial_path, whole_file
+from stridetwin.streams.files import partial_path
 from stridetwin.streams.formats.tum import seconds, write_tum
-from stridetwin.streams.trajectory import Pose, Trajectory
+from stridetwin.streams.trajectory import Trajectory
 
 DEAD_RECKONING_S = 1.0
 """Poses longer than this after the last tracked one are left out, s: a consumer IMU is then off by some centimetres."""
@@ -58,7 +60,7 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
     which = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
     path = estimate.path[which]
     if file.suffix == TABLE:
-        _write_table(path, None if estimate.status is None else estimate.status[which], file)
+        write_table(COLUMNS, _rows(path, None if estimate.status is None else estimate.status[which]), file)
     else:
         write_tum(path, file)
     return len(path), f"{file}: {len(path)} poses{_left_out(estimate.path, keep, dead_reckoning)}"
@@ -77,21 +79,18 @@ def _left_out(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
     return f"{ended}; {int((~keep).sum())} poses without tracking {what}"
 
 
-def _write_table(path: Trajectory, status: NDArray[np.str_] | None, file: Path) -> None:
-    """Writes `COLUMNS`; an unknown status or covariance is empty."""
+def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[str]]:
+    """Rows of `COLUMNS`; an unknown status or covariance is empty."""
     poses = np.column_stack((path.p_frame_in_world, path.q_world_frame[:, [1, 2, 3, 0]])).tolist()
     words = [""] * len(path) if status is None else status.tolist()
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
-    with whole_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
-            known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
-            writer.writerow([seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known])
+    for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
+        known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
+        yield [seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known]
 
 
 class LivePaths(LiveOutput):
-    """The paths of one estimator in `live`: one row per pose, and one TUM file per part.
+    """The paths of one estimator in `live`: one row per pose, and one TUM file per part, which appears at the end.
 
     Args:
         declaration: Of the estimator.
@@ -100,59 +99,32 @@ class LivePaths(LiveOutput):
 
     def __init__(self, declaration: Declaration, file: Path | None) -> None:
         self._name, self._parts = declaration.name, declaration.parts
-        files = {part: part_file(file, part) if file else None for part in declaration.parts.values() or ("",)}
-        self._paths = {part: _LivePath(part_of_file) for part, part_of_file in files.items()}
+        parts = declaration.parts.values() or ("",)
+        self._files = {} if file is None else {part: part_file(file, part) for part in parts}
+        self._out = {part: partial_path(path).open("w", encoding="ascii") for part, path in self._files.items()}
+        self._rows: Counter[str] = Counter()
 
     def add(self, estimate: Any) -> str | None:
         """The row of a pose, prefixed with its part if there are several."""
         if (pose := pose_of(estimate, self._name)) is None:
             return None
         part = self._parts.get(pose.frame, "")
-        return f"{part} {self._paths[part].add(pose)}".lstrip()
+        w, x, y, z = pose.q_world_frame.tolist()
+        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        if part in self._out:
+            self._out[part].write(row + "\n")
+            self._rows[part] += 1
+        return f"{part} {row}".lstrip()
 
     def finish(self, estimator: Estimator) -> dict[Path, int]:
         """Moves the files to their places."""
-        for path in self._paths.values():
-            path.finish()
-        return {path.file: path.rows for path in self._paths.values() if path.file is not None}
+        for part, file in self._files.items():
+            self._out[part].close()
+            os.replace(partial_path(file), file)
+        return {file: self._rows[part] for part, file in self._files.items()}
 
     def abandon(self) -> None:
-        """Removes what has been written so far."""
-        for path in self._paths.values():
-            path.abandon()
-
-
-class _LivePath:
-    """One trajectory in the format of `write_tum`, row by row; the file appears when it is finished.
-
-    Args:
-        file: File to write; None only formats the rows.
-
-    Attributes:
-        rows: Number of rows so far.
-    """
-
-    def __init__(self, file: Path | None) -> None:
-        self.file, self.rows = file, 0
-        self._out: TextIO | None = None if file is None else partial_path(file).open("w", encoding="ascii")
-
-    def add(self, pose: Pose) -> str:
-        """Adds a pose; returns its row."""
-        w, x, y, z = pose.q_world_frame.tolist()
-        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
-        if self._out is not None:
-            self._out.write(row + "\n")
-        self.rows += 1
-        return row
-
-    def finish(self) -> None:
-        """Moves the file to its final place."""
-        if self._out is not None and self.file is not None:
-            self._out.close()
-            os.replace(partial_path(self.file), self.file)
-
-    def abandon(self) -> None:
-        """Leaves an existing file unchanged."""
-        if self._out is not None and self.file is not None:
-            self._out.close()
-            partial_path(self.file).unlink(missing_ok=True)
+        """Removes what has been written so far; existing files stay unchanged."""
+        for part, file in self._files.items():
+            self._out[part].close()
+            partial_path(file).unlink(missing_ok=True)

@@ -54,13 +54,13 @@ class Paths(OutputKind[PathEstimate, Result]):
 
     def report(self, evaluations: Sequence[Result], recording: Recording) -> ReportParts:
         """Figures in short, plan and side views, errors over time, and all scores."""
-        from stridetwin.outputs.path.report import describe_distance, path_figures, score_cards, score_table
+        from stridetwin.outputs.path.report import describe_distance, path_figures, score_cards, scores_section
 
         return ReportParts(
             chips=(describe_distance(evaluations),),
             summary=score_cards(evaluations),
             figures=path_figures(evaluations, recording),
-            scores=score_table(evaluations),
+            scores=scores_section(evaluations),
         )
 
     def rerun_views(self, evaluations: Sequence[Result]) -> dict[str, tuple[str, str]]:

@@ -11,7 +11,7 @@ from stridetwin.estimators.base import FEET, PATH
 from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.figures import by_part, error_over_time, label_of, part_of, plan_view, side_view
 from stridetwin.outputs.path.scores import SCORES
-from stridetwin.outputs.score_rows import score_rows
+from stridetwin.outputs.score_rows import score_table
 from stridetwin.outputs.truth import FOOTPRINTS
 from stridetwin.pages.html import boxes, number_text, rendered, section, table
 from stridetwin.reference.norms import reference
@@ -84,12 +84,10 @@ def path_figures(results: Sequence[Result], recording: Recording) -> str:
     return section("Paths", lead, boxes(figures), "stack")
 
 
-def score_table(results: Sequence[Result]) -> str:
+def scores_section(results: Sequence[Result]) -> str:
     """All scores of every path, and end errors that a paper reports."""
-    names = [result.name for result in results]
-    rows = score_rows(SCORES, [result.scores for result in results])
     lead = "Position and yaw agree at the start; the truth is taken at the estimate's own stamps."
-    scores = table(("Score", *names), rows, range(1, len(names) + 1))
+    scores = score_table(SCORES, {result.name: result.scores for result in results})
     return section("Scores", lead, scores + _paper_figures())
 
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
-from stridetwin.estimators.base import Estimator
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.outputs.base import LiveOutput
-from stridetwin.outputs.csv_tables import csv_row, write_table
+from stridetwin.outputs.csv_tables import LiveTable, csv_row
 
 STEP_COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", "slope_rad", "slope_sd_rad", "elevation_m", "elevation_sd_m", "x_m",
@@ -26,32 +22,13 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
-    """Writes a table with one row per step, columns `STEP_COLUMNS`; unknown values are empty."""
-    write_table(STEP_COLUMNS, map(step_cells, estimates), path)
-
-
-class LiveSteps(LiveOutput):
-    """One row per estimate in `live`, and a table with the last estimate of each step.
-
-    Args:
-        file: File to write; None only gives rows.
-    """
-
-    def __init__(self, file: Path | None) -> None:
-        self._file = file
-        self._last: dict[int, StepEstimate] = {}
+class LiveSteps(LiveTable):
+    """One row per estimate in `live`, and a table with the last estimate of each step."""
 
     def add(self, estimate: Any) -> str | None:
         """The row of an estimate; none of step 0, at which the person stands."""
         if estimate is None or estimate.step <= 0:
             return None
-        self._last[estimate.step] = estimate
-        return csv_row(step_cells(estimate))
-
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
-        """Writes the table."""
-        if self._file is None:
-            return {}
-        write_steps([self._last[step] for step in sorted(self._last)], self._file)
-        return {self._file: len(self._last)}
+        row = step_cells(estimate)
+        self.keep(estimate.step, row)
+        return csv_row(row)

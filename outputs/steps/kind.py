@@ -3,46 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from stridetwin.estimators.base import Declaration, Estimator
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
     Collector,
+    Evaluated,
     FileOptions,
     LiveOutput,
     Output,
     OutputKind,
     ReportParts,
     Score,
-    Scores,
     Written,
 )
+from stridetwin.outputs.csv_tables import written_table
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.steps.files import LiveSteps, write_steps
-from stridetwin.outputs.steps.run import StepCollector
+from stridetwin.outputs.steps.files import STEP_COLUMNS, LiveSteps, step_cells
 from stridetwin.outputs.steps.scores import SCORES, ScoredStep, false_steps, score_steps, step_scores
 from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Sample
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EvaluatedSteps:
-    """Estimated steps beside the true ones.
+class StepCollector(Collector[list[StepEstimate]]):
+    """The last estimate of each step; step 0, at which the person stands, is left out."""
 
-    Attributes:
-        name: Name of the estimator.
-        steps: Every true step, with its estimate.
-        scores: `SCORES`.
-    """
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._last: dict[int, StepEstimate] = {}
 
-    name: str
-    steps: list[ScoredStep]
-    scores: Scores
+    def add(self, sample: Sample, estimate: Any) -> None:
+        """Replaces the earlier estimate of a step."""
+        if estimate is not None and estimate.step > 0:
+            self._last[estimate.step] = estimate
+
+    def outputs(self) -> list[Output[list[StepEstimate]]]:
+        """The steps, in order."""
+        return [Output(name=self._name, estimates=[self._last[step] for step in sorted(self._last)])]
+
+
+EvaluatedSteps = Evaluated[list[ScoredStep]]
+"""Every true step, with its estimate."""
 
 
 class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
@@ -77,21 +83,19 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
                 raise RecordingError(f"{recording.path}: {output.name} matched none of the {len(steps)} true steps")
             false_pct = 100.0 * false_steps(footprints, output.estimates) / len(output.estimates)
             scores = {**step_scores(steps), "false_pct": false_pct}
-            evaluations.append(EvaluatedSteps(name=output.name, steps=steps, scores=scores))
+            evaluations.append(Evaluated(name=output.name, estimates=steps, scores=scores))
         return evaluations
 
     def write(self, output: Output[list[StepEstimate]], file: Path, options: FileOptions) -> Written:
         """Writes a table, one row per step."""
-        write_steps(output.estimates, file)
-        rows = len(output.estimates)
-        return Written(files=[file], rows=rows, lines=[f"{file}: {rows} steps"])
+        return written_table(STEP_COLUMNS, [step_cells(step) for step in output.estimates], file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """One row per estimate."""
-        return LiveSteps(file)
+        return LiveSteps(STEP_COLUMNS, file)
 
     def report(self, evaluations: Sequence[EvaluatedSteps], recording: Recording) -> ReportParts:
         """Planes under the feet from the side, and the path from above, of the first estimator."""
         from stridetwin.outputs.steps.figures import step_section
 
-        return ReportParts(figures=step_section(evaluations[0].steps, evaluations[0].scores, recording))
+        return ReportParts(figures=step_section(evaluations[0].estimates, evaluations[0].scores, recording))

@@ -1,4 +1,4 @@
-"""Figures of a terrain map along the route: from above, from the side, and its errors."""
+"""Figures of a terrain map along the route: from above, from the side, its errors; and the section of a report."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from stridetwin.outputs.aligned_walk import AlignedWalk
-from stridetwin.outputs.route_figures import draw_profile
-from stridetwin.outputs.straightened_route import HALF_WIDTH_M, StraightenedRoute
+from stridetwin.outputs.base import Scores
+from stridetwin.outputs.route_figures import HALF_WIDTH_M, StraightenedRoute, draw_profile
+from stridetwin.outputs.score_rows import score_table
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.outputs.terrain.mapped_route import CELL_M, MappedRoute
-from stridetwin.outputs.terrain.scores import true_heights
+from stridetwin.outputs.terrain.run import SampledMap
+from stridetwin.outputs.terrain.scores import SCORES, true_heights
 from stridetwin.outputs.truth import edges
-from stridetwin.pages.html import data_uri
+from stridetwin.pages.html import boxes, data_uri, section
 from stridetwin.pages.plot import INK, PALETTE, Plot, data_range
 from stridetwin.streams.samples import Array
 
@@ -28,6 +30,10 @@ _LINE_M = 0.2
 _CLEAR_M = 0.06
 _LEAST_CLEAR = 0.3  # of the cells across the route
 _MAX_EDGE_ERROR_MM = 140.0  # an estimated edge farther than this from every true one matches none
+_LEAD = (
+    "From depth camera and visual-inertial odometry: the ground, mapped before the walker reached it. Drift of the "
+    "odometry counts as an error of its path only."
+)
 
 
 def ground_from_above(route: MappedRoute, walk: AlignedWalk) -> Markup:
@@ -127,3 +133,10 @@ def _middle(route: MappedRoute) -> tuple[Array, Array, NDArray[np.uint8]]:
     middle[enough] = [np.median(row[there]) for row, there in zip(height[enough], known[enough])]
     counts = np.stack([((classes == k) & known).sum(axis=1) for k in range(len(GROUND_CLASSES))], axis=1)
     return route.s, middle, counts.argmax(axis=1).astype(np.uint8)
+
+
+def terrain_section(sampled: SampledMap, scores: Scores) -> str:
+    """The ground from above and from the side, errors of heights and edges, and the scores of one map."""
+    route, walk = sampled.route, sampled.walk
+    figures = [ground_from_above(route, walk), ground_from_aside(route, walk), ground_errors(route, walk)]
+    return section("Terrain ahead", _LEAD, boxes([*figures, score_table(SCORES, {"this walk": scores})]), "stack")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -12,13 +11,13 @@ from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
     Collector,
+    Evaluated,
     FileOptions,
     LiveOutput,
     Output,
     OutputKind,
     ReportParts,
     Score,
-    Scores,
     Written,
 )
 from stridetwin.outputs.feeding import Instance
@@ -27,20 +26,8 @@ from stridetwin.outputs.terrain.run import MapCollector, MapRun, SampledMap
 from stridetwin.outputs.terrain.scores import SCORES, map_figures
 from stridetwin.streams.recording.reader import Recording
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EvaluatedMap:
-    """A map beside the true terrain.
-
-    Attributes:
-        name: Name of the estimator.
-        sampled: What was sampled of it during the walk.
-        scores: `SCORES`.
-    """
-
-    name: str
-    sampled: SampledMap
-    scores: Scores
+EvaluatedMap = Evaluated[SampledMap]
+"""What was sampled of a map during the walk."""
 
 
 class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
@@ -61,7 +48,7 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     ) -> list[EvaluatedMap]:
         """The scores of the maps that were sampled against the truth."""
         return [
-            EvaluatedMap(name=output.name, sampled=sampled, scores=map_figures(sampled.scores))
+            Evaluated(name=output.name, estimates=sampled, scores=map_figures(sampled.scores))
             for output in outputs
             if (sampled := output.estimates.sampled) is not None
         ]
@@ -86,12 +73,12 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
 
     def report(self, evaluations: Sequence[EvaluatedMap], recording: Recording) -> ReportParts:
         """The ground of the first map from above and from the side, its errors, and its scores."""
-        from stridetwin.outputs.terrain.report import terrain_section
+        from stridetwin.outputs.terrain.figures import terrain_section
 
-        return ReportParts(figures=terrain_section(evaluations[0].sampled, evaluations[0].scores))
+        return ReportParts(figures=terrain_section(evaluations[0].estimates, evaluations[0].scores))
 
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedMap], recording: Recording) -> None:
         """The ground of the first map, its planes and edges, over time."""
         from stridetwin.outputs.terrain.rerun import log_ground
 
-        log_ground(rerun, stream, evaluations[0].sampled.snapshots)
+        log_ground(rerun, stream, evaluations[0].estimates.snapshots)

@@ -80,7 +80,7 @@ class _MapSampler:
         estimate, place_m = self._map.estimate, self._walk.place_at(t_ns)
         if estimate is None or estimate.t_ns != t_ns or place_m is None:
             return
-        alignment = self._walk.alignment_at(t_ns)
+        alignment = self._walk.alignment.at(t_ns)
         if not self._scorer.look(t_ns, self._map, alignment, place_m):
             return
         grid = GroundGrid.of(self._map)

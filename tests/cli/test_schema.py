@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from stridetwin.cli.commands import SCHEMAS
 from stridetwin.cli.main import main
-from stridetwin.cli.schema import SCHEMAS
 from stridetwin.scenarios.campaign.campaign_file import campaigns
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.parts.library import library

@@ -20,7 +20,7 @@ from stridetwin.outputs.modes.kind import EvaluatedModes, Modes
 from stridetwin.outputs.modes.rerun import prediction_text
 from stridetwin.outputs.modes.scores import mode_figures, score_modes, scores_of_walk
 from stridetwin.outputs.pose_feed import merge_poses
-from stridetwin.outputs.straightened_route import HALF_WIDTH_M
+from stridetwin.outputs.route_figures import HALF_WIDTH_M
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.outputs.terrain.figures import ground_errors, ground_from_above, ground_from_aside
 from stridetwin.outputs.terrain.grid import GROUND_CLASSES

@@ -19,7 +19,7 @@ def test_two_processes_estimate_the_same_as_one(seen, monkeypatch):
     monkeypatch.setattr(
         run_module, "has_two_image_estimators", lambda recording, only: asked.append(recording.path) or True
     )
-    of_kinds = {o.kind: o.outputs for o in run_recording(Recording(seen), in_two_processes=True)}
+    of_kinds = dict(run_recording(Recording(seen), in_two_processes=True))
     assert asked == [seen]
     made, alone = [o.estimates for o in of_kinds[kinds()[PATH]]], all_paths(Recording(seen))
     assert [e.name for e in made] == [e.name for e in alone]
@@ -34,7 +34,7 @@ def test_two_processes_estimate_the_same_as_one(seen, monkeypatch):
 
 def evaluate(recording, odometry, **selection):
     of_kinds = run_driven(recording, odometry, Selection(**selection))
-    return [KindEvaluations(kind=o.kind, evaluations=o.kind.evaluate(o.outputs, recording)) for o in of_kinds]
+    return [KindEvaluations(kind=kind, evaluations=kind.evaluate(outputs, recording)) for kind, outputs in of_kinds]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -13,14 +13,8 @@ import pytest
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.modes.approaches import mode_changes
-from stridetwin.outputs.modes.scores import (
-    ModeScores,
-    ScoredMode,
-    mode_figures,
-    predictions_by_step,
-    reliability,
-    score_modes,
-)
+from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability, score_modes
+from stridetwin.outputs.modes.true_steps import predictions_by_step
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.outputs.truth import flights
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn

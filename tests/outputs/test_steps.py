@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.outputs.steps.files import STEP_COLUMNS, write_steps
+from stridetwin.outputs.csv_tables import write_table
+from stridetwin.outputs.steps.files import STEP_COLUMNS, step_cells
 from stridetwin.outputs.steps.scores import (
     ScoredStep,
     displacement_errors,
@@ -109,7 +110,8 @@ def test_a_way_that_starts_with_another_heading_is_turned_back():
 
 
 def test_the_table_has_a_row_a_step(tmp_path):
-    write_steps([estimate(2), estimate(3, slope_sd=np.inf)], tmp_path / "steps.csv")
+    rows = map(step_cells, [estimate(2), estimate(3, slope_sd=np.inf)])
+    write_table(STEP_COLUMNS, rows, tmp_path / "steps.csv")
     with (tmp_path / "steps.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == STEP_COLUMNS

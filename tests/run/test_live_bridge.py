@@ -19,7 +19,8 @@ from stridetwin.cli.main import main
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
-from stridetwin.outputs.modes.files import predicted_steps, write_modes
+from stridetwin.outputs.csv_tables import write_table
+from stridetwin.outputs.modes.files import MODE_COLUMNS, mode_cells, predicted_steps
 from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.terrain.files import write_terrain
 from stridetwin.run import live
@@ -105,7 +106,7 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
     predictor = LocomotionMode(recording.rig, options=Options(poses_of="head/imu"))
     estimates = map(predictor.update, poses_and_rest(recording, odometry))
     rows = predicted_steps(e for e in estimates if e is not None)
-    write_modes(rows, tmp_path / "offline.csv")
+    write_table(MODE_COLUMNS, map(mode_cells, rows), tmp_path / "offline.csv")
     write_terrain(predictor.ground, tmp_path / "offline.json")
     made = alive(["locomotion_mode", "-o", tmp_path / "live.csv"], sent(seen))
     assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "offline.csv").read_bytes()
@@ -257,9 +258,8 @@ def test_what_an_estimator_can_take():
     assert "colour" in image("/foot_l/camera", 24, 32, 3)[0]
     assert image("/head/color", 32, 24, 3)[1] == "24 × 32, not 32 × 24"
     assert fit.find_problem(Depth(topic="/head/depth", t_ns=1, depth=np.zeros((24, 32), np.float32))) is None
-    assert image("/head/depth", 24, 32)[1] == "Image, not Depth"
-    assert fit.other_kind == {"/head/depth": 1}
-    assert fit.other_size == {"/foot_l/camera": 1, "/head/color": 1}
+    assert image("/head/depth", 24, 32)[1:] == ("Image, not Depth", "other_kind")
+    assert image("/foot_l/camera", 24, 32, 3)[2] == image("/head/color", 32, 24, 3)[2] == "other_size"
 
 
 def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, monkeypatch):

@@ -12,7 +12,8 @@ from fake_twin import FakeTwin
 from live_bridge import outcome
 from page_commands import PAGES, ROOT, fenced, in_text, name, rows_of_the_command_line, variants
 
-from stridetwin.cli import COMMANDS, main
+from stridetwin.cli import main
+from stridetwin.cli.commands import COMMANDS
 from stridetwin.estimators import registry
 from stridetwin.report import runner
 from stridetwin.scenarios import record

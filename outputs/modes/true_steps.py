@@ -1,0 +1,97 @@
+"""True steps: the predictions that belong to each, the modes that count as right for it, and the slope under it.
+
+A footprint across a ramp's edge, on a slope just below that of a ramp, or beyond a riser of about the least height of a
+stair may count as either of two modes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import ModeEstimate, StepPrediction
+from stridetwin.outputs.terrain.changes import mode_of
+from stridetwin.streams.samples import Footprint
+from stridetwin.streams.terrain_truth import Layout
+
+_JUST_LANDED_NS = 150_000_000
+_HEEL_M = 0.045
+_GENTLE_RAD = math.radians(3.49)
+"""Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
+_LOW_RISER_M = (0.065, 0.075)
+"""A stair begins at 70 mm (Zhao et al. 2023); within 5 mm of that, either answer serves the walker."""
+
+
+def first_steps(
+    footprints: Sequence[Footprint], estimates: Sequence[ModeEstimate]
+) -> list[tuple[ModeEstimate, StepPrediction] | None]:
+    """For each true step the first prediction after the previous foot had landed; None if there was none."""
+    landed = footprints[2:]
+    first = first_predictions(landed, predictions_by_step(landed, estimates))
+    return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
+
+
+def first_predictions(
+    landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
+) -> list[tuple[ModeEstimate, int] | None]:
+    """For each step the first estimate that predicts it as the next one."""
+    found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
+    for i in range(1, len(landed)):
+        candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
+        found[i] = next(candidates, None)
+    return found
+
+
+def predictions_by_step(
+    landed: Sequence[Footprint], estimates: Sequence[ModeEstimate]
+) -> list[list[tuple[ModeEstimate, int]]]:
+    """For each step the estimates before its touch-down that predict it, and its index in each.
+
+    An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
+    touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
+    """
+    t_ns = np.array([f.t_ns for f in landed])
+    found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
+    for estimate in estimates:
+        first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
+        next_foot = estimate.steps[0].foot if estimate.steps else ""
+        late = early = False
+        if first > 0 and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS:
+            late = next_foot == landed[first - 1].foot
+        if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
+            early = next_foot not in ("", landed[first].foot)
+        offset = early - late
+        for k in range(late, len(estimate.steps)):
+            if first + k + offset < len(landed):
+                found[first + k + offset].append((estimate, k))
+    return found
+
+
+def other_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
+    """Other modes that a step between two arc lengths, m, may count as.
+
+    Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
+    for everyone to call it a stair.
+    """
+    behind, s = from_to
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
+    found = ["LG"] if gentle and mode in ("RA", "RD") else []
+    for before, after in pairwise(layout.profile):
+        rise = after.z0 - before.z1
+        if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
+            found += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
+        if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
+            found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
+    return tuple(dict.fromkeys(found))
+
+
+def slope_under(s: float, layout: Layout, sole_m: float) -> float:
+    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges."""
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    return next(
+        (p.slope for p in layout.profile if p.terrain in ("level", "ramp") and p.s0 <= heel and toe <= p.s1), math.nan
+    )
