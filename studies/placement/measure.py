@@ -83,10 +83,7 @@ class Visit:
 def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> Row:
     """A row: `walk`, `estimators`, and `failed` with a reason if the walk or an estimator failed.
 
-    Args:
-        folder: The placement's folder; the recording lies there until it is scored.
-        estimators: Those that are scored.
-        visit: The place and the walk.
+    The recording lies in the placement's folder until it is scored.
 
     Raises:
         StrideTwinError: An error that is not specific to this walk, such as a full disk.
@@ -111,13 +108,9 @@ def _one_line(error: StrideTwinError, folder: Path) -> str:
 
 
 def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> Row:
-    """A row: `walk`, `scores`, and `failed` with a reason if the place or the walk is infeasible.
+    """A row: `walk`, `scores` of these names, and `failed` with a reason if the place or the walk is infeasible.
 
-    Args:
-        names: The scores.
-        seeing: When a board counts as seen.
-        run: Identifies the run of the placement, whose walks are kept in memory.
-        visit: The place and the walk.
+    `run` identifies the run of the placement, whose walks are kept in memory.
     """
     row: Row = {"walk": visit.label, "scores": {}}
     try:

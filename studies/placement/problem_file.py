@@ -73,7 +73,7 @@ class Confirm:
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """What a placement file says.
+    """What a placement file says; `scores`, `seeds`, `seeing` and `confirm` are as in `PlacementFile`.
 
     Attributes:
         path: The file.
@@ -81,25 +81,21 @@ class Problem:
         bases: Scenarios.
         variables: Set at every place.
         free: What is chosen.
-        scores: By which places are compared; the search minimises their weighted sum.
-        seeds: Of the walks of each scenario, the same at every place.
-        seeing: When a board counts as seen.
         search: How places are found; None for a sweep over all.
-        confirm: The best places once more; None without.
         own: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
     description: str
     bases: tuple[Base, ...]
-    variables: tuple[Variable, ...] = ()
+    variables: tuple[Variable, ...]
     free: tuple[Free, ...]
     scores: tuple[Score, ...]
-    seeds: tuple[int, ...] = (0,)
-    seeing: Seeing = field(default_factory=Seeing)
-    search: Optimise | None = None
-    confirm: Confirm | None = None
-    own: dict[str, Path] = field(default_factory=dict)
+    seeds: tuple[int, ...]
+    seeing: Seeing
+    search: Optimise | None
+    confirm: Confirm | None
+    own: dict[str, Path]
 
     @property
     def knobs(self) -> list[Knob]:
@@ -219,11 +215,7 @@ def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where)
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values of all knobs; empty for the unchanged scenario.
-
-    Attributes:
-        values: By the knobs' names.
-    """
+    """Values of all knobs by their names; none for the unchanged scenario."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
 
