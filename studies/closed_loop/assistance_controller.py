@@ -130,10 +130,8 @@ def _share(joint: str, seen: Mapping[str, Array]) -> float:
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
     of = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
     shares = (of.stance if loaded else of.swing).get(name, TorqueShares())  # ankles get no torque
-    if speed > 0.0:
-        share, full = shares.bending, FULL_RADPS
-    elif speed < 0.0:
-        share, full = -shares.extending, STANCE_RADPS if loaded else FULL_RADPS
-    else:
+    if not abs(speed) > 0.0:
         return 0.0  # NaN: no sample has arrived yet
+    share = -shares.extending if speed < 0.0 else shares.bending
+    full = STANCE_RADPS if speed < 0.0 and loaded else FULL_RADPS
     return of.share * share * min(abs(speed) / full, 1.0)

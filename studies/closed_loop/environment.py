@@ -33,18 +33,17 @@ from stridetwin.studies.closed_loop.plan_cache import stored
 
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
-SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
 WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
 _ORDER = ("hip", "knee", "ankle")
 _OBSERVED = {
-    "encoder": ("angle",),
-    "insole": ("force",),
-    "interaction": ("force",),
-    "ahrs": ("q_world_sensor", "angular_rate"),
-    "actuator": ("torque_command", "torque", "speed"),
+    "insole": (4, ("force",)),
+    "ahrs": (7, ("q_world_sensor", "angular_rate")),
+    "encoder": (1, ("angle",)),
+    "interaction": (2, ("force",)),
+    "actuator": (3, ("torque_command", "torque", "speed")),
 }
-"""Attributes of a sample that make its observation, by the sensor's kind."""
-_SIZE = {"encoder": 1, "insole": 4, "interaction": 2, "ahrs": 7, "actuator": 3}
+"""By kind of sensor: the size of its observation, and the attributes of a sample that make it."""
+SENSORS = tuple(_OBSERVED)
 
 
 class WalkPhysics(control.Physics):
@@ -206,19 +205,19 @@ class Streams:
     """
 
     def __init__(self, rig: Rig) -> None:
-        self._kind = {topic: sensor.kind for topic, sensor in rig.others.items() if sensor.kind in _SIZE}
+        self._kind = {topic: sensor.kind for topic, sensor in rig.others.items() if sensor.kind in _OBSERVED}
         Streams.reset(self)
 
     def reset(self) -> None:
         """As `Observer`."""
-        self._latest = {topic: np.full(_SIZE[kind], np.nan) for topic, kind in self._kind.items()}
+        self._latest = {topic: np.full(_OBSERVED[kind][0], np.nan) for topic, kind in self._kind.items()}
 
     def update(self, samples: Iterable[Sample]) -> None:
         """As `Observer`."""
         for sample in samples:
             if sample.topic in self._kind:
-                values = [getattr(sample, name) for name in _OBSERVED[self._kind[sample.topic]]]
-                self._latest[sample.topic] = np.hstack(values).astype(float)
+                _, names = _OBSERVED[self._kind[sample.topic]]
+                self._latest[sample.topic] = np.hstack([getattr(sample, name) for name in names]).astype(float)
 
     def observation(self) -> dict[str, Array]:
         """As `Observer`."""
