@@ -13,6 +13,7 @@ from stridetwin.estimators.checkerboard.pattern import Lens
 from stridetwin.scenarios.record import make_twin
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
 from stridetwin.sim.rendering.cameras import board_seen_by
 from stridetwin.sim.sensors.standard_rig import SensorRig
@@ -38,40 +39,17 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moving:
-    """A body at N instants.
-
-    Attributes:
-        T_world_body: (N, 4, 4); for a foot, that of the shoe's upper with the sensors.
-        v: (N, 3) m/s of its origin, world axes.
-        w: (N, 3) rad/s, world axes.
-    """
-
-    T_world_body: Array
-    v: Array
-    w: Array
-
-    def seats(self, T_body_sensor: Array) -> Array:
-        """(N, 4, 4) poses of a sensor mounted on it."""
-        return np.asarray(self.T_world_body @ T_body_sensor)
-
-    def velocity(self, p_in_world: Array) -> Array:
-        """(N, 3) m/s, velocities of (N, 3) points fixed to it."""
-        return self.v + np.cross(self.w, p_in_world - self.T_world_body[:, :3, 3])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PosedWalk:
     """A walk.
 
     Attributes:
-        bodies: Bodies with sensors, by name.
+        bodies: Tracks of the bodies with sensors at N instants, by name; for a foot, of the shoe's upper.
         limbs: Limbs that may occlude.
         terrain: The terrain.
         ground: Points on the ground ahead of the walker, (N, A, 3) m in the world.
     """
 
-    bodies: dict[str, Moving]
+    bodies: dict[str, Track]
     limbs: Limbs
     terrain: Terrain
     ground: Array
@@ -94,14 +72,9 @@ def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
     t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)
     q, v = twin.walk.moving(t)
     motion = twin.player().motion(np.round(t * 1e9).astype(np.int64))
-    bodies = {}
-    for name in motion.tracks:
-        track = motion.carrier(name)
-        T = track.poses()
-        w = np.einsum("nij,nj->ni", T[:, :3, :3], track.w_body)
-        bodies[name] = Moving(T_world_body=T, v=track.v_body_in_world, w=w)
+    bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
-    s = layout.way.project(bodies["pelvis"].T_world_body[:, :2, 3])
+    s = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])
     ahead = np.stack([layout.way.point((s[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
@@ -140,7 +113,8 @@ class Sight:
 def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure_s: float, seeing: Seeing) -> Sight:
     """What a camera on one body, with this exposure, sees of a board on another one."""
     carrier, other = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
-    T_world_camera, T_world_board = carrier.seats(camera.mount.T_body_sensor), other.seats(board.mount.T_body_sensor)
+    T_world_camera = carrier.poses() @ camera.mount.T_body_sensor
+    T_world_board = other.poses() @ board.mount.T_body_sensor
     eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]
     half = np.array([*board.squares, 0.0]) * board.square_m / 2
     corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
@@ -158,7 +132,8 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
         in_image(camera, seen_from).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
     )
 
-    relative = other.velocity(middle) - carrier.velocity(eye) - np.cross(carrier.w, middle - eye)
+    turning = np.cross(_rate(carrier), middle - eye)
+    relative = _velocity(other, middle) - _velocity(carrier, eye) - turning
     vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T
     blur_px = exposure_s * focal * np.hypot((vx * z - x * vz) / z**2, (vy * z - y * vz) / z**2)
 
@@ -170,6 +145,16 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
     seen = in_view & ~behind & ~buried
     sharp = seen & (blur_px < seeing.blur_squares * px)
     return Sight(in_view=in_view, behind_limbs=behind, seen=seen, sharp=sharp, px=px, blur_px=blur_px)
+
+
+def _rate(body: Track) -> Array:
+    """(N, 3) rad/s, world axes."""
+    return np.asarray(np.einsum("nij,nj->ni", body.rotation.as_matrix(), body.w_body))
+
+
+def _velocity(body: Track, p_in_world: Array) -> Array:
+    """(N, 3) m/s, velocities of (N, 3) points fixed to a body."""
+    return body.v_body_in_world + np.cross(_rate(body), p_in_world - body.p_body_in_world)
 
 
 def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
@@ -188,7 +173,7 @@ def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float,
         Share of the ground 0.5 to 2.5 m ahead on the route, and share of the image that the walker's body fills.
     """
     rows = np.arange(0, len(walk), _EVERY)
-    T = walk.bodies[camera.mount.body].seats(camera.mount.T_body_sensor)[rows]
+    T = walk.bodies[camera.mount.body][rows].poses() @ camera.mount.T_body_sensor
     eye, R = T[:, :3, 3], T[:, :3, :3]
     ground = walk.ground[rows]
     seen_from = (ground - eye[:, None]) @ R
@@ -204,13 +189,9 @@ def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float,
 def geometric_scores(
     sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
 ) -> dict[str, float]:
-    """Scores by name; undefined scores (no board ever in view) are left out.
+    """Scores of a place, by name of `GEOMETRIC`; undefined scores (no board ever in view) are left out.
 
-    Args:
-        sensor_rig: Sensors of the place.
-        walk: True motion; None where only weights are needed.
-        names: Of `GEOMETRIC`.
-        seeing: When a board counts as seen.
+    The walk is None where only weights are needed.
 
     Raises:
         StrideTwinError: A sensor that a score needs is off, or a part has no weight.
