@@ -7,27 +7,18 @@ Zhao et al. 2023.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.studies.case import Case
-from stridetwin.studies.closed_loop.assisted_walk import WalkResult, assisted_walk, bare_walk, costs, truth_of
+from stridetwin.studies.closed_loop.assisted_walk import Recogniser, assisted_walk, bare_walk, costs, truth_of
 from stridetwin.studies.closed_loop.recognition import Measured, Predicted
 from stridetwin.studies.tables import table_lines
 
-SCENARIO = "helped_walk"
-SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
-VARIANTS = {
-    "assistance": (range(1000, 1010), ("none", "carried", "late", "predicted", "known")),
-    "assistance_wrong": (range(1000, 1100), ("wrong",)),
-}
-"""By experiment: its seeds, and the first argument of `run_case`."""
 WRONG = 0.01
 NAMES = {
     "none": "no exoskeleton",
@@ -37,18 +28,14 @@ NAMES = {
     "known": "assisted by true modes",
     "wrong": f"assisted by true modes, {WRONG:.0%} of them wrong",
 }
-_MAKES: Mapping[str, Callable[[TwinConfig, int], WalkResult]] = {
-    "none": bare_walk,
-    "carried": lambda config, seed: assisted_walk(config, seed, None),
-    "late": lambda config, seed: assisted_walk(
-        config, seed, lambda rig, twin: Measured(geometry(twin.size, rig)), ("ahrs", "encoder")
-    ),
-    "predicted": lambda config, seed: assisted_walk(
-        config, seed, lambda rig, twin: Predicted(rig), ("head_imu", "head_camera")
-    ),
-    "known": lambda config, seed: assisted_walk(config, seed, lambda rig, twin: truth_of(twin)),
-    "wrong": lambda config, seed: assisted_walk(config, seed, lambda rig, twin: truth_of(twin, WRONG)),
+_RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
+    "carried": (None, ()),
+    "late": (lambda rig, twin: Measured(geometry(twin.size, rig)), ("ahrs", "encoder")),
+    "predicted": (lambda rig, twin: Predicted(rig), ("head_imu", "head_camera")),
+    "known": (lambda rig, twin: truth_of(twin), ()),
+    "wrong": (lambda rig, twin: truth_of(twin, WRONG), ()),
 }
+"""How a variant with exoskeleton knows the modes, and the sensors that this takes."""
 
 
 def run_case(case: Case, ways: Sequence[str]) -> dict[str, Any]:
@@ -60,7 +47,10 @@ def run_case(case: Case, ways: Sequence[str]) -> dict[str, Any]:
     (walk,) = case.walks()
     found = {}
     for way in ways:
-        made = _MAKES[way](walk.config, case.seed)
+        if way == "none":
+            made = bare_walk(walk.config, case.seed)
+        else:
+            made = assisted_walk(walk.config, case.seed, *_RECOGNISERS[way])
         found[way] = {"fell_at_s": made.walk.fell_at, "modes": costs(made)}
     return case.row(ways=found)
 
@@ -78,7 +68,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     summary: dict[str, Any] = {}
     for way in ways:
         fell = sum(r["ways"][way]["fell_at_s"] is not None for r in results)
-        modes = {mode: _of_mode(ended, way, mode, "none" in ways) for mode in _modes(ended, way)}
+        there = {mode for row in ended for mode in row["ways"][way]["modes"]}
+        modes = {mode: _of_mode(ended, way, mode, "none" in ways) for mode in MODES if mode in there}
         work = [sum(of["work_j"] for of in r["ways"][way]["modes"].values()) for r in ended]
         mean = float(np.mean(work)) if work else None
         summary[way] = {"walks": len(results), "fell": fell, "work_j": mean, "modes": modes}
@@ -88,23 +79,18 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     return {"summary": summary, "paper": {}}
 
 
-def _modes(rows: Iterable[Mapping[str, Any]], way: str) -> list[str]:
-    there = {mode for row in rows for mode in row["ways"][way]["modes"]}
-    return [mode for mode in MODES if mode in there]
-
-
 def _of_mode(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool) -> dict[str, Any]:
-    own = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
-    found: dict[str, Any] = {
-        "work_j_per_step": sum(o["work_j"] for o in own) / sum(o["steps"] for o in own),
-        "rest_j_per_step": sum(o["rest_j"] for o in own) / sum(o["steps"] for o in own),
-        "cuff_n": float(np.mean([o["cuff_n"] for o in own])),
-    }
+    def per_step(way: str, figure: str) -> float:
+        own = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
+        return sum(o[figure] for o in own) / sum(o["steps"] for o in own)
+
+    cuffs = [row["ways"][way]["modes"][mode]["cuff_n"] for row in rows if mode in row["ways"][way]["modes"]]
+    work, rest = per_step(way, "work_j"), per_step(way, "rest_j")
+    found: dict[str, Any] = {"work_j_per_step": work, "rest_j_per_step": rest, "cuff_n": float(np.mean(cuffs))}
     if beside_none:
-        none = [row["ways"]["none"]["modes"][mode] for row in rows]
-        bare = sum(o["work_j"] for o in none) / sum(o["steps"] for o in none)
-        found["more_than_none_pct"] = 100.0 * (found["work_j_per_step"] / bare - 1.0)
-        found["rest_more_than_none_pct"] = 100.0 * (found["rest_j_per_step"] / bare - 1.0)
+        bare = per_step("none", "work_j")
+        found["more_than_none_pct"] = 100.0 * (work / bare - 1.0)
+        found["rest_more_than_none_pct"] = 100.0 * (rest / bare - 1.0)
     return found
 
 
@@ -132,7 +118,7 @@ def table(result: dict[str, Any]) -> list[str]:
         rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
     share = summary.get("predicted", {}).get("gain_share")
     return [
-        f"{len(result['cases'])} walks of {SCENARIO}; positive work of hips and knees per step, its change against no "
+        f"{len(result['cases'])} walks of helped_walk; positive work of hips and knees per step, its change against no "
         "exoskeleton, and RMS of the cuffs' forces",
         *table_lines(_COLUMNS, rows, 46),
         *([] if share is None else [f"prediction gains {share:.0%} of what true modes gain over modes from the legs"]),

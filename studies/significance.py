@@ -26,12 +26,7 @@ LEAST_WALKS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A mean over walks.
-
-    Attributes:
-        mean: NaN if missing.
-        low, high: 95 % interval over walks; None of one or two walks.
-    """
+    """A mean over walks, NaN if missing, and its 95 % interval from `low` to `high`; None of one or two walks."""
 
     mean: float
     low: float | None = None
@@ -39,51 +34,32 @@ class Interval:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Difference:
-    """A mean difference over walks.
+class Difference(Interval):
+    """A mean difference over walks; its interval is not corrected for the number of differences.
 
     Attributes:
-        mean: Of the differences.
-        low, high: Its 95 % interval, not corrected; None of one or two walks.
         p: Probability of so large a difference by chance, corrected for the number of differences (Holm).
         significant: Whether it is significant.
     """
 
-    mean: float
-    low: float | None
-    high: float | None
     p: float
     significant: bool
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair:
-    """Two places.
-
-    Attributes:
-        first, second: Their numbers.
-        difference: Mean loss of the second one minus that of the first.
-        low, high: Its 95 % interval, not corrected; None of one or two walks.
-        p: Probability of so large a difference by chance, corrected for the number of pairs (Holm).
-        significant: Whether it is significant.
-    """
+class Pair(Difference):
+    """The mean loss of the `second` alternative minus that of the `first`, which are numbers of rows."""
 
     first: int
     second: int
-    difference: float
-    low: float | None
-    high: float | None
-    p: float
-    significant: bool
 
 
 def intervals(values: Array) -> list[Interval]:
     """Means of (W, C) columns over walks."""
-    whole = np.isfinite(values).all(axis=0)
     found = [Interval(mean=float(np.mean(column))) for column in values.T]
-    if len(values) > 1 and whole.any():
-        ends = _ends(_tested(values[:, whole]), len(values))
-        for i, (low, high) in zip(np.flatnonzero(whole).tolist(), ends):
+    whole = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()
+    if len(values) > 1 and whole:
+        for i, (low, high) in zip(whole, _ends(_tested(values[:, whole]), len(values))):
             found[i] = Interval(mean=found[i].mean, low=low, high=high)
     return found
 
@@ -110,31 +86,23 @@ def _ends(tested: Tested, walks: int) -> list[tuple[float | None, float | None]]
 
 
 def compared(losses: Array) -> list[Pair]:
-    """Every pair of (P, W) losses, best places first; only places with a loss on every walk.
-
-    Args:
-        losses: Of each place on each walk; lower is better.
-    """
-    there = np.flatnonzero(np.isfinite(losses).all(axis=1))
-    pairs = list(combinations(there.tolist(), 2))
+    """Every pair of (P, W) losses of places on walks, lower is better; only places with a loss on every walk."""
+    there = np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist()
+    pairs = list(combinations(there, 2))
     if losses.shape[1] < 2 or not pairs:
         return []
     found = differences(np.column_stack([losses[b] - losses[a] for a, b in pairs]))
-    return [
-        Pair(first=a, second=b, difference=d.mean, low=d.low, high=d.high, p=d.p, significant=d.significant)
-        for (a, b), d in zip(pairs, found)
-    ]
+    return [Pair(first=a, second=b, **vars(difference)) for (a, b), difference in zip(pairs, found)]
 
 
 def differences(changes: Array) -> list[Difference]:
     """Tests of the means of (W, C) differences, W of two or more, corrected for their number C."""
     tested = _tested(changes)
-    ends = _ends(tested, len(changes))
-    p = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below)))
+    corrected = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below))).tolist()
     enough = len(changes) >= LEAST_WALKS
     return [
-        Difference(mean=float(mean), low=low, high=high, p=float(p), significant=bool(enough and p < LEVEL))
-        for mean, (low, high), p in zip(tested.mean, ends, p)
+        Difference(mean=mean, low=low, high=high, p=p, significant=enough and p < LEVEL)
+        for mean, (low, high), p in zip(tested.mean.tolist(), _ends(tested, len(changes)), corrected)
     ]
 
 

@@ -8,7 +8,7 @@ stance, which lifts the body, and flexion in swing, which lifts the leg; the mod
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,44 +24,28 @@ LOADED_N = 80.0
 """Force above which a foot is loaded; an unloaded insole measures far less."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TorqueShares:
-    """Share of the torque limit that a joint gets in each direction (0-1).
-
-    Attributes:
-        extending: While it extends.
-        bending: While it flexes.
-    """
+class TorqueShares(NamedTuple):
+    """Share of the torque limit (0-1) that a joint gets while it extends, and while it flexes."""
 
     extending: float = 0.0
     bending: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModeAssistance:
-    """Assistance of one mode.
+_EXTENDING, _BENDING, _BOTH = TorqueShares(extending=1.0), TorqueShares(bending=1.0), TorqueShares(1.0, 1.0)
 
-    Attributes:
-        share: Of the torque limit.
-        stance: By joint, of a loaded leg.
-        swing: By joint, of an unloaded leg.
-    """
+
+class ModeAssistance(NamedTuple):
+    """Assistance of one mode: its share of the torque limit, and those of each joint of a loaded or unloaded leg."""
 
     share: float
-    stance: Mapping[str, TorqueShares] = field(
-        default_factory=lambda: {"hip": TorqueShares(extending=1.0, bending=1.0), "knee": TorqueShares(extending=1.0)}
-    )
-    swing: Mapping[str, TorqueShares] = field(
-        default_factory=lambda: {"hip": TorqueShares(extending=0.3, bending=1.0), "knee": TorqueShares(bending=1.0)}
-    )
+    stance: Mapping[str, TorqueShares] = {"hip": _BOTH, "knee": _EXTENDING}
+    swing: Mapping[str, TorqueShares] = {"hip": TorqueShares(0.3, 1.0), "knee": _BENDING}
 
 
 ASSISTANCE = {
     "LG": ModeAssistance(share=0.5),
     "SA": ModeAssistance(
-        share=1.0,
-        stance={"hip": TorqueShares(extending=1.0), "knee": TorqueShares(extending=1.0)},
-        swing={"hip": TorqueShares(extending=1.0, bending=1.0), "knee": TorqueShares(extending=1.0, bending=1.0)},
+        share=1.0, stance={"hip": _EXTENDING, "knee": _EXTENDING}, swing={"hip": _BOTH, "knee": _BOTH}
     ),
     "SD": ModeAssistance(share=0.5),
     "RA": ModeAssistance(share=1.0),
@@ -146,10 +130,8 @@ def _share(joint: str, seen: Mapping[str, Array]) -> float:
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
     of = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
     shares = (of.stance if loaded else of.swing).get(name, TorqueShares())  # ankles get no torque
-    if speed > 0.0:
-        share, full = shares.bending, FULL_RADPS
-    elif speed < 0.0:
-        share, full = -shares.extending, STANCE_RADPS if loaded else FULL_RADPS
-    else:
+    if not abs(speed) > 0.0:
         return 0.0  # NaN: no sample has arrived yet
+    share = -shares.extending if speed < 0.0 else shares.bending
+    full = STANCE_RADPS if speed < 0.0 and loaded else FULL_RADPS
     return of.share * share * min(abs(speed) / full, 1.0)

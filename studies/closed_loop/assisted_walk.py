@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,14 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array
 from stridetwin.studies.closed_loop.assistance_controller import AssistanceController, AssistanceObserver
-from stridetwin.studies.closed_loop.environment import WEARER_JOINTS, environment, torque_limits_nm, wearer_joints
+from stridetwin.studies.closed_loop.environment import (
+    WEARER_JOINTS,
+    Observer,
+    Streams,
+    environment,
+    torque_limits_nm,
+    wearer_joints,
+)
 from stridetwin.studies.closed_loop.recognition import Recognition, TrueModes
 
 Recogniser = Callable[[Rig, Twin], Recognition]
@@ -26,8 +34,7 @@ _EXO = Exo(mode=1)
 _SENSED = ("insole", "encoder", "actuator")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WalkResult:
+class WalkResult(NamedTuple):
     """A simulated walk and its twin."""
 
     twin: Twin
@@ -53,12 +60,11 @@ def assisted_walk(
         recogniser: Makes the mode recognition; None: the motors only compensate their own inertia.
         sensors: Sensor groups besides those of the controller.
     """
-    observer: Callable[[Rig], Any] | None = None
-    if recogniser is not None:
-        make = recogniser
 
-        def observer(rig: Rig) -> AssistanceObserver:
-            return AssistanceObserver(rig, lambda: make(rig, env.physics.twin))
+    def observer(rig: Rig) -> Observer:
+        if recogniser is None:
+            return Streams(rig)
+        return AssistanceObserver(rig, lambda: recogniser(rig, env.physics.twin))
 
     worn = tuple(dict.fromkeys((*_SENSED, *sensors)))
     env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=worn)
@@ -96,8 +102,8 @@ def costs(made: WalkResult) -> dict[str, dict[str, float]]:
     steps = sorted((s for side in SIDES for s in _made(walk.steps[side])), key=lambda s: s.t_touch)
     found = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
     last = float(walk.t[-1]) if walk.fell_at is None else walk.fell_at
-    for step, after in zip(steps, [*steps[1:], None]):
-        if after is None or after.t_touch > last:
+    for step, after in pairwise(steps):
+        if after.t_touch > last:
             break
         on = (walk.t >= step.t_touch) & (walk.t < after.t_touch)
         of = found[step.mode]

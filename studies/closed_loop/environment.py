@@ -10,7 +10,7 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from itertools import repeat
+from itertools import chain, repeat
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,15 +28,22 @@ from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Actuator, Ahrs, Array, Encoder, Insole, Interaction, Sample
+from stridetwin.streams.samples import Array, Sample
 from stridetwin.studies.closed_loop.plan_cache import stored
 
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
-SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
 WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
 _ORDER = ("hip", "knee", "ankle")
-_SEEDS = "a whole number from 0 on, or an iterable of them with one per walk"
+_OBSERVED = {
+    "insole": (4, ("force",)),
+    "ahrs": (7, ("q_world_sensor", "angular_rate")),
+    "encoder": (1, ("angle",)),
+    "interaction": (2, ("force",)),
+    "actuator": (3, ("torque_command", "torque", "speed")),
+}
+"""By kind of sensor: the size of its observation, and the attributes of a sample that make it."""
+SENSORS = tuple(_OBSERVED)
 
 
 class WalkPhysics(control.Physics):
@@ -62,9 +69,9 @@ class WalkPhysics(control.Physics):
         self.joints = tuple(sorted(mounted, key=_rank))
         self.most = np.minimum(torque_limits_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
         self._driven = [self.joints.index(joint) for joint in mounted]  # in the order of the motors
-        self._config, self._seeds = config, seeds
-        self._seed = self._next_seed()
-        self.rig: Rig = sensor_rig(config).nominal(self._seed)
+        first = next(seeds)
+        self._config, self._seeds = config, chain((first,), seeds)
+        self.rig: Rig = sensor_rig(config).nominal(first)
         self._plan, self._plan_control = stored()
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
@@ -88,28 +95,13 @@ class WalkPhysics(control.Physics):
     def reset(self) -> None:
         """Starts the next walk: the wearer stands on both soles."""
         self.close()
-        if self._twin is None:
-            self._twin = self._planned(self._seed)
-        else:
-            seed = self._next_seed()
-            if seed != self._twin.seed:
-                self._twin = self._planned(seed)
+        seed = next(self._seeds)
+        if self._twin is None or seed != self._twin.seed:
+            self._twin = Twin(self._config, seed, plan=self._plan, plan_control=self._plan_control)
         self._torque = np.zeros(len(self.joints))
         self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
         self._live.advance(0.0)
         self.samples = []
-
-    def _planned(self, seed: int) -> Twin:
-        return Twin(self._config, seed, plan=self._plan, plan_control=self._plan_control)
-
-    def _next_seed(self) -> int:
-        seed: Any = next(self._seeds, "used up")
-        number = -1
-        with suppress(TypeError):
-            number = operator.index(seed)
-        if number < 0:
-            raise ConfigError("environment", "seed", seed, _SEEDS)
-        return number
 
     def after_reset(self) -> None:
         """Does nothing."""
@@ -169,13 +161,21 @@ def _unpowered(config: TwinConfig) -> ConfigError:
     return ConfigError(config.name, "exo", found, valid)
 
 
-def _seeds(seed: Any) -> Iterator[Any]:
-    """The same seed for every walk, or one seed per walk."""
+def _walk_seeds(seed: Any) -> Iterator[int]:
+    """The same seed for every walk, or one per walk; each is checked when its walk is due."""
+    try:
+        seeds = iter(seed)
+    except TypeError:
+        seeds = repeat(seed)
+    return map(_checked_seed, chain(seeds, repeat("used up")))
+
+
+def _checked_seed(value: Any) -> int:
     with suppress(TypeError):
-        return repeat(operator.index(seed))
-    with suppress(TypeError):
-        return iter(seed)
-    raise ConfigError("environment", "seed", seed, _SEEDS)
+        if (seed := operator.index(value)) >= 0:
+            return seed
+    valid = "a whole number from 0 on, or an iterable of them with one per walk"
+    raise ConfigError("environment", "seed", value, valid)
 
 
 class Observer(Protocol):
@@ -205,36 +205,23 @@ class Streams:
     """
 
     def __init__(self, rig: Rig) -> None:
-        size = {"encoder": 1, "insole": 4, "ahrs": 7, "interaction": 2, "actuator": 3}
-        self._size = {topic: size[s.kind] for topic, s in rig.others.items() if s.kind in size}
+        self._kind = {topic: sensor.kind for topic, sensor in rig.others.items() if sensor.kind in _OBSERVED}
         Streams.reset(self)
 
     def reset(self) -> None:
         """As `Observer`."""
-        self._latest = {topic: np.full(n, np.nan) for topic, n in self._size.items()}
+        self._latest = {topic: np.full(_OBSERVED[kind][0], np.nan) for topic, kind in self._kind.items()}
 
     def update(self, samples: Iterable[Sample]) -> None:
         """As `Observer`."""
         for sample in samples:
-            if sample.topic in self._latest:
-                self._latest[sample.topic] = _value(sample)
+            if sample.topic in self._kind:
+                _, names = _OBSERVED[self._kind[sample.topic]]
+                self._latest[sample.topic] = np.hstack([getattr(sample, name) for name in names]).astype(float)
 
     def observation(self) -> dict[str, Array]:
         """As `Observer`."""
         return {topic.lstrip("/"): value.copy() for topic, value in self._latest.items()}
-
-
-def _value(sample: Sample) -> Array:
-    match sample:
-        case Encoder():
-            return np.array([sample.angle])
-        case Insole() | Interaction():
-            return np.asarray(sample.force, float)
-        case Ahrs():
-            return np.concatenate([sample.q_world_sensor, sample.angular_rate])
-        case Actuator():
-            return np.array([sample.torque_command, sample.torque, sample.speed])
-    raise TypeError(f"{sample.topic} has no value to observe")
 
 
 class Assistance(control.Task):
@@ -300,6 +287,6 @@ def environment(
     """
     config = scenario if isinstance(scenario, TwinConfig) else load_scenario(scenario).config
     config = replace(config, physics="dynamic", sensors=sensors, faults=(), shock=False)
-    physics = WalkPhysics(config, _seeds(seed))
+    physics = WalkPhysics(config, _walk_seeds(seed))
     task = Assistance(None if observer is None else observer(physics.rig), physics.rig)
     return control.Environment(physics, task, control_timestep=PERIOD_S, flat_observation=flat_observation)

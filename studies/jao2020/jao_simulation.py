@@ -8,16 +8,15 @@ the data sheet's noise, no turn-on bias and no g-sensitivity. (A common bias wou
 moments, from noise.)
 
 The floor is the error of two gyros with perfectly coupled headings: distance walked times the heading's random walk. A
-common yaw drift of both gyros is unobservable: `Setup.unequal` shows it, with the pair of g-sensitivities that follows
-from the paper's two ZUPT errors. Both feet move in closed form with identical strides; the world's axes are north, west
-and up.
+common yaw drift of both gyros is unobservable: `UNEQUAL` shows it. Both feet move in closed form with identical
+strides; the world's axes are north, west and up.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -36,98 +35,80 @@ from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.sensors.imu import increments
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
-from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 from stridetwin.studies.case import Case
+from stridetwin.studies.placement.visibility import in_image
 from stridetwin.studies.tables import table_lines
 
-EARTH_RATE = 7.292115e-5  # rad/s
+FEET = ("l", "r")
+SEEDS = range(1000, 1100)
+REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
+STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100
+_SWING_SHARE = 0.55  # of a stride's duration
+_SEPARATION_M = 0.20  # from the right foot's line to the left's
+_STAND_S = 0.15  # before the left foot starts, and after the right one has landed
+_HEEL_RISE_M = 0.18
+_HEEL_OFF_RAD, _TOES_UP_RAD = 0.6, 0.25  # largest pitch of a foot: toes down early in swing, and up before it lands
+GRAVITY_MPS2 = FootInsParameters().gravity_mps2
+"""As the filters assume it."""
+_LATITUDE_RAD = math.radians(33.64)
+EARTH_RATE_IN_WORLD = 7.292115e-5 * np.array([math.cos(_LATITUDE_RAD), 0.0, math.sin(_LATITUDE_RAD)])  # rad/s
+_CAMERA_FOV_RAD = math.radians(75.0)  # horizontal
+_RELATIVE_POSITION_SD_M, _SONAR_SD_M = 0.001, 0.01  # on each axis, and of a range
+_DATA_SHEET = math.radians(0.009) / STANDARD_GRAVITY_MPS2  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
+OPPOSITE = (_DATA_SHEET, -_DATA_SHEET)
+"""G-sensitivity of the left and the right gyro, the same on all axes, rad/s per m/s²."""
+_PER_METRE = 2.0 / (STRIDES * STRIDE_M * STRIDES * STRIDE_S * GRAVITY_MPS2)  # sensitivity per drift at the end
+UNEQUAL = (2.9687 * _PER_METRE, -1.2354 * _PER_METRE)
+"""Those that follow from the paper's ZUPT errors, m to the west: the mean of the two is a common drift."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SteadyWalk:
-    """Motion of both feet.
+    """Motion of both feet over this number of strides each."""
 
-    Attributes:
-        strides: Number per foot.
-        stride_m: Length of a stride.
-        stride_s: Duration of a stride.
-        swing_share: Swing as a share of it.
-        separation_m: From the right foot's line to the left's.
-        stand_s: Stationary time before the left foot starts, and after the right one has landed.
-        heel_rise_m: Maximum height of the heel.
-        heel_off_rad: Largest pitch of the foot, toes down, early in swing.
-        toes_up_rad: Largest pitch in the other direction, before it lands.
-        latitude_rad: Latitude of the site.
-        gravity_mps2: As assumed by the filters.
-    """
-
-    strides: int = 100
-    stride_m: float = 1.54
-    stride_s: float = 1.07
-    swing_share: float = 0.55
-    separation_m: float = 0.20
-    stand_s: float = 0.15
-    heel_rise_m: float = 0.18
-    heel_off_rad: float = 0.6
-    toes_up_rad: float = 0.25
-    latitude_rad: float = math.radians(33.64)
-    gravity_mps2: float = FootInsParameters().gravity_mps2
+    strides: int = STRIDES
 
     @property
     def duration_s(self) -> float:
         """From the first instant to the last."""
-        return 2 * self.stand_s + (self.strides + 0.5) * self.stride_s
-
-    @property
-    def earth_rate_in_world(self) -> Array:
-        """(3,) rad/s."""
-        return EARTH_RATE * np.array([math.cos(self.latitude_rad), 0.0, math.sin(self.latitude_rad)])
+        return 2 * _STAND_S + (self.strides + 0.5) * STRIDE_S
 
     def foot(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
-        """Track of a foot's frame (on the sole under the heel).
+        """Track of a foot's frame (on the sole under the heel) at N instants; the foot is `l` or `r`.
 
         The right foot starts half a stride ahead, and half a stride's duration later.
-
-        Args:
-            foot: `l` or `r`.
-            t_ns: (N,) instants.
         """
         half = 0.5 * (foot == "r")
-        strides = (t_ns * 1e-9 - self.stand_s) / self.stride_s - half
+        strides = (t_ns * 1e-9 - _STAND_S) / STRIDE_S - half
         k = np.clip(np.floor(strides), 0, self.strides - 1)
-        u = np.clip((strides - k) / self.swing_share, 0.0, 1.0)
-        per_s = 1.0 / (self.swing_share * self.stride_s)
-        advance, advance_rate = ease(u), ease_rate(u)
+        u = np.clip((strides - k) / _SWING_SHARE, 0.0, 1.0)
+        per_s = 1.0 / (_SWING_SHARE * STRIDE_S)
         lift, lift_rate = _bump(u, 0.0, 1.0)
         heel_off, heel_off_rate = _bump(u, 0.0, 0.6)
         toes_up, toes_up_rate = _bump(u, 0.45, 1.0)
-        side = np.full_like(u, self.separation_m / 2 if foot == "l" else -self.separation_m / 2)
         still = np.zeros_like(u)
-        pitch = self.heel_off_rad * heel_off - self.toes_up_rad * toes_up
-        turn = (self.heel_off_rad * heel_off_rate - self.toes_up_rad * toes_up_rate) * per_s
+        side = still + (_SEPARATION_M / 2 if foot == "l" else -_SEPARATION_M / 2)
+        pitch = _HEEL_OFF_RAD * heel_off - _TOES_UP_RAD * toes_up
+        turn = (_HEEL_OFF_RAD * heel_off_rate - _TOES_UP_RAD * toes_up_rate) * per_s
+        speed, climb = STRIDE_M * ease_rate(u) * per_s, _HEEL_RISE_M * lift_rate * per_s
         return Track(
             t_ns=t_ns,
-            p_body_in_world=np.column_stack([self.stride_m * (k + half + advance), side, self.heel_rise_m * lift]),
+            p_body_in_world=np.column_stack([STRIDE_M * (k + half + ease(u)), side, _HEEL_RISE_M * lift]),
             q_world_body=Rotation.from_rotvec(np.column_stack([still, pitch, still])).as_quat(scalar_first=True),
-            v_body_in_world=np.column_stack(
-                [self.stride_m * advance_rate * per_s, still, self.heel_rise_m * lift_rate * per_s]
-            ),
+            v_body_in_world=np.column_stack([speed, still, climb]),
             w_body=np.column_stack([still, turn, still]),
         )
 
-    def inertial(self, sensor: Track) -> tuple[Array, Array]:
-        """(N - 1, 3) mean rates (rad/s) and specific forces (m/s²) of an ideal sensor, including Earth rotation.
 
-        Args:
-            sensor: Track of the IMU at the N boundaries of its intervals.
-        """
-        down = np.array([0.0, 0.0, -self.gravity_mps2])
-        dt, rate, force = increments(sensor[:1], sensor[1:], down)
-        to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
-        velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
-        earth = self.earth_rate_in_world
-        return rate + to_sensor.apply(earth), force + to_sensor.apply(2.0 * np.cross(earth, velocity))
+def ideal_imu(sensor: Track) -> tuple[Array, Array]:
+    """(N - 1, 3) mean rates (rad/s) and specific forces (m/s²) between N instants of an IMU, with Earth rotation."""
+    dt, rate, force = increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
+    to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
+    velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
+    coriolis = 2.0 * np.cross(EARTH_RATE_IN_WORLD, velocity)
+    return rate + to_sensor.apply(EARTH_RATE_IN_WORLD), force + to_sensor.apply(coriolis)
 
 
 def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
@@ -137,55 +118,15 @@ def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
     return hill**3, 12.0 * hill**2 * (1.0 - 2.0 * x) / (end - start)
 
 
-FEET = ("l", "r")
-SEEDS = range(1000, 1100)
-REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
-G_SENSITIVITY = math.radians(0.009) / STANDARD_GRAVITY_MPS2  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
-PAPER_PAIR = (2.9687, -1.2354)  # m to the west, the paper's ZUPT errors; their mean is the common drift
-
-
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """Configuration of the simulation.
-
-    Attributes:
-        walk: Motion of the feet.
-        camera_fov_rad: Horizontal.
-        relative_position_sd: On each axis, m.
-        sonar_sd: Of a range, m.
-        g_sensitivity: Left and right, the same on all axes, rad/s per m/s².
-    """
-
-    walk: SteadyWalk = field(default_factory=SteadyWalk)
-    camera_fov_rad: float = math.radians(75.0)
-    relative_position_sd: float = 0.001
-    sonar_sd: float = 0.01
-    g_sensitivity: tuple[float, float] = (G_SENSITIVITY, -G_SENSITIVITY)
-
-    @classmethod
-    def unequal(cls) -> Setup:
-        """With a common yaw drift, as in the paper's two ZUPT errors."""
-        walk = SteadyWalk()
-        per_metre = 2.0 / (walk.strides * walk.stride_m * walk.strides * walk.stride_s * walk.gravity_mps2)
-        return cls(g_sensitivity=(PAPER_PAIR[0] * per_metre, PAPER_PAIR[1] * per_metre))
-
-
-def rig_of(setup: Setup) -> Rig:
+def _paper_rig() -> Rig:
     """Shoes of the standard rig with the paper's field of view, and IMUs without biases (0 means unknown)."""
     rig = standard_rig(replace(load_scenario("jao_straight_53m").config, sensors=("foot_imu", "foot_camera", "sonar")))
-    focal = 400.0 / math.tan(setup.camera_fov_rad / 2)
+    focal = 400.0 / math.tan(_CAMERA_FOV_RAD / 2)
+    unbiased: dict[str, Any] = {"gyroscope_bias_sd": 1e-7, "accelerometer_bias_sd": 1e-5}
+    unbiased |= {"gyroscope_random_walk": 0.0, "accelerometer_random_walk": 0.0}
     return replace(
         rig,
-        imus={
-            topic: replace(
-                imu,
-                gyroscope_bias_sd=1e-7,
-                accelerometer_bias_sd=1e-5,
-                gyroscope_random_walk=0.0,
-                accelerometer_random_walk=0.0,
-            )
-            for topic, imu in rig.imus.items()
-        },
+        imus={topic: replace(imu, **unbiased) for topic, imu in rig.imus.items()},
         cameras={
             topic: replace(camera, intrinsics=(focal, focal, *camera.intrinsics[2:]))
             for topic, camera in rig.cameras.items()
@@ -194,19 +135,20 @@ def rig_of(setup: Setup) -> Rig:
 
 
 class Simulation:
-    """Truth of the walk, computed once, and any number of noisy runs of it."""
+    """Truth of a walk, computed once, and any number of noisy runs of it."""
 
-    def __init__(self, setup: Setup) -> None:
-        self.setup, self.rig = setup, rig_of(setup)
+    def __init__(self, walk: SteadyWalk) -> None:
+        self.walk, self.rig = walk, _paper_rig()
         rate_hz = self.rig.imu("/foot_l/imu").rate_hz
-        n = math.floor(setup.walk.duration_s * rate_hz)
+        n = math.floor(walk.duration_s * rate_hz)
         self.t_ns = np.round(np.arange(n + 1) * 1e9 / rate_hz).astype(np.int64)
-        self.imus = {f: self._mounted(f, self.t_ns) for f in FEET}
-        self.ideal = {f: setup.walk.inertial(self.imus[f]) for f in FEET}
+        self.imus = {f: self._imu(f, self.t_ns) for f in FEET}
+        self.ideal = {f: ideal_imu(self.imus[f]) for f in FEET}
         self._views = {f: self._view(f, self.t_ns[2::2]) for f in FEET}
-        t_sonar = np.arange(1, math.floor(setup.walk.duration_s * 25.0)) * 40_000_000
-        sonar = {f: setup.walk.foot(f, t_sonar).mounted(self._sonar(f)).p_body_in_world for f in FEET}
-        self._echoes = t_sonar, np.linalg.norm(sonar["l"] - sonar["r"], axis=1)
+        t_sonar = np.arange(1, math.floor(walk.duration_s * 25.0)) * 40_000_000
+        mounts = {f: self.rig.others[f"/foot_{f}/sonar"].mount.T_body_sensor for f in FEET}
+        left, right = (walk.foot(f, t_sonar).mounted(mounts[f]).p_body_in_world for f in FEET)
+        self._echoes = t_sonar, np.linalg.norm(left - right, axis=1)
 
     def start(self) -> dict[str, StartPose]:
         """The true poses at the start."""
@@ -215,10 +157,12 @@ class Simulation:
             for f, t in self.imus.items()
         }
 
-    def inertial(self, rng: np.random.Generator) -> tuple[dict[str, Block[Imu]], dict[str, Array]]:
+    def inertial(
+        self, rng: np.random.Generator, g_sensitivity: tuple[float, float] = OPPOSITE
+    ) -> tuple[dict[str, Block[Imu]], dict[str, Array]]:
         """Samples of one run by foot, and the (N, 3) white noise of the rates in them, rad/s."""
         blocks, noises = {}, {}
-        for foot, k in zip(FEET, self.setup.g_sensitivity):
+        for foot, k in zip(FEET, g_sensitivity):
             imu = self.rig.imu(f"/foot_{foot}/imu")
             rate, force = self.ideal[foot]
             per_sample = math.sqrt(imu.rate_hz)
@@ -230,7 +174,7 @@ class Simulation:
 
     def aids(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
         """Measurements of cameras and sonars in one run."""
-        sd = self.setup.relative_position_sd
+        sd = _RELATIVE_POSITION_SD_M
         aids: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
             t_ns, relative, points, rays, depth = self._views[foot]
@@ -239,13 +183,13 @@ class Simulation:
             rays = rays + rng.standard_normal(rays.shape) * ray_sd[:, :, None]
             topic = f"/foot_{foot}/camera"
             for i, t in enumerate(t_ns.tolist()):
-                aids.append(RelativePosition(topic=topic, t_ns=t, p_other_in_imu=relative[i], sd=sd))
-                aids.append(
-                    BoardObservation(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i])
-                )
+                aids += [
+                    RelativePosition(topic=topic, t_ns=t, p_other_in_imu=relative[i], sd=sd),
+                    BoardObservation(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i]),
+                ]
         t_sonar, distance = self._echoes
         for foot in FEET:
-            heard = distance + rng.normal(0.0, self.setup.sonar_sd, len(distance))
+            heard = distance + rng.normal(0.0, _SONAR_SD_M, len(distance))
             aids += [Range(topic=f"/foot_{foot}/sonar", t_ns=t, distance=d) for t, d in zip(t_sonar.tolist(), heard)]
         return aids
 
@@ -256,27 +200,20 @@ class Simulation:
     def floor_of(self, noises: dict[str, Array]) -> tuple[Array, float]:
         """End error to the west, m, from the gyros' noise: (2,) for each foot alone, and for both coupled."""
         dt = np.diff(self.t_ns)[:, None] * 1e-9
-        walked = np.mean([np.diff(t.p_body_in_world[:, 0]) for t in self.imus.values()], axis=0)
-        headings = []
-        for foot in FEET:
-            in_world = self.imus[foot].rotation[1:].apply(noises[foot] * dt)
-            headings.append(np.cumsum(in_world[:, 2]))
-        alone = [float(h @ np.diff(self.imus[f].p_body_in_world[:, 0])) for f, h in zip(FEET, headings)]
-        return np.array(alone), float(np.mean(headings, axis=0) @ walked)
+        walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
+        headings = [np.cumsum(self.imus[f].rotation[1:].apply(noises[f] * dt)[:, 2]) for f in FEET]
+        alone = np.array([float(heading @ way) for heading, way in zip(headings, walked)])
+        return alone, float(np.mean(headings, axis=0) @ np.mean(walked, axis=0))
 
     def analytic_floor(self) -> tuple[float, float]:
         """Mean end error, m, of one gyro alone and of two coupled ones: √(2/π) v σ √(T³/3), and that over √2."""
-        walk = self.setup.walk
-        density = self.rig.imu("/foot_l/imu").gyroscope_noise_density
-        sd = walk.stride_m * walk.strides * density * math.sqrt(walk.strides * walk.stride_s / 3.0)
+        strides, density = self.walk.strides, self.rig.imu("/foot_l/imu").gyroscope_noise_density
+        sd = STRIDE_M * strides * density * math.sqrt(strides * STRIDE_S / 3.0)
         one = math.sqrt(2.0 / math.pi) * sd
         return one, one / math.sqrt(2.0)
 
-    def _mounted(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
-        return self.setup.walk.foot(foot, t_ns).mounted(self.rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor)
-
-    def _sonar(self, foot: str) -> Array:
-        return self.rig.others[f"/foot_{foot}/sonar"].mount.T_body_sensor
+    def _imu(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
+        return self.walk.foot(foot, t_ns).mounted(self.rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor)
 
     def _view(self, foot: str, t_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
         """Observations of the other foot's board by a foot's camera, when the whole board is in the image.
@@ -289,109 +226,92 @@ class Simulation:
         camera, board = self.rig.cameras[f"/foot_{foot}/camera"], self.rig.boards[f"foot_{other}"]
         half = board.square_m * (np.array(board.squares) / 2 - 1)
         points = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
-        T_world_camera = self.setup.walk.foot(foot, t_ns).mounted(camera.mount.T_body_sensor).poses()
-        T_world_board = self.setup.walk.foot(other, t_ns).mounted(board.mount.T_body_sensor).poses()
+        T_world_camera = self.walk.foot(foot, t_ns).mounted(camera.mount.T_body_sensor).poses()
+        T_world_board = self.walk.foot(other, t_ns).mounted(board.mount.T_body_sensor).poses()
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0
-        seen = facing & np.all(_in_image(in_camera, camera), axis=1)
-        own, others = self._mounted(foot, t_ns), self._mounted(other, t_ns)
+        seen = facing & np.all(in_image(camera, in_camera), axis=1)
+        own, others = self._imu(foot, t_ns), self._imu(other, t_ns)
         relative = own.rotation.inv().apply(others.p_body_in_world - own.p_body_in_world)
         in_camera = in_camera[seen]
         return t_ns[seen], relative[seen], points, in_camera[..., :2] / in_camera[..., 2:], in_camera[..., 2]
 
 
-def _in_image(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_]:
-    """(N, M) whether each point (N, M, 3) in the camera frame projects into its image."""
-    fu, fv, pu, pv = camera.intrinsics
-    depth = in_camera[..., 2]
-    ahead = np.where(depth > 0.0, depth, np.inf)
-    u, v = fu * in_camera[..., 0] / ahead + pu, fv * in_camera[..., 1] / ahead + pv
-    return (depth > 0.0) & (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
+_simulation = cache(Simulation)
 
 
 def run_case(case: Case) -> dict[str, Any]:
     """The paper's set-up, and under `unequal` the same noise with g-sensitivities that cause a common drift."""
-    return run_seed(case.seed) | {"unequal": run_seed(case.seed, Setup.unequal())["methods"]}
+    return run_seed(case.seed) | {"unequal": run_seed(case.seed, UNEQUAL)["methods"]}
 
 
-def run_seed(seed: int, setup: Setup | None = None, methods: tuple[str, ...] = REPORTED) -> dict[str, Any]:
-    """One run.
-
-    Args:
-        seed: Of all noise; from 1000 on for figures that are reported.
-        setup: Configuration; by default the paper's.
-        methods: The filter's methods to run.
+def run_seed(
+    seed: int, g_sensitivity: tuple[float, float] = OPPOSITE, methods: tuple[str, ...] = REPORTED
+) -> dict[str, Any]:
+    """One run with noise of this seed, estimated by some methods of the filter.
 
     Returns:
         `seed`, `floor_m` (west: left alone, right alone, both coupled) and `methods`: method to `end_error_m`
         (left and right, (3,) north, west, up) and `end_nees` (left, right); ready for JSON.
     """
-    simulation = _simulation(setup or Setup())
-    rng = np.random.default_rng(seed)
-    blocks, noises = simulation.inertial(rng)
+    simulation, rng = _simulation(SteadyWalk()), np.random.default_rng(seed)
+    blocks, noises = simulation.inertial(rng, g_sensitivity)
     aids = simulation.aids(rng)
     alone, together = simulation.floor_of(noises)
     found: dict[str, Any] = {}
     for method in methods:
         estimator = FootToFoot(
-            simulation.rig,
-            options=Options(method=method),
-            start=simulation.start(),
-            earth_rate_in_world=simulation.setup.walk.earth_rate_in_world,
-        )
-        paths = estimator.run(blocks, aids)
-        ends = [simulation.end_error(f, paths[f].trajectory.p_frame_in_world[-1]) for f in FEET]
-        nees = []
-        for f, e in zip(FEET, ends):
-            covariance = paths[f].trajectory.covariance
+            simulation.rig, options=Options(method=method), start=simulation.start(),
+            earth_rate_in_world=EARTH_RATE_IN_WORLD,
+        )  # fmt: skip
+        paths, errors, nees = estimator.run(blocks, aids), [], []
+        for foot in FEET:
+            covariance = paths[foot].trajectory.covariance
             assert covariance is not None
-            nees.append(float(e @ np.linalg.solve(covariance[-1, :3, :3], e)))
-        found[method] = {"end_error_m": [e.tolist() for e in ends], "end_nees": nees}
+            error = simulation.end_error(foot, paths[foot].trajectory.p_frame_in_world[-1])
+            errors.append(error.tolist())
+            nees.append(float(error @ np.linalg.solve(covariance[-1, :3, :3], error)))
+        found[method] = {"end_error_m": errors, "end_nees": nees}
     return {"seed": seed, "floor_m": [*alone.tolist(), together], "methods": found}
-
-
-_simulation = cache(Simulation)
 
 
 def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """`summary` and `paper` of `run_case`s; errors in m, left and right."""
     methods = results[0]["methods"]
-    errors = {m: np.array([r["methods"][m]["end_error_m"] for r in results]) for m in methods}
-    nees = {m: float(np.mean([r["methods"][m]["end_nees"] for r in results])) for m in methods}
-    floors = _floors(_simulation(Setup()), np.array([r["floor_m"] for r in results]))
-    unequal = {m: np.array([r["unequal"][m]["end_error_m"] for r in results]) for m in methods}
-    summary = _summary(errors) | {
-        "nees_position_mean": nees,
-        "random_walk_floor_m": floors,
-        "mean_end_error_unequal_m": _summary(unequal)["mean_end_error_m"],
+    one, two = _simulation(SteadyWalk()).analytic_floor()
+    drawn = np.abs([r["floor_m"] for r in results])
+    unequal = _summary([r["unequal"] for r in results])
+    summary = _summary([r["methods"] for r in results]) | {
+        "nees_position_mean": {m: float(np.mean([r["methods"][m]["end_nees"] for r in results])) for m in methods},
+        "random_walk_floor_m": {
+            "one_gyro_analytic": one,
+            "one_gyro_drawn": float(drawn[:, :2].mean()),
+            "two_gyros_analytic": two,
+            "two_gyros_drawn": float(drawn[:, 2].mean()),
+        },
+        "mean_end_error_unequal_m": unequal["mean_end_error_m"],
     }
     paper = reference("jao2020")["jao_simulation"]
     return {"summary": summary, "paper": {k: v for k, v in paper.items() if k in summary}}
 
 
-def _summary(found: dict[str, Array]) -> dict[str, Any]:
-    """Of (runs, foot, axis) errors: horizontal mean (left, right), components, SDs in the order of the paper."""
-    return {
-        "mean_end_error_m": {m: np.linalg.norm(e[:, :, :2], axis=2).mean(axis=0).tolist() for m, e in found.items()},
-        "end_position_sd_m": {
-            m: [float(e[:, f, axis].std(ddof=min(1, len(e) - 1))) for f in range(2) for axis in (1, 0)]
-            for m, e in found.items()
-        },
-        "mean_west_error_m": {m: e[:, :, 1].mean(axis=0).tolist() for m, e in found.items()},
-        "mean_abs_north_error_m": {m: np.abs(e[:, :, 0]).mean(axis=0).tolist() for m, e in found.items()},
-        "mean_abs_up_error_m": {m: np.abs(e[:, :, 2]).mean(axis=0).tolist() for m, e in found.items()},
-    }
-
-
-def _floors(simulation: Simulation, floors: Array) -> dict[str, float]:
-    one, two = simulation.analytic_floor()
-    return {
-        "one_gyro_analytic": one,
-        "one_gyro_drawn": float(np.abs(floors[:, :2]).mean()),
-        "two_gyros_analytic": two,
-        "two_gyros_drawn": float(np.abs(floors[:, 2]).mean()),
-    }
+def _summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """By method: horizontal mean of the end errors (left, right), components, SDs in the order of the paper."""
+    found: dict[str, Any] = {}
+    for method in runs[0]:
+        errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes)
+        ddof = min(1, len(errors) - 1)
+        figures = {
+            "mean_end_error_m": np.linalg.norm(errors[:, :, :2], axis=2).mean(axis=0),
+            "end_position_sd_m": np.array([errors[:, f, axis].std(ddof=ddof) for f in range(2) for axis in (1, 0)]),
+            "mean_west_error_m": errors[:, :, 1].mean(axis=0),
+            "mean_abs_north_error_m": np.abs(errors[:, :, 0]).mean(axis=0),
+            "mean_abs_up_error_m": np.abs(errors[:, :, 2]).mean(axis=0),
+        }
+        for name, values in figures.items():
+            found.setdefault(name, {})[method] = values.tolist()
+    return found
 
 
 _COLUMNS = (

@@ -6,10 +6,10 @@ Points on the surface of shoe, head or chest: where something can be fixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -19,6 +19,9 @@ from stridetwin.sim.config import Person
 from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import number, refused, words
 from stridetwin.streams.samples import Array
+
+if TYPE_CHECKING:
+    from stridetwin.sim.wearer.limbs import Shape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
 _OUTSIDE_M = 0.6
@@ -42,15 +45,14 @@ def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
-    away = _first_touch(surface, person)(origin, -out)
+    away = min(shape.first_touch(origin, -out) for shape in _shapes(surface, person))
     if not math.isfinite(away) or away > _OUTSIDE_M:
         raise StrideTwinError(f"the {surface} has no surface at a height of {1e3 * up_m:g} mm in that direction")
     return np.asarray(origin + (off_m - away) * out)
 
 
 @cache
-def _first_touch(surface: str, person: Person) -> Callable[[Array, Array], float]:
-    """From a ray's origin and direction to its distance to the surface; infinite beside it."""
+def _shapes(surface: str, person: Person) -> list[Shape]:
     import mujoco  # a placement's file is read without, to be listed
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
@@ -59,8 +61,7 @@ def _first_touch(surface: str, person: Person) -> Callable[[Array, Array], float
     spec = mujoco.MjSpec()
     add_wearer(spec, person, None)
     model = compile_model(spec)
-    found = shapes(model, {model.body(SURFACES[surface]).id})
-    return lambda origin, out: min(shape.first_touch(origin, out) for shape in found)
+    return shapes(model, {model.body(SURFACES[surface]).id})
 
 
 _DIGITS = 6  # of a number that is chosen: of any unit and size
@@ -126,6 +127,11 @@ class Knob:
         return self.values[0] if self.values else self.at_share(0.5)
 
 
+def grid_size(knobs: list[Knob]) -> int:
+    """Number of places of a sweep."""
+    return math.prod(len(knob.grid) for knob in knobs)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Free:
     """A free field.
@@ -141,34 +147,24 @@ class Free:
     paths: tuple[FieldPath, ...]
     knobs: tuple[Knob, ...]
     surface: str | None = None
-    fixed: Mapping[str, float]
+    fixed: Mapping[str, float] = field(default_factory=dict)
     at: Where
 
     def value(self, chosen: Mapping[str, Any], person: Person) -> Any:
-        """The value for the scenario.
-
-        Args:
-            chosen: Value of each knob by name.
-            person: The wearer.
+        """The value for the scenario of a person, from the value of each knob by name.
 
         Raises:
             ConfigError: There is no such point on the surface.
         """
         if self.surface is None:
             return chosen[self.knobs[0].name]
-        place = dict(self.fixed) | {k.name.rpartition("/")[2]: chosen[k.name] for k in self.knobs}
+        place = {**self.fixed, **{k.name.rpartition("/")[2]: chosen[k.name] for k in self.knobs}}
+        around_rad, up_m, off_m = math.radians(place["around_deg"]), 1e-3 * place["up_mm"], 1e-3 * place["off_mm"]
         try:
-            p = on_surface(
-                self.surface, person, math.radians(place["around_deg"]), 1e-3 * place["up_mm"], 1e-3 * place["off_mm"]
-            )
+            p = on_surface(self.surface, person, around_rad, up_m, off_m)
         except StrideTwinError as error:
             raise self.at.error(place, f"a point on it ({error})") from error
         return [round(float(x), _MM_DIGITS) for x in 1e3 * p]
-
-
-def short(name: str) -> str:
-    """A path in tables."""
-    return name.replace("sensors.", "")
 
 
 def _ordered(span: tuple[float, float]) -> tuple[float, float]:
@@ -191,10 +187,6 @@ class Between(_Keys):
 
     between: Annotated[tuple[_Any, _Any], AfterValidator(_ordered)]
     step: Annotated[float, number(1e-9, 1e6)] | None = None
-
-    def knob(self, name: str, at: Where) -> Knob:
-        """Its scalar to choose."""
-        return Knob(name=name, low=self.between[0], high=self.between[1], step=self.step, at=at)
 
 
 class Among(_Keys):
@@ -253,18 +245,19 @@ FreeInFile = Annotated[
 """Type of what a file says of a free field."""
 
 
-def free_field(name: str, paths: tuple[FieldPath, ...], said: Between | Among | Over, at: Where) -> Free:
+def free_field(paths: tuple[FieldPath, ...], said: Between | Among | Over, at: Where) -> Free:
     """A free field from what a file says of it."""
+    name = ", ".join(path.text for path in paths).replace("sensors.", "")
     if isinstance(said, Among):
-        return Free(paths=paths, knobs=(Knob(name=short(name), values=said.choice, at=at),), fixed={}, at=at)
+        return Free(paths=paths, knobs=(Knob(name=name, values=said.choice, at=at),), at=at)
     if isinstance(said, Between):
-        return Free(paths=paths, knobs=(said.knob(short(name), at),), fixed={}, at=at)
+        return Free(paths=paths, knobs=(_number(name, said, at),), at=at)
     place = {key: getattr(said, key) for key in _COORDINATES}
-    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in place.items() if isinstance(v, Between))
-    fixed = {"off_mm": 0.0} | {key: v for key, v in place.items() if not isinstance(v, Between)}
+    free = {key: value for key, value in place.items() if isinstance(value, Between)}
+    knobs = tuple(_number(f"{name}/{key}", value, at.key(key)) for key, value in free.items())
+    fixed = {"off_mm": 0.0} | {key: value for key, value in place.items() if key not in free}
     return Free(paths=paths, knobs=knobs, surface=said.over, fixed=fixed, at=at)
 
 
-def grid_size(knobs: list[Knob]) -> int:
-    """Number of places of a sweep."""
-    return int(np.prod([len(knob.grid) for knob in knobs], dtype=float)) if knobs else 1
+def _number(name: str, said: Between, at: Where) -> Knob:
+    return Knob(name=name, low=said.between[0], high=said.between[1], step=said.step, at=at)

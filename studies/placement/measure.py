@@ -1,15 +1,13 @@
-"""Scores of places on walks, by geometry or recordings.
-
-All places share the walks: differences are paired.
-"""
+"""Scores of places on walks, by geometry or recordings. All places share the walks: differences are paired."""
 
 from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -18,6 +16,7 @@ import numpy as np
 
 from stridetwin.batch.executors import Executor
 from stridetwin.batch.folder import UNFINISHED
+from stridetwin.batch.forecast import Forecast, warn
 from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import Batch, Progress
@@ -33,17 +32,28 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.placement import visibility
-from stridetwin.studies.placement.forecast import placement_forecast
+from stridetwin.studies.placement.free import grid_size
 from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
 from stridetwin.studies.placement.scores import GEOMETRIC, Score, Seeing
 from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, posed_walk
 
-POSED, RECORDED = "geometric", "recorded"
-"""Kinds of rows: scores of a posed walk, and of estimators on a recording."""
 _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
 _MAX_PLACES = 200  # that are measured before the next ones are read
 _MAX_GROUP = 25  # places that one worker scores on a walk in one go
 _MAX_POSED_WALKS = 64  # that a process holds in memory, some 20 MB each
+_MANY_RECORDED, _MANY_POSED = 500, 50_000  # walks that are announced beforehand: some seconds, some 15 ms each
+
+
+def placement_forecast(problem: Problem, measured: int) -> Forecast:
+    """The forecast of a placement, of which so many walks are measured; warns of a long one."""
+    places = 1 + (grid_size(problem.knobs) if problem.search is None else problem.search.budget)
+    walks = len(problem.bases) * len(problem.seeds)
+    missing = max(places * walks - measured, 0)
+    size = f"{places} places on {walks} walk{'s' if walks > 1 else ''}"
+    is_posed = all(score.geometric for score in problem.scores)
+    if missing > (_MANY_POSED if is_posed else _MANY_RECORDED):
+        warn(f"{size}: {missing} walks to measure; a coarser step, fewer seeds or a search take less")
+    return Forecast(size, missing, "--resume continues")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,61 +61,40 @@ class Visit:
     """One place on one walk.
 
     Attributes:
-        place: Number of the place.
-        name: Name of the walk's scenario.
+        at: Numbers of the place and of the walk.
         seed: Seed of the walk.
-        plain: Plain data of the scenario with the place.
-        scenario: The scenario, or the error message of an invalid one.
+        scenario: The scenario with the place.
         needed: The same with no other sensors than those that the scored estimators read.
+        walk: Digest of the walk, which visits share that differ in their sensors alone.
     """
 
-    place: int
-    name: str
+    at: tuple[int, int]
     seed: int
-    plain: dict[str, Any]
-    scenario: Scenario | str
-    needed: Scenario | str
+    scenario: Scenario
+    needed: Scenario
+    walk: str
 
     @property
     def label(self) -> str:
         """Its walk as text."""
-        return f"{self.name}, seed {self.seed}"
-
-    @property
-    def walk(self) -> str:
-        """Identifies the walk: visits that differ in their sensors alone share it; "" if the scenario is invalid."""
-        if isinstance(self.scenario, str):
-            return ""
-        body = {k: v for k, v in self.plain.items() if k not in _SENSORS_ALONE}
-        return content_key(body, self.seed)
-
-    def key(self, kind: str, *what: Any) -> str:
-        """Key of its row: the whole configuration with its parts; equivalent places share it."""
-        scenario = self.needed if kind == RECORDED else self.scenario
-        config = scenario if isinstance(scenario, str) else repr(scenario.config)
-        return content_key(kind, config, self.seed, *what)
+        return f"{self.scenario.config.name}, seed {self.seed}"
 
 
 def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> Row:
     """A row: `walk`, `estimators`, and `failed` with a reason if the walk or an estimator failed.
 
-    Args:
-        folder: The placement's folder; the recording lies there until it is scored.
-        estimators: Those that are scored; the walk has no other sensors than those that they read.
-        visit: The place and the walk.
+    The recording lies in the placement's folder until it is scored.
 
     Raises:
         StrideTwinError: An error that is not specific to this walk, such as a full disk.
     """
     row: Row = {"walk": visit.label, "estimators": {}}
+    config = visit.needed.config
     try:
         with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
-            if isinstance(visit.needed, str):
-                raise StrideTwinError(visit.needed)
             path = Path(name) / "walk.mcap"
             record(make_twin(visit.needed, visit.seed), path, lambda *_: None)
-            lenient = bool(visit.needed.config.faults)
-            scored = score_walk(ScoreJob(name=visit.name, path=path, lenient=lenient, only=estimators))
+            scored = score_walk(ScoreJob(name=config.name, path=path, lenient=bool(config.faults), only=estimators))
     except StrideTwinError as error:
         return row | {"failed": {"walk": _one_line(error, folder)}}
     except OSError as error:
@@ -118,34 +107,14 @@ def _one_line(error: StrideTwinError, folder: Path) -> str:
     return " ".join(str(error).replace(f"{folder}/", "").split())
 
 
-def _with_sensors_of(estimators: frozenset[str], scenario: Scenario) -> Scenario:
-    """The scenario with the sensors of those estimators that it feeds; all of its sensors if it feeds none."""
-    feeding = [name for name in estimators if _feeds(scenario, name)]
-    return with_sensors_for(scenario, feeding) if feeding else scenario
-
-
-def _feeds(scenario: Scenario, estimator: str) -> bool:
-    try:
-        return bool(sensors_of([estimator], scenario.config))
-    except StrideTwinError:
-        return False
-
-
 def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> Row:
-    """A row: `walk`, `scores`, and `failed` with a reason if the place or the walk is infeasible.
+    """A row: `walk`, `scores` of these names, and `failed` with a reason if the place or the walk is infeasible.
 
-    Args:
-        names: The scores.
-        seeing: When a board counts as seen.
-        run: Identifies the run of the placement, whose walks are kept in memory.
-        visit: The place and the walk.
+    `run` identifies the run of the placement, whose walks are kept in memory.
     """
     row: Row = {"walk": visit.label, "scores": {}}
     try:
-        if isinstance(visit.scenario, str):
-            raise StrideTwinError(visit.scenario)
-        needs_walk = any(GEOMETRIC[name][0] for name in names)
-        walk = _posed_walk(run, visit.walk, visit.scenario, visit.seed) if needs_walk else None
+        walk = _posed_walk(run, visit) if any(GEOMETRIC[name][0] for name in names) else None
         row["scores"] = geometric_scores(sensor_rig(visit.scenario.config), walk, names, seeing)
     except StrideTwinError as error:
         row["failed"] = {"walk": str(error)}
@@ -156,18 +125,18 @@ _posed_walks: dict[tuple[str, str], PosedWalk | str] = {}
 """The walks of one run, or the messages of infeasible ones, by the run's and the walk's names."""
 
 
-def _posed_walk(run: str, name: str, scenario: Scenario, seed: int) -> PosedWalk:
+def _posed_walk(run: str, visit: Visit) -> PosedWalk:
     """The walk, planned once in each process for all places that share it.
 
     Raises:
         StrideTwinError: It is infeasible.
     """
-    key = run, name
+    key = run, visit.walk
     if key not in _posed_walks:
         if len(_posed_walks) == _MAX_POSED_WALKS or any(other != run for other, _ in _posed_walks):
             _posed_walks.clear()
         try:
-            _posed_walks[key] = posed_walk(scenario, seed)
+            _posed_walks[key] = posed_walk(visit.scenario, visit.seed)
         except StrideTwinError as error:
             _posed_walks[key] = " ".join(str(error).split())
     walk = _posed_walks[key]
@@ -181,21 +150,50 @@ class Measured:
     """Scores of P places on W walks.
 
     Attributes:
+        scores: The S scores.
         places: P of them.
         walks: Descriptions of the W walks.
-        values: (P, W, S) scores in the problem's order; NaN where a score is missing.
+        values: (P, W, S), NaN where a score is missing.
         failed: Reason for a missing score, by the place's number.
     """
 
+    scores: tuple[Score, ...]
     places: list[Place]
     walks: list[str]
     values: Array
-    failed: dict[int, str] = field(default_factory=dict)
+    failed: dict[int, str]
 
-    def losses(self, scores: Sequence[Score]) -> Array:
-        """(P, W) weighted sum of the scores, lower is better; NaN where one is missing."""
-        parts = [s.weight * s.losses(self.values[..., i]) for i, s in enumerate(scores) if s.weight]
+    @cached_property
+    def losses_of_walks(self) -> Array:
+        """(P, W) weighted sums of the scores, lower is better; NaN where one is missing."""
+        parts = [s.weight * s.losses(self.values[..., i]) for i, s in enumerate(self.scores) if s.weight]
         return np.asarray(np.sum(parts, axis=0))
+
+    @cached_property
+    def losses(self) -> Array:
+        """(P,) weighted sums over all walks."""
+        return mean_losses(self.losses_of_walks)
+
+    @property
+    def best_first(self) -> list[int]:
+        """Numbers of the places."""
+        return np.argsort(self.losses, kind="stable").tolist()
+
+    @cached_property
+    def means(self) -> Array:
+        """(P, S) means over walks; NaN where one is missing."""
+        return np.asarray(self.values.mean(axis=1))
+
+    def part(self, numbers: Sequence[int]) -> Measured:
+        """Some of the places, in this order."""
+        failed = {k: self.failed[i] for k, i in enumerate(numbers) if i in self.failed}
+        places, values = [self.places[i] for i in numbers], self.values[numbers]
+        return Measured(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
+
+
+def mean_losses(losses: Array) -> Array:
+    """(P,) means over walks of (P, W) losses, infinite where one is missing."""
+    return np.where(np.isfinite(losses).all(axis=1), losses.mean(axis=1), np.inf)
 
 
 class Measure:
@@ -224,49 +222,56 @@ class Measure:
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
         """Scores of places on the walks of all scenarios with these seeds."""
-        scores, walks = self._problem.scores, [(base, seed) for base in self._problem.bases for seed in seeds]
+        scores = self._problem.scores
+        walks = [f"{base.name}, seed {seed}" for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
         failed: dict[int, str] = {}
         for first in range(0, len(places), _MAX_PLACES):
-            part = places[first : first + _MAX_PLACES]
-            visits = [visit for i, place in enumerate(part, first) for visit in self._visits(i, place, seeds)]
+            part = range(first, min(first + _MAX_PLACES, len(places)))
 
-            def progress(share: float, first: int = first, count: int = len(part)) -> None:
-                self._progress(stage, (first + share * count) / len(places))
+            def progress(share: float, part: range = part) -> None:
+                self._progress(stage, (part.start + share * len(part)) / len(places))
 
-            posed = self._score_posed(visits, progress) if self._names else [{}] * len(visits)
-            recorded = self._score_recordings(visits, len(walks), progress) if len(self._names) < len(scores) else posed
-            for k, (visit, geometric, row) in enumerate(zip(visits, posed, recorded)):
-                at = visit.place, k % len(walks)
-                values[at] = [geometric.get("scores", {}).get(s.name, np.nan) if s.geometric
-                              else s.of(row.get("estimators", {})) for s in scores]  # fmt: skip
-                why = {**geometric.get("failed", {}), **row.get("failed", {})}
-                if why and np.isnan(values[at]).any():
-                    failed.setdefault(visit.place, "; ".join(f"{name}: {reason}" for name, reason in why.items()))
-        names = [f"{base.name}, seed {seed}" for base, seed in walks]
-        return Measured(places=list(places), walks=names, values=values, failed=failed)
+            visits = list(self._visits([(i, places[i]) for i in part], seeds, failed))
+            for visit, row in zip(visits, self._rows_of(visits, len(walks), progress)):
+                values[visit.at] = [score.of(row) for score in scores]
+                if row["failed"] and np.isnan(values[visit.at]).any():
+                    why = "; ".join(f"{name}: {reason}" for name, reason in row["failed"].items())
+                    failed.setdefault(visit.at[0], why)
+        return Measured(scores=scores, places=list(places), walks=walks, values=values, failed=failed)
 
-    def _visits(self, number: int, place: Place, seeds: Sequence[int]) -> Iterator[Visit]:
-        for base in self._problem.bases:
+    def _visits(
+        self, places: Iterable[tuple[int, Place]], seeds: Sequence[int], failed: dict[int, str]
+    ) -> Iterator[Visit]:
+        """All visits of numbered places; adds to `failed` why a scenario cannot have a place."""
+        for (i, place), (b, base) in product(places, enumerate(self._problem.bases)):
             plain = plain_of(self._problem, base, place)
-            scenario: Scenario | str
             try:
                 scenario = scenario_of(plain, self._folder / SCENARIOS / f"{base.name}.yaml")
             except StrideTwinError as error:
-                scenario = _one_line(error, self._folder)
-            needed = scenario if isinstance(scenario, str) else _with_sensors_of(self._estimators, scenario)
-            for seed in seeds:
-                yield Visit(
-                    place=number, name=base.name, seed=seed, plain=plain, scenario=scenario, needed=needed
-                )  # fmt: skip
+                failed.setdefault(i, f"walk: {_one_line(error, self._folder)}")
+                continue
+            feeding = [name for name in self._estimators if _feeds(scenario, name)]
+            needed = with_sensors_for(scenario, feeding) if feeding else scenario
+            body = {key: value for key, value in plain.items() if key not in _SENSORS_ALONE}
+            for k, seed in enumerate(seeds, b * len(seeds)):
+                yield Visit(at=(i, k), seed=seed, scenario=scenario, needed=needed, walk=content_key(body, seed))
+
+    def _rows_of(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
+        """The row of each visit, with the scores of both kinds; each place has so many walks."""
+        none: list[Row] = [{}] * len(visits)
+        posed = self._score_posed(visits, progress) if self._names else none
+        recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
+        return [{**a, **b, "failed": a.get("failed", {}) | b.get("failed", {})} for a, b in zip(posed, recorded)]
 
     def _score_posed(self, visits: list[Visit], progress: Callable[[float], None]) -> list[Row]:
-        """Rows with the geometric scores of all visits."""
+        """Rows with the geometric scores."""
         versions = partial(code_versions, visibility.__name__)
         seeing, sources = self._problem.seeing, versions()["sources"]
         jobs, walks = [], Counter[str]()
         for visit in visits:
-            key = visit.key(POSED, self._names, vars(seeing), sources)
+            config = repr(visit.scenario.config)
+            key = content_key("geometric", config, visit.seed, self._names, vars(seeing), sources)
             group = f"{visit.walk} {walks[visit.walk] // _MAX_GROUP}"
             walks[visit.walk] += 1
             jobs.append(Job(name=visit.label, key=key, task=visit, group=group))
@@ -274,11 +279,14 @@ class Measure:
         return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
 
     def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
-        """Rows with the estimators' scores of all visits; each place has so many walks."""
+        """Rows with the estimators' scores; those of the first place are checked before the others are measured."""
         versions = partial(scoring_versions, __name__, tuple(sorted(self._estimators)))
-        jobs = [Job(name=visit.label, key=visit.key(RECORDED, versions()), task=visit) for visit in visits]
+        jobs = []
+        for visit in visits:
+            key = content_key("recorded", repr(visit.needed.config), visit.seed, versions())
+            jobs.append(Job(name=visit.label, key=key, task=visit))
         work = Work(run=one_by_one(partial(score_recording, self._folder, self._estimators)), versions=versions)
-        if not self._is_checked:
+        if jobs and not self._is_checked:
             share = walks / len(jobs)
             self._check_scores(self._run(jobs[:walks], work, lambda done: progress(share * done)))
             self._is_checked = True
@@ -290,9 +298,16 @@ class Measure:
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
 
     def _check_scores(self, rows: Sequence[Row]) -> None:
-        """Refuses a score that its estimator reports on no walk of the first place, before the others are measured."""
+        """Refuses a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
-            reported = [score.reported_instead(row.get("estimators", {})) for row in rows]
-            if not score.geometric and all(reported):
+            reported = [score.reported(row) for row in rows]
+            if not score.geometric and all(names and score.metric not in names for names in reported):
                 valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"
                 raise ConfigError(self._problem.path, "scores", score.name, valid)
+
+
+def _feeds(scenario: Scenario, estimator: str) -> bool:
+    try:
+        return bool(sensors_of([estimator], scenario.config))
+    except StrideTwinError:
+        return False

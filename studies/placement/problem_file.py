@@ -5,6 +5,7 @@ Files that it names are in its folder or below it; it does not name the output f
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -72,7 +73,7 @@ class Confirm:
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """What a placement file says.
+    """What a placement file says; `scores`, `seeds`, `seeing` and `confirm` are as in `PlacementFile`.
 
     Attributes:
         path: The file.
@@ -80,25 +81,21 @@ class Problem:
         bases: Scenarios.
         variables: Set at every place.
         free: What is chosen.
-        scores: By which places are compared; the search minimises their weighted sum.
-        seeds: Of the walks of each scenario, the same at every place.
-        seeing: When a board counts as seen.
         search: How places are found; None for a sweep over all.
-        confirm: The best places once more; None without.
         own: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
     description: str
     bases: tuple[Base, ...]
-    variables: tuple[Variable, ...] = ()
+    variables: tuple[Variable, ...]
     free: tuple[Free, ...]
     scores: tuple[Score, ...]
-    seeds: tuple[int, ...] = (0,)
-    seeing: Seeing = field(default_factory=Seeing)
-    search: Optimise | None = None
-    confirm: Confirm | None = None
-    own: dict[str, Path] = field(default_factory=dict)
+    seeds: tuple[int, ...]
+    seeing: Seeing
+    search: Optimise | None
+    confirm: Confirm | None
+    own: dict[str, Path]
 
     @property
     def knobs(self) -> list[Knob]:
@@ -213,16 +210,12 @@ def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where)
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(said, Among) and names_files(paths):
         said = Among(choice=tuple(files.own_files(list(said.choice), at)))
-    return free_field(", ".join(p.text for p in paths), paths, said, at)
+    return free_field(paths, said, at)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values of all knobs; empty for the unchanged scenario.
-
-    Attributes:
-        values: By the knobs' names.
-    """
+    """Values of all knobs by their names; none for the unchanged scenario."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
 
@@ -251,16 +244,16 @@ def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
     Raises:
         ConfigError: This scenario lacks a field that is set or free.
     """
-    plain: dict[str, Any] = json.loads(json.dumps(base.scenario))
+    plain = copy.deepcopy(base.scenario)
     for variable in (*problem.variables, *base.variables):
         for path in variable.paths:
-            put(plain, path, json.loads(json.dumps(variable.distribution.at(0.0))), variable.at)
+            put(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
     if place.values:
         person = _person(plain, problem.free, base)
         for free in problem.free:
             value = free.value(place.values, person)
             for path in free.paths:
-                put(plain, path, json.loads(json.dumps(value)), free.at)
+                put(plain, path, copy.deepcopy(value), free.at)
     return plain
 
 
@@ -284,30 +277,24 @@ def check_ends(problem: Problem, folder: Path) -> None:
         ConfigError: The message names file, field, value and what is valid.
     """
     middle = {knob.name: knob.middle for knob in problem.knobs}
+    ends = [(knob, end) for knob in problem.knobs for end in knob.ends]
+    places = [Place(), *(Place(values=middle | {knob.name: end}) for knob, end in ends)]
     for base in problem.bases:
-        try:
-            scenario_at(problem, base, Place(), folder)
-        except ConfigError as error:
-            if (own := errors_in_user_files(error, problem.own)) is not None:
-                raise own from error
-            raise base.at.error(base.written, f"a scenario that takes what is set ({_inner(error)})") from error
-        for knob in problem.knobs:
-            for end in knob.ends:
-                try:
-                    scenario_at(problem, base, Place(values=middle | {knob.name: end}), folder)
-                except ConfigError as error:
-                    if (own := errors_in_user_files(error, problem.own)) is not None:
-                        raise own from error
-                    raise _about(knob, end, base, error) from error
+        for changed, place in zip([None, *ends], places):
+            try:
+                scenario_at(problem, base, place, folder)
+            except ConfigError as error:
+                raise errors_in_user_files(error, problem.own) or _refusal(base, changed, error) from error
 
 
-def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinError:
+def _refusal(base: Base, changed: tuple[Knob, Any] | None, error: ConfigError) -> StrideTwinError:
+    """The error of a scenario that is invalid as it is, or with a knob at one of its ends."""
+    why = f"({error.field}: {error.problem})"
+    if changed is None:
+        return base.at.error(base.written, f"a scenario that takes what is set {why}")
+    knob, end = changed
     if error.source == knob.at.source:
         return error
     if f"{knob.at.path}.".startswith(f"free.{error.field}.{error.value}."):  # a key that the scenario does not have
         return knob.at.error(error.value, error.valid)
-    return knob.at.error(end, f"what {base.name} can have ({_inner(error)})")
-
-
-def _inner(error: ConfigError) -> str:
-    return f"{error.field}: {error.problem}"
+    return knob.at.error(end, f"what {base.name} can have {why}")

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
+from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import scale_of
 from stridetwin.streams.fields import DEG, number, refused, text
 from stridetwin.streams.samples import Array
@@ -65,32 +66,32 @@ class Score:
         """Whether more is better."""
         if self.geometric:
             return GEOMETRIC[self.name][1]
-        scale = scale_of(self.name.partition(".")[2])
+        scale = scale_of(self.metric)
         return scale is not None and scale.higher_is_better
 
     def losses(self, values: Array) -> Array:
         """Values so that less is better; errors with a sign count without."""
         return -values if self.higher_is_better else np.abs(values)
 
-    def of(self, scores: Mapping[str, Mapping[str, float]]) -> float:
-        """The value among an estimator's scores; the mean of both feet where there are two, NaN where it is missing."""
-        found = [own[self.metric] for own in self._of_estimator(scores) if self.metric in own]
-        return sum(found) / len(found) if found else math.nan
-
     @property
     def metric(self) -> str:
         """Its name without that of its estimator; empty where it has none."""
         return self.name.partition(".")[2]
 
-    def reported_instead(self, scores: Mapping[str, Mapping[str, float]]) -> list[str]:
-        """Other scores that its estimator reports, where it reports some but not this one."""
-        reported = {metric for own in self._of_estimator(scores) for metric in own}
-        return [] if self.metric in reported else sorted(reported)
+    def of(self, row: Row) -> float:
+        """The value in the row of a place on a walk: the mean of both feet where there are two, NaN if missing."""
+        if self.geometric:
+            return float(row.get("scores", {}).get(self.name, math.nan))
+        found = [own[self.metric] for own in self._of_estimator(row) if self.metric in own]
+        return sum(found) / len(found) if found else math.nan
 
-    def _of_estimator(self, scores: Mapping[str, Mapping[str, float]]) -> list[Mapping[str, float]]:
-        estimator = self.name.partition(".")[0]
-        names = [estimator] if estimator in scores else [f"{estimator}_{foot}" for foot in "lr"]
-        return [scores[name] for name in names if name in scores]
+    def reported(self, row: Row) -> set[str]:
+        """The scores in a row that its estimator reports."""
+        return {metric for own in self._of_estimator(row) for metric in own}
+
+    def _of_estimator(self, row: Row) -> list[Mapping[str, float]]:
+        name, outputs = self.name.partition(".")[0], row.get("estimators", {})
+        return [outputs[key] for key in ([name] if name in outputs else [f"{name}_l", f"{name}_r"]) if key in outputs]
 
 
 def _known(name: str) -> str:

@@ -32,8 +32,8 @@ def optimise(
 ) -> list[Place]:
     """Searches places of low loss.
 
-    For every combination of choices CMA-ES starts from points that fill the ranges of the numbers evenly; the
-    budget is shared out evenly.
+    For every combination of choices CMA-ES starts from points that fill the ranges of the numbers evenly; the budget
+    is shared out evenly.
 
     Args:
         knobs: The free values, with at least one number.
@@ -53,37 +53,35 @@ def optimise(
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]
     combinations = list(itertools.product(*(k.values for k in choices)))
     size = max(len(numbers), 2)  # the method needs two dimensions; the second one is then a dummy
-    most = _MORE_STARTS * options.starts
-    starts = quasi_random_points("sobol", most, size, seed, (_KEY,))
+    starts = quasi_random_points("sobol", _MORE_STARTS * options.starts, size, seed, (_KEY,))
     starts[0] = 0.5
-    shares = [options.budget * (i + 1) // len(combinations) - options.budget * i // len(combinations)
-              for i in range(len(combinations))]  # fmt: skip
+    ends = [options.budget * i // len(combinations) for i in range(len(combinations) + 1)]
     tried: dict[str, Place] = {}
-    for run, (combination, start) in enumerate(itertools.product(combinations, starts)):
-        k, at = run % most, run // most
-        left = shares[at] // (options.starts - k) if k < options.starts - 1 else shares[at]
-        shares[at] -= left
-        if left == 0:
-            continue
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, run)))
-        cma_options: dict[str, Any] = {
-            "bounds": [0.0, 1.0], "seed": math.nan, "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
-            "verbose": -9, "maxfevals": left, "tolfun": 1e-9, "tolx": 1e-4, "tolflatfitness": 5,
-        }  # fmt: skip
-        search = cma.CMAEvolutionStrategy(start, _SPREAD, cma_options)
-        while left > 0 and not search.stop():
-            asked_for = search.ask()
-            places = [_place(numbers, point, choices, combination) for point in asked_for][:left]
-            losses = [x if math.isfinite(x) else _WORST for x in loss(places)]
-            tried |= {place.key: place for place in places}
-            left -= len(places)
-            if len(places) < len(asked_for):
-                break  # the budget ends within a generation
-            search.tell(asked_for, losses)
-        shares[at] += left  # the unused budget of a converged start goes to the next one
+    for at, (combination, share) in enumerate(zip(combinations, np.diff(ends).tolist())):
+        chosen = dict(zip((knob.name for knob in choices), combination))
+        for k, start in enumerate(starts):  # the unused budget of a converged start goes to the next one
+            left = share // max(options.starts - k, 1)
+            share -= left
+            if not left:
+                continue
+            rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, at * len(starts) + k)))
+            cma_options: dict[str, Any] = {
+                "bounds": [0.0, 1.0], "seed": math.nan, "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
+                "verbose": -9, "maxfevals": left, "tolfun": 1e-9, "tolx": 1e-4, "tolflatfitness": 5,
+            }  # fmt: skip
+            search = cma.CMAEvolutionStrategy(start, _SPREAD, cma_options)
+            while left > 0 and not search.stop():
+                points = search.ask()
+                places = [Place(values=_numbers(numbers, point) | chosen) for point in points[:left]]
+                losses = [x if math.isfinite(x) else _WORST for x in loss(places)]
+                tried |= {place.key: place for place in places}
+                left -= len(places)
+                if len(places) < len(points):
+                    break  # the budget ends within a generation
+                search.tell(points, losses)
+            share += left
     return list(tried.values())
 
 
-def _place(numbers: Sequence[Knob], point: Sequence[float], choices: Sequence[Knob], chosen: Sequence[Any]) -> Place:
-    values = {knob.name: knob.at_share(float(u)) for knob, u in zip(numbers, point)}
-    return Place(values=values | {knob.name: value for knob, value in zip(choices, chosen)})
+def _numbers(knobs: Sequence[Knob], point: Sequence[float]) -> dict[str, Any]:
+    return {knob.name: knob.at_share(float(u)) for knob, u in zip(knobs, point)}

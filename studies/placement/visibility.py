@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.checkerboard.pattern import Lens
 from stridetwin.scenarios.record import make_twin
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
 from stridetwin.sim.rendering.cameras import board_seen_by
 from stridetwin.sim.sensors.standard_rig import SensorRig
@@ -37,40 +39,17 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moving:
-    """A body at N instants.
-
-    Attributes:
-        T_world_body: (N, 4, 4); for a foot, that of the shoe's upper with the sensors.
-        v: (N, 3) m/s of its origin, world axes.
-        w: (N, 3) rad/s, world axes.
-    """
-
-    T_world_body: Array
-    v: Array
-    w: Array
-
-    def seats(self, T_body_sensor: Array) -> Array:
-        """(N, 4, 4) poses of a sensor mounted on it."""
-        return np.asarray(self.T_world_body @ T_body_sensor)
-
-    def velocity(self, p_in_world: Array) -> Array:
-        """(N, 3) m/s, velocities of (N, 3) points fixed to it."""
-        return self.v + np.cross(self.w, p_in_world - self.T_world_body[:, :3, 3])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PosedWalk:
     """A walk.
 
     Attributes:
-        bodies: Bodies with sensors, by name.
+        bodies: Tracks of the bodies with sensors at N instants, by name; for a foot, of the shoe's upper.
         limbs: Limbs that may occlude.
         terrain: The terrain.
         ground: Points on the ground ahead of the walker, (N, A, 3) m in the world.
     """
 
-    bodies: dict[str, Moving]
+    bodies: dict[str, Track]
     limbs: Limbs
     terrain: Terrain
     ground: Array
@@ -93,58 +72,21 @@ def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
     t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)
     q, v = twin.walk.moving(t)
     motion = twin.player().motion(np.round(t * 1e9).astype(np.int64))
-    bodies = {}
-    for name in motion.tracks:
-        track = motion.carrier(name)
-        T = track.poses()
-        w = np.einsum("nij,nj->ni", T[:, :3, :3], track.w_body)
-        bodies[name] = Moving(T_world_body=T, v=track.v_body_in_world, w=w)
+    bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
-    s = layout.way.project(bodies["pelvis"].T_world_body[:, :2, 3])
+    s = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])
     ahead = np.stack([layout.way.point((s[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
     return PosedWalk(bodies=bodies, limbs=Limbs.of(twin.model, q, v), terrain=twin.terrain, ground=ground)
 
 
-def project(camera: CameraCalibration, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Image coordinates of points (Brown 1966 and Conrady 1919; Kannala & Brandt 2006, as OpenCV has them).
-
-    Args:
-        camera: Intrinsics and distortion.
-        points: (..., 3) m, optical frame.
-
-    Returns:
-        (..., 2) pixels, the centre of the top-left one is (0, 0); and (...) whether the point is in front of the camera
-        and inside the image, within the valid range of the distortion model.
-    """
-    z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.inf)
-    x, y = points[..., 0] / z, points[..., 1] / z
-    bent, fair = _radtan if camera.distortion_model == "radtan" else _equidistant, np.isfinite(z)
-    x, y, straight = bent(x, y, *camera.distortion)
-    fu, fv, pu, pv = camera.intrinsics
-    u, v = fu * x + pu, fv * y + pv
-    inside = fair & straight & (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
-    return np.stack([u, v], axis=-1), inside
-
-
-def _radtan(x: Array, y: Array, k1: float, k2: float, p1: float, p2: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    r2 = x**2 + y**2
-    radial = 1.0 + r2 * (k1 + r2 * k2)
-    out = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    return *out, 1.0 + r2 * (3 * k1 + 5 * k2 * r2) > 0.0
-
-
-def _equidistant(
-    x: Array, y: Array, k1: float, k2: float, k3: float, k4: float
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    r = np.hypot(x, y)
-    angle = np.arctan(r)
-    a2 = angle**2
-    bent = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-    scale = np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0)
-    grows = 1.0 + a2 * (3 * k1 + a2 * (5 * k2 + a2 * (7 * k3 + a2 * 9 * k4))) > 0.0
-    return x * scale, y * scale, grows
+def in_image(camera: CameraCalibration, points: Array) -> Flags:
+    """(...) whether points (..., 3) m of the optical frame are in the image and at least `NEAR_M` in front of it."""
+    z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.nan)
+    pixels = Lens(camera).pixels((points[..., :2] / z[..., None]).reshape(-1, 2))
+    inside = (pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))
+    return np.asarray(inside.all(axis=1).reshape(z.shape))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,24 +111,16 @@ class Sight:
 
 
 def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure_s: float, seeing: Seeing) -> Sight:
-    """What a camera sees of a board.
-
-    Args:
-        walk: Walk with N instants.
-        camera: On one body.
-        board: On another one.
-        exposure_s: Exposure of its images, s.
-        seeing: What counts.
-    """
+    """What a camera on one body, with this exposure, sees of a board on another one."""
     carrier, other = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
-    T_world_camera, T_world_board = carrier.seats(camera.mount.T_body_sensor), other.seats(board.mount.T_body_sensor)
+    T_world_camera = carrier.poses() @ camera.mount.T_body_sensor
+    T_world_board = other.poses() @ board.mount.T_body_sensor
     eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]
     half = np.array([*board.squares, 0.0]) * board.square_m / 2
     corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
     points = corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + middle[:, None]
     R_world_camera = T_world_camera[:, :3, :3]
     seen_from = (points - eye[:, None]) @ R_world_camera
-    _, inside = project(camera, seen_from)
     away = eye - middle
     distance = np.linalg.norm(away, axis=1)
     facing = np.sum(away * T_world_board[:, :3, 2], axis=1) / np.maximum(distance, 1e-9)
@@ -194,9 +128,12 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
     z = np.maximum(z, 1e-6)
     focal = math.sqrt(camera.intrinsics[0] * camera.intrinsics[1])
     px = focal * board.square_m / z
-    in_view = inside.all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
+    in_view = (
+        in_image(camera, seen_from).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
+    )
 
-    relative = other.velocity(middle) - carrier.velocity(eye) - np.cross(carrier.w, middle - eye)
+    turning = np.cross(_rate(carrier), middle - eye)
+    relative = _velocity(other, middle) - _velocity(carrier, eye) - turning
     vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T
     blur_px = exposure_s * focal * np.hypot((vx * z - x * vz) / z**2, (vy * z - y * vz) / z**2)
 
@@ -210,6 +147,16 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
     return Sight(in_view=in_view, behind_limbs=behind, seen=seen, sharp=sharp, px=px, blur_px=blur_px)
 
 
+def _rate(body: Track) -> Array:
+    """(N, 3) rad/s, world axes."""
+    return np.asarray(np.einsum("nij,nj->ni", body.rotation.as_matrix(), body.w_body))
+
+
+def _velocity(body: Track, p_in_world: Array) -> Array:
+    """(N, 3) m/s, velocities of (N, 3) points fixed to a body."""
+    return body.v_body_in_world + np.cross(_rate(body), p_in_world - body.p_body_in_world)
+
+
 def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points."""
     sight = points - eyes[:, None]
@@ -219,76 +166,53 @@ def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     return np.asarray(hit < length - _SHORT_OF_M)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Outlook:
-    """Contents of a depth camera's view.
+def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
+    """What a depth camera of this range sees over a walk.
 
-    Attributes:
-        ahead: Share of the ground 0.5 to 2.5 m ahead on the route that it sees, over the walk.
-        own_body: Share of its image that the walker's body fills, over the walk.
-    """
-
-    ahead: float
-    own_body: float
-
-
-def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> Outlook:
-    """Visible ground ahead of a depth camera.
-
-    Args:
-        walk: The walk.
-        camera: The camera with its mount.
-        range_m: Smallest and largest depth that it measures.
+    Returns:
+        Share of the ground 0.5 to 2.5 m ahead on the route, and share of the image that the walker's body fills.
     """
     rows = np.arange(0, len(walk), _EVERY)
-    T = walk.bodies[camera.mount.body].seats(camera.mount.T_body_sensor)[rows]
+    T = walk.bodies[camera.mount.body][rows].poses() @ camera.mount.T_body_sensor
     eye, R = T[:, :3, 3], T[:, :3, :3]
     ground = walk.ground[rows]
     seen_from = (ground - eye[:, None]) @ R
-    _, seen = project(camera, seen_from)
-    seen &= (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
-    seen &= ~walk.limbs.hide(rows, eye, ground)
-    seen &= ~_buried(walk, eye, ground)
+    seen = in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
+    seen &= ~walk.limbs.hide(rows, eye, ground) & ~_buried(walk, eye, ground)
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
     fu, fv, pu, pv = camera.intrinsics
     rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
     fan = rays @ np.swapaxes(R, 1, 2) + eye[:, None]
-    return Outlook(ahead=float(seen.mean()), own_body=float(walk.limbs.hide(rows, eye, fan).mean()))
+    return float(seen.mean()), float(walk.limbs.hide(rows, eye, fan).mean())
 
 
 def geometric_scores(
     sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
 ) -> dict[str, float]:
-    """Scores by name; undefined scores (no board ever in view) are left out.
+    """Scores of a place, by name of `GEOMETRIC`; undefined scores (no board ever in view) are left out.
 
-    Args:
-        sensor_rig: Sensors of the place.
-        walk: True motion; None where only weights are needed.
-        names: Of `GEOMETRIC`.
-        seeing: When a board counts as seen.
+    The walk is None where only weights are needed.
 
     Raises:
         StrideTwinError: A sensor that a score needs is off, or a part has no weight.
     """
     groups = {sensor.group for sensor in sensor_rig.sensors.values()}
-    for name in names:
-        needed = GEOMETRIC[name][0]
-        if needed and needed not in groups:
-            raise StrideTwinError(f"{name} needs {needed}, which is off")
-    groups_needed = {GEOMETRIC[name][0] for name in names}
+    needed = {name: GEOMETRIC[name][0] for name in names}
+    for name, group in needed.items():
+        if group and group not in groups:
+            raise StrideTwinError(f"{name} needs {group}, which is off")
     found: dict[str, float] = {}
-    if walk is not None and "foot_camera" in groups_needed:
-        found |= _of_boards(sensor_rig, walk, seeing)
-    if walk is not None and "head_camera" in groups_needed:
-        found |= _of_the_way(sensor_rig, walk)
-    if "weight_g" in names:
-        found["weight_g"] = _weight_g(sensor_rig)
-    if "foot_weight_g" in names:
-        found["foot_weight_g"] = _weight_g(sensor_rig, "foot_l")
+    if walk is not None and "foot_camera" in needed.values():
+        found |= _score_boards(sensor_rig, walk, seeing)
+    if walk is not None and "head_camera" in needed.values():
+        found |= _score_outlook(sensor_rig, walk)
+    for name, body in (("weight_g", None), ("foot_weight_g", "foot_l")):
+        if name in names:
+            found[name] = _weight_g(sensor_rig, body)
     return {name: found[name] for name in names if name in found}
 
 
-def _of_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
+def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
     sights = []
     for topic, camera in sensor_rig.rig.cameras.items():
         board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
@@ -307,15 +231,15 @@ def _of_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[s
     return found
 
 
-def _of_the_way(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
-    topic = next(t for t, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
+def _score_outlook(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
+    topic, camera = next((topic, camera) for topic, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
     part = sensor_rig.sensors[topic].part
     assert isinstance(part, RgbdPart)
-    outlook = look_ahead(walk, sensor_rig.rig.cameras[topic], (part.depth.range_min, part.depth.range_max))
-    return {"ahead_pct": 100.0 * outlook.ahead, "own_body_pct": 100.0 * outlook.own_body}
+    ahead, own_body = look_ahead(walk, camera, (part.depth.range_min, part.depth.range_max))
+    return {"ahead_pct": 100.0 * ahead, "own_body_pct": 100.0 * own_body}
 
 
-def _weight_g(sensor_rig: SensorRig, body: str | None = None) -> float:
+def _weight_g(sensor_rig: SensorRig, body: str | None) -> float:
     """Weight of all sensors, or of those on one body, g."""
     total = 0.0
     for topic, sensor in sensor_rig.sensors.items():

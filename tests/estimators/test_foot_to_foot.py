@@ -36,7 +36,7 @@ from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Block, Imu, Range
-from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
+from stridetwin.studies.jao2020.jao_simulation import Simulation, SteadyWalk
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
@@ -55,7 +55,7 @@ RIGHT = replace(ADIS16485, topic="/foot_r/imu", mount=Mount(body="foot_r"))
 @pytest.fixture(scope="module")
 def short() -> tuple[Simulation, dict[str, Block[Imu]], list]:
     """Five strides of the paper's simulation."""
-    simulation = Simulation(Setup(walk=SteadyWalk(strides=5)))
+    simulation = Simulation(SteadyWalk(strides=5))
     rng = np.random.default_rng(3)
     return simulation, simulation.inertial(rng)[0], simulation.aids(rng)
 

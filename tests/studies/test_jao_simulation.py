@@ -8,12 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.studies.case import Case
 from stridetwin.studies.jao2020.jao_simulation import (
+    EARTH_RATE_IN_WORLD,
     FEET,
+    GRAVITY_MPS2,
     REPORTED,
-    Setup,
     Simulation,
     SteadyWalk,
     collect,
+    ideal_imu,
     run_case,
     run_seed,
     table,
@@ -31,13 +33,13 @@ def test_ideal_samples_turn_back_into_the_motion() -> None:
     walk = SteadyWalk(strides=2)
     t_ns = np.round(np.arange(400) * 1e9 / 120).astype(np.int64)
     truth = walk.foot("l", t_ns)
-    rate, force = walk.inertial(truth)
-    earth, dt = walk.earth_rate_in_world, np.diff(t_ns) * 1e-9
+    rate, force = ideal_imu(truth)
+    earth, dt = EARTH_RATE_IN_WORLD, np.diff(t_ns) * 1e-9
     R, v = truth.rotation[0], truth.v_body_in_world[0]
     for k in range(len(dt)):
         turn = rate[k] - R.inv().apply(earth)
         middle = R * Rotation.from_rotvec(0.5 * dt[k] * turn)
-        v = v + dt[k] * (middle.apply(force[k]) - 2 * np.cross(earth, v) - [0, 0, walk.gravity_mps2])
+        v = v + dt[k] * (middle.apply(force[k]) - 2 * np.cross(earth, v) - [0, 0, GRAVITY_MPS2])
         R = middle * Rotation.from_rotvec(0.5 * dt[k] * turn)
     np.testing.assert_allclose((R * truth.rotation[-1].inv()).as_rotvec(), 0.0, atol=1e-6)
     np.testing.assert_allclose(v, truth.v_body_in_world[-1], atol=1e-3)
@@ -70,7 +72,7 @@ def test_the_order_of_the_methods_is_the_papers(result: dict) -> None:
 
 def test_ours_stays_at_the_floor_of_the_drawn_noise(result: dict) -> None:
     """Run by run, what the two gyros' noise alone does to a path that is tied without loss."""
-    simulation = Simulation(Setup())
+    simulation = Simulation(SteadyWalk())
     runs = result["cases"] + [run_seed(1, methods=("proposed",))]
     for seed, run in enumerate(runs):
         floor = simulation.floor_of(simulation.inertial(np.random.default_rng(seed))[1])[1]

@@ -3,10 +3,11 @@
 import numpy as np
 
 from stridetwin.sim.config import Level, Route
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.limbs import Limbs
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import Board, CameraCalibration, Mount
-from stridetwin.studies.placement.visibility import Moving, PosedWalk
+from stridetwin.studies.placement.visibility import PosedWalk
 
 OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # looks forward
 FACING_BACK = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -25,16 +26,14 @@ def camera(model="radtan", distortion=(0.0, 0.0, 0.0, 0.0), T=OPTICAL, body="foo
 def walk(p_board, v_board=None, ball=(0.0, 0.0, -9.0)):
     """A camera at rest at 0.5 m, a board wherever it is asked to be, and a ball."""
     n = len(p_board)
-    T = np.tile(np.eye(4), (n, 1, 1))
-    still, moving = T.copy(), T.copy()
-    still[:, 2, 3] = 0.5
-    moving[:, :3, 3] = p_board
-    zero = np.zeros((n, 3))
+    zero, level = np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    still = {"t_ns": np.arange(n), "q_world_body": level, "v_body_in_world": zero, "w_body": zero}
+    moving = still if v_board is None else still | {"v_body_in_world": v_board}
     limbs = Limbs(**BALL, p=np.tile(ball, (n, 1, 1)), R=np.tile(np.eye(3), (n, 1, 1, 1)))
     return PosedWalk(
         bodies={
-            "foot_l": Moving(T_world_body=still, v=zero, w=zero),
-            "foot_r": Moving(T_world_body=moving, v=zero if v_board is None else v_board, w=zero),
+            "foot_l": Track(p_body_in_world=zero + [0.0, 0.0, 0.5], **still),
+            "foot_r": Track(p_body_in_world=np.asarray(p_board, float), **moving),
         },
         limbs=limbs,
         terrain=Terrain.from_route(Route(segments=(Level(length_m=8.0),))),

@@ -15,7 +15,7 @@ from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.studies.placement import measure as measuring
-from stridetwin.studies.placement.forecast import placement_forecast
+from stridetwin.studies.placement.measure import placement_forecast
 from stridetwin.studies.placement.problem_file import read_problem
 from stridetwin.studies.placement.run import Options, run_placement
 
