@@ -42,7 +42,6 @@ from stridetwin.studies.placement.visibility import in_image
 from stridetwin.studies.tables import table_lines
 
 FEET = ("l", "r")
-SEEDS = range(1000, 1100)
 REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
 STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100
 _SWING_SHARE = 0.55  # of a stride's duration
