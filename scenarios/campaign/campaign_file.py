@@ -18,7 +18,7 @@ from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
 from stridetwin.sim.wearer.anthropometry import PEOPLE
-from stridetwin.streams.errors import Where
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import FileModel, ReadAs, number, refused, text, unique, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
