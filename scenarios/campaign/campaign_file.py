@@ -18,9 +18,9 @@ from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
 from stridetwin.sim.wearer.anthropometry import PEOPLE
-from stridetwin.streams.errors import Where
+from stridetwin.streams.errors import StrideTwinError, Where
 from stridetwin.streams.fields import FileModel, ReadAs, number, refused, text, unique, whole, words
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SAMPLINGS = ("sobol", "latin_hypercube")
@@ -270,3 +270,15 @@ def read_campaign(path: Path) -> Campaign:
             if any(p.keys[0] == "person" for p in variable.paths):
                 raise variable.at.error(variable.name, "no person, as the campaign has people")
     return campaign
+
+
+def load_campaign(name: str) -> Campaign:
+    """Reads a campaign by its name in the catalogue, or from a YAML file.
+
+    Raises:
+        StrideTwinError: As `read_campaign`, or the name is unknown; the message lists the known ones.
+    """
+    path = find_campaign(name)
+    if path is None:
+        raise StrideTwinError(f"invalid campaign {name!r}: expected {suggest(name, campaigns())}, or a .yaml file")
+    return read_campaign(path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from small_campaign import SHORT, SMALL, write
 
-from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, read_campaign
+from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
@@ -205,7 +205,7 @@ def test_campaigns_are_distinguished_from_scenarios_by_their_keys(tmp_path):
 
 @pytest.mark.parametrize("name", campaigns())
 def test_every_campaign_of_the_catalogue_is_valid(name):
-    campaign = read_campaign(campaigns()[name])
+    campaign = load_campaign(name)
     check_extremes(campaign, Extra())
     walks = plan(campaign, Extra())
     assert len({w.seed for w in walks}) == len({w.name for w in walks}) == campaign.walks

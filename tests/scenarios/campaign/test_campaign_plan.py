@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_campaign import write
 
-from stridetwin.scenarios.campaign.campaign_file import Splits, campaigns, read_campaign
+from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
 from stridetwin.scenarios.campaign.plan import Extra, people, plan, quasi_random_points
 from stridetwin.scenarios.scenario_file import CAMERAS
@@ -30,14 +30,14 @@ def test_more_walks_keep_the_first_ones(tmp_path):
     campaign = read_campaign(write(tmp_path))
     few, many = (plan(replace(campaign, walks=n), Extra()) for n in (4, 33))
     assert few == many[:4]
-    several = read_campaign(campaigns()["stairs_and_ramps"])
+    several = load_campaign("stairs_and_ramps")
     assert plan(replace(several, walks=40), Extra()) == plan(several, Extra())[:40]
     assert plan(replace(campaign, seed=4), Extra())[0] != few[0]
     assert [w.seed for w in few] == [3000000, 3000001, 3000002, 3000003]
 
 
 def test_scenarios_people_and_values_come_as_often_as_asked():
-    campaign = read_campaign(campaigns()["stairs_and_ramps"])
+    campaign = load_campaign("stairs_and_ramps")
     walks = plan(campaign, Extra())
     counts = {name: sum(w.base == name for w in walks) for name in ("stair_up_down", "ramp_up_down", "turns")}
     assert counts == pytest.approx({"stair_up_down": 375, "ramp_up_down": 375, "turns": 125}, abs=3)
@@ -59,7 +59,7 @@ def test_scenarios_people_and_values_come_as_often_as_asked():
 
 @pytest.mark.parametrize("sampling", ["sobol", "latin_hypercube"])
 def test_the_few_walks_of_one_scenario_fill_its_own_ranges(sampling):
-    campaign = replace(read_campaign(campaigns()["stairs_and_ramps"]), walks=24, sampling=sampling)
+    campaign = replace(load_campaign("stairs_and_ramps"), walks=24, sampling=sampling)
     treads = [
         w.values["terrain[1].stairs.tread_mm, terrain[3].stairs.tread_mm"]
         for w in plan(campaign, Extra())
