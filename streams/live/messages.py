@@ -18,7 +18,7 @@ from stridetwin.streams.recording.cdr import Layout, layout_of
 from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, version_metadata
+from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, VERSION_VALUES
 from stridetwin.streams.recording.ros_images import (
     CAMERA_INFO,
     COMPRESSED,
@@ -173,7 +173,7 @@ class LiveRecorder:
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
         self._file = McapWriter(path)
-        self._file.metadata(VERSION_RECORD, version_metadata())
+        self._file.metadata(VERSION_RECORD, VERSION_VALUES)
 
     def __enter__(self) -> Self:
         return self

@@ -188,10 +188,22 @@ class McapWriter:
         self._finish_chunks()
         self._append(_encoded(records.DataEnd(self._crc)))
         start = self._file.tell()
+        first, last = self._times or (0, 0)
+        statistics = records.Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunk_indexes),
+            message_count=sum(self._counts.values()),
+            message_end_time=last,
+            message_start_time=first,
+            metadata_count=len(self._metadata_indexes),
+            schema_count=len(self._schemas),
+        )
         groups: list[tuple[Opcode, list[Any]]] = [
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.STATISTICS, [statistics]),
             (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.ATTACHMENT_INDEX, self._attachment_indexes),
             (Opcode.METADATA_INDEX, self._metadata_indexes),
@@ -212,20 +224,6 @@ class McapWriter:
         """Writes the open chunks and closes the hidden file without a summary."""
         self._finish_chunks()
         self._file.close()
-
-    def _statistics(self) -> records.Statistics:
-        first, last = self._times or (0, 0)
-        return records.Statistics(
-            attachment_count=len(self._attachment_indexes),
-            channel_count=len(self._channels),
-            channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
-            message_count=sum(self._counts.values()),
-            message_end_time=last,
-            message_start_time=first,
-            metadata_count=len(self._metadata_indexes),
-            schema_count=len(self._schemas),
-        )
 
     def _finish_chunks(self) -> None:
         for lane in sorted(self._lanes):

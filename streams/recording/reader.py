@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.errors import RecordingError, needing
 from stridetwin.streams.recording.imported import ImportedContents
 from stridetwin.streams.recording.index import Problem, TopicInfo
 from stridetwin.streams.recording.mcap_contents import McapContents, Message
@@ -160,10 +160,8 @@ class Recording:
             RecordingError: Unknown topic, or it carries images.
             StrideTwinError: pandas is not installed.
         """
-        try:
+        with needing("tables of samples need it", "frames"):
             import pandas
-        except ModuleNotFoundError as error:
-            raise StrideTwinError("pandas is not installed; get it by pip install 'stridetwin[frames]'") from error
         block = self.block(topic)
         columns: dict[str, NDArray[Any]] = {}
         for name, values in block.columns.items():

@@ -18,12 +18,9 @@ METADATA_NAME = "stridetwin"
 VERSION_RECORD = "stridetwin_schema"
 """Name of the MCAP metadata record with the version."""
 VERSION = "1.0"
+VERSION_VALUES = {"version": VERSION}
+"""Contents of the version record of a new recording."""
 NO_VERSION = "0.0"
-
-
-def version_metadata() -> dict[str, str]:
-    """Contents of the version record of a new recording."""
-    return {"version": VERSION}
 
 
 def read_version(values: Mapping[str, str], source: object) -> str:

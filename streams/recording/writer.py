@@ -17,7 +17,7 @@ from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import Layout
 from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter, message_rows
-from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, version_metadata
+from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, VERSION_VALUES
 from stridetwin.streams.recording.ros_images import (
     CAMERA_INFO,
     COMPRESSED,
@@ -74,7 +74,7 @@ class RecordingWriter:
         self._pool = ThreadPoolExecutor(_ENCODERS)
         rig_yaml = rig_to_yaml(rig).encode()
         self._file = McapWriter(self.path)
-        self._file.metadata(VERSION_RECORD, version_metadata())
+        self._file.metadata(VERSION_RECORD, VERSION_VALUES)
         self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
 
