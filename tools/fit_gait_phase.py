@@ -10,13 +10,14 @@ import sys
 import numpy as np
 
 from benchmarks.gait_phase import TERRAINS, FootWalk, simulate
-from stridetwin.estimators.gait_phase.template import BINS, DOWN, LANDINGS, LEVEL, UP
+from stridetwin.estimators.gait_phase.template import AFTER, BEFORE, BINS, DOWN, KINDS, LEVEL, UP
 from stridetwin.outputs.gait_phase.scores import Stride
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
 SEEDS = range(100)
 _LANDING = {"LG": LEVEL, "RA": LEVEL, "RD": LEVEL, "SA": UP, "SD": DOWN}
+_KIND = {ends: kind for kind, ends in enumerate(zip(BEFORE.tolist(), AFTER.tolist()))}
 _MIN_LEVEL_STRIDES = 2
 
 
@@ -29,22 +30,19 @@ def pitch_per_cycle(walk: FootWalk, stride: Stride) -> Array:
 
 
 def fit(walks: list[FootWalk]) -> tuple[Array, Array, Array]:
-    """Mean and standard deviation (LANDINGS, BINS) of the pitch, log-ratios (LANDINGS, LANDINGS) of stride times."""
-    pitch: list[list[Array]] = [[] for _ in range(LANDINGS)]
-    ratios: dict[tuple[int, int], list[float]] = {}
+    """Mean and standard deviation (KINDS, BINS) of the pitch, log-ratios (KINDS,) of stride times."""
+    pitch: list[list[Array]] = [[] for _ in range(KINDS)]
+    ratios: list[list[float]] = [[] for _ in range(KINDS)]
     for walk in walks:
-        landings = [(_LANDING[s.begin_mode], _LANDING[s.end_mode]) for s in walk.strides]
         level = [s.end_ns - s.begin_ns for s in walk.strides[1:-1] if (s.begin_mode, s.end_mode) == ("LG", "LG")]
-        for stride, (before, after) in zip(walk.strides, landings):
-            if stride.is_pause:
+        for stride in walk.strides:
+            ends = _LANDING[stride.begin_mode], _LANDING[stride.end_mode]
+            if stride.is_pause or ends not in _KIND:
                 continue
-            pitch[after].append(pitch_per_cycle(walk, stride))
+            pitch[_KIND[ends]].append(pitch_per_cycle(walk, stride))
             if len(level) >= _MIN_LEVEL_STRIDES:
-                ratio = float(np.log((stride.end_ns - stride.begin_ns) / np.median(level)))
-                ratios.setdefault((before, after), []).append(ratio)
-    log_ratio = np.zeros((LANDINGS, LANDINGS))
-    for pair, values in ratios.items():
-        log_ratio[pair] = np.mean(values)
+                ratios[_KIND[ends]].append(float(np.log((stride.end_ns - stride.begin_ns) / np.median(level))))
+    log_ratio = np.array([np.mean(values) for values in ratios])
     return np.array([np.mean(p, axis=0) for p in pitch]), np.array([np.std(p, axis=0) for p in pitch]), log_ratio
 
 

@@ -1,4 +1,4 @@
-"""The posterior of stride time and landing over a grid of hypotheses, compiled (docs/gait_phase.md (2)-(6))."""
+"""The posterior of stride time and kind of stride over a grid of hypotheses, compiled (docs/gait_phase.md (2)-(6))."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.gait_phase.template import BINS, LANDINGS
+from stridetwin.estimators.gait_phase.template import BINS, KINDS
 from stridetwin.streams.samples import Array
 
 CELLS = 80
@@ -20,6 +20,9 @@ LOG_STRIDE = np.linspace(math.log(SHORTEST_S), math.log(LONGEST_S), CELLS)
 STRIDE_S = np.exp(LOG_STRIDE)
 _FREEDOM = 4.0  # of Student's t: single deviations from the template are no outliers to be rejected, but weak evidence
 IMPOSSIBLE = -1e4
+# Probability of a stride of quite another length, such as the first and the last, and standard deviation of the
+# logarithm of its time [tuned]. Doubled: such strides are recognised earlier, regular ones are less certain.
+_IRREGULAR_SHARE, _IRREGULAR_SD = 0.15, 0.15
 
 _called = cached(Path(__file__).parent, llvm_level=1)
 
@@ -28,7 +31,7 @@ class Belief(NamedTuple):
     """Log-weights of the hypotheses about the running stride.
 
     Attributes:
-        walk: (LANDINGS, CELLS) that it ends in a landing of a kind after a stride time.
+        walk: (KINDS, CELLS) that it is of a kind and takes a stride time.
         stand: (1,) that the person has stopped.
     """
 
@@ -37,11 +40,11 @@ class Belief(NamedTuple):
 
 
 class Template(NamedTuple):
-    """Pitch of the foot over a stride, by the landing that ends it.
+    """Pitch of the foot over a stride of each kind.
 
     Attributes:
-        mean: (LANDINGS, BINS) pitch rate times stride time, rad per cycle, in the middle of each bin of the phase.
-        variance: (LANDINGS, BINS) of single strides about it, rad².
+        mean: (KINDS, BINS) pitch rate times stride time, rad per cycle, in the middle of each bin of the phase.
+        variance: (KINDS, BINS) of single strides about it, rad².
     """
 
     mean: Array
@@ -49,49 +52,15 @@ class Template(NamedTuple):
 
 
 class StrideRatios(NamedTuple):
-    """Stride time over that on level ground, from one landing (row) to the next (column).
+    """Stride time of each kind over that on level ground.
 
     Attributes:
-        log_mean: (LANDINGS, LANDINGS) its logarithm.
-        variance: (LANDINGS, LANDINGS) of the logarithm between people; what the person's own strides have left of it.
+        log_mean: (KINDS,) its logarithm.
+        variance: (KINDS,) of the logarithm between people; what the person's own strides have left of it.
     """
 
     log_mean: Array
     variance: Array
-
-
-class PriorSettings(NamedTuple):
-    """What is known of a stride when it begins.
-
-    Attributes:
-        log_stride: Mean logarithm of the person's stride time on level ground.
-        variance: Of `log_stride` and single strides together.
-        irregular_share: Weight of the second, wide normal distribution.
-        irregular_variance: Added to `variance` there.
-        stand_share: Probability that the person stops.
-    """
-
-    log_stride: float
-    variance: float
-    irregular_share: float
-    irregular_variance: float
-    stand_share: float
-
-
-class RateSample(NamedTuple):
-    """A pitch rate within a stride.
-
-    Attributes:
-        since_s: Time since the touch-down, s.
-        weight: Its share of an independent observation: sampling interval over correlation time.
-        rate: Pitch rate, rad/s.
-        noise: Variance beyond the template's, rad² per cycle².
-    """
-
-    since_s: float
-    weight: float
-    rate: float
-    noise: float
 
 
 @njit(**INSIDE)
@@ -102,64 +71,70 @@ def _log_t(deviation: float, variance: float) -> float:
     )
 
 
-@_called
-def set_prior(belief: Belief, settings: PriorSettings, transition: Array, ratios: StrideRatios) -> None:
+def set_prior(
+    belief: Belief, log_stride: float, variance: float, stand_share: float, shares: Array, ratios: StrideRatios
+) -> None:
     """Sets the hypotheses at a touch-down, docs/gait_phase.md (3).
 
     Args:
         belief: Overwritten.
-        settings: Of the stride time.
-        transition: (LANDINGS, LANDINGS) joint probability of this touch-down's landing (row) and the next one's.
-        ratios: Of the stride times between them.
+        log_stride: Mean logarithm of the person's stride time on level ground.
+        variance: Of `log_stride` and single strides together.
+        stand_share: Probability that the person stops.
+        shares: (KINDS,) probability of each kind of stride.
+        ratios: Of the stride times.
     """
-    total = 0.0
-    for c in range(LANDINGS):
-        for j in range(CELLS):
-            density = 1e-30
-            for k in range(LANDINGS):
-                error = LOG_STRIDE[j] - settings.log_stride - ratios.log_mean[k, c]
-                narrow = settings.variance + ratios.variance[k, c]
-                wide = narrow + settings.irregular_variance
-                density += transition[k, c] * (
-                    (1.0 - settings.irregular_share) * math.exp(-0.5 * error * error / narrow) / math.sqrt(narrow)
-                    + settings.irregular_share * math.exp(-0.5 * error * error / wide) / math.sqrt(wide)
-                )
-            total += density
-            belief.walk[c, j] = math.log(density)
-    belief.stand[0] = math.log(total * settings.stand_share / (1.0 - settings.stand_share))
+    error2 = np.square(LOG_STRIDE - log_stride - ratios.log_mean[:, None])
+    narrow = variance + ratios.variance[:, None]
+    wide = narrow + _IRREGULAR_SD**2
+    regular = (1.0 - _IRREGULAR_SHARE) * np.exp(-0.5 * error2 / narrow) / np.sqrt(narrow)
+    irregular = _IRREGULAR_SHARE * np.exp(-0.5 * error2 / wide) / np.sqrt(wide)
+    density = shares[:, None] * (regular + irregular) + 1e-30
+    belief.walk[:] = np.log(density)
+    belief.stand[0] = math.log(density.sum() * stand_share / (1.0 - stand_share))
 
 
 @_called
-def weigh(belief: Belief, template: Template, sample: RateSample) -> tuple[float, float, float, float]:
+def weigh(
+    belief: Belief, template: Template, since_s: float, share: float, rate: float, noise: float
+) -> tuple[float, float, float, float]:
     """Weighs the hypotheses with one pitch rate, docs/gait_phase.md (4), (6), and takes their means (5).
+
+    Args:
+        belief: Changed in place.
+        template: What is expected.
+        since_s: Time since the touch-down, s.
+        share: What it counts of an independent observation: sampling interval over correlation time.
+        rate: Pitch rate, rad/s.
+        noise: Variance beyond the template's, rad² per cycle².
 
     Returns:
         Mean and variance of the phase, mean phase rate (1/s), all given that the person walks; and the probability that
         they stand.
     """
     largest = IMPOSSIBLE
-    for c in range(LANDINGS):
+    for c in range(KINDS):
         for j in range(CELLS):
-            phase = sample.since_s / STRIDE_S[j]
+            phase = since_s / STRIDE_S[j]
             if phase >= 1.0:
                 belief.walk[c, j] = IMPOSSIBLE
                 continue
             place = max(phase * BINS - 0.5, 0.0)
             i = min(int(place), BINS - 2)
-            share = min(place - i, 1.0)
-            mean = template.mean[c, i] * (1.0 - share) + template.mean[c, i + 1] * share
-            variance = template.variance[c, i] * (1.0 - share) + template.variance[c, i + 1] * share + sample.noise
-            log_density = _log_t(sample.rate * STRIDE_S[j] - mean, variance) + LOG_STRIDE[j]
-            belief.walk[c, j] += sample.weight * log_density
+            part = min(place - i, 1.0)
+            mean = template.mean[c, i] * (1.0 - part) + template.mean[c, i + 1] * part
+            variance = template.variance[c, i] * (1.0 - part) + template.variance[c, i + 1] * part + noise
+            log_density = _log_t(rate * STRIDE_S[j] - mean, variance) + LOG_STRIDE[j]
+            belief.walk[c, j] += share * log_density
             largest = max(largest, belief.walk[c, j])
-    belief.stand[0] += sample.weight * _log_t(sample.rate, sample.noise)
+    belief.stand[0] += share * _log_t(rate, noise)
     largest = max(largest, belief.stand[0])
     total, phase_sum, square_sum, rate_sum = 1e-300, 0.0, 0.0, 0.0
-    for c in range(LANDINGS):
+    for c in range(KINDS):
         for j in range(CELLS):
             if belief.walk[c, j] > IMPOSSIBLE:
                 belief.walk[c, j] = max(belief.walk[c, j] - largest, 0.5 * IMPOSSIBLE)
-                weight, phase = math.exp(belief.walk[c, j]), sample.since_s / STRIDE_S[j]
+                weight, phase = math.exp(belief.walk[c, j]), since_s / STRIDE_S[j]
                 total += weight
                 phase_sum += weight * phase
                 square_sum += weight * phase * phase

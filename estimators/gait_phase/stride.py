@@ -13,23 +13,28 @@ from stridetwin.estimators.gait_phase.kernel import (
     SHORTEST_S,
     STRIDE_S,
     Belief,
-    PriorSettings,
-    RateSample,
     StrideRatios,
     Template,
     set_prior,
     weigh,
 )
 from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
-from stridetwin.estimators.gait_phase.template import BINS, LANDINGS, LEVEL, LOG_RATIO, PITCH_RATE, PITCH_RATE_SD
+from stridetwin.estimators.gait_phase.template import (
+    AFTER,
+    BEFORE,
+    BINS,
+    KINDS,
+    LANDINGS,
+    LEVEL,
+    LOG_RATIO,
+    PITCH_RATE,
+    PITCH_RATE_SD,
+)
 
 # Values marked [tuned] are of the walks of `GaitPhaseParameters`.
 # Change of a person's mean stride time from stride to stride, in logarithms [tuned]. Doubled: the mean follows a change
 # of pace sooner and is noisier.
 _STRIDE_DRIFT = 0.03
-# Probability of a stride of quite another length, such as the first and the last, and standard deviation of the
-# logarithm of its time [tuned]. Doubled: such strides are recognised earlier, regular ones are less certain.
-_IRREGULAR_SHARE, _IRREGULAR_SD = 0.15, 0.15
 # Standard deviation, between people, of the logarithm of a stair stride's time over that of a level one [tuned].
 # Doubled: a person's own ratio is learned sooner, the first flight is less certain.
 _RATIO_SD = 0.1
@@ -42,8 +47,10 @@ _SAMPLE_S = 0.008  # least interval of the stored pitch rates of a stride
 _SAMPLES = int(LONGEST_S / _SAMPLE_S) + 2
 _MEASUREMENT_SD = 0.03  # of a stride's logarithm about the person's mean, beyond the drift
 _OUTLIER = 9.0  # squared normalised innovation, beyond which a stride counts this much less
-_CERTAIN = 0.8  # probability of a landing whose template is learned
-_LEAST_PROBABILITY = 1e-12  # of two landings in a row, so that none is impossible
+_CERTAIN = 0.8  # probability of a kind of stride whose template is learned
+# Least probability of each kind of landing, whatever the stride before says [tuned]. Doubled: no difference. 0: a
+# landing taken for another kind may make the next stride seem a stop.
+_WRONG_SHARE = 0.01
 _BIN_CENTERS = (np.arange(BINS) + 0.5) / BINS
 
 
@@ -64,16 +71,15 @@ class StrideFilter:
         self.begin_ns, self.is_regular, self.is_walking = -1, False, False
         self.phase = self.phase_sd = self.rate = 0.0
         self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
-        self._belief = Belief(walk=np.zeros((LANDINGS, CELLS)), stand=np.zeros(1))
+        self._belief = Belief(walk=np.zeros((KINDS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
-        variance = np.full((LANDINGS, LANDINGS), _RATIO_SD**2)
-        variance[LEVEL, LEVEL] = 0.0
+        is_level = (BEFORE == LEVEL) & (AFTER == LEVEL)
+        variance = np.where(is_level, 0.0, _RATIO_SD**2)
         self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=variance)
-        self._strides = np.full(LANDINGS, _TEMPLATE_STRIDES)  # that each template is worth
+        self._strides = np.full(KINDS, _TEMPLATE_STRIDES)  # that each template is worth
         off, level = _STAIRS_END_SHARE, 1.0 - 2.0 * p.stairs_share
-        self._transition = np.array(
-            [[level, p.stairs_share, p.stairs_share], [off, 1.0 - off, 0.0], [off, 0.0, 1.0 - off]]
-        )
+        shares = np.array([[level, p.stairs_share, p.stairs_share], [off, 1.0 - off, 0.0], [off, 0.0, 1.0 - off]])
+        self._transition = shares[BEFORE, AFTER]  # (KINDS,) probability of a kind of stride, given where it begins
         self._landing = np.eye(LANDINGS)[LEVEL]  # probability of each kind of the last touch-down
         self._times, self._rates = np.empty(_SAMPLES), np.empty(_SAMPLES)
         self._stored = 0
@@ -94,11 +100,8 @@ class StrideFilter:
                 self._variance = max(self._variance, (0.5 * self._p.stride_sd) ** 2)
         p = self._p
         self.begin_ns, self.is_regular, self.is_walking, self._stored = t_ns, True, True, 0
-        settings = PriorSettings(
-            log_stride=self._log_stride, variance=self._variance + p.stride_noise**2,
-            irregular_share=_IRREGULAR_SHARE, irregular_variance=_IRREGULAR_SD**2, stand_share=p.stand_share,
-        )  # fmt: skip
-        set_prior(self._belief, settings, self._landing[:, None] * self._transition, self._ratios)
+        shares, variance = self._landing[BEFORE] * self._transition, self._variance + p.stride_noise**2
+        set_prior(self._belief, self._log_stride, variance, p.stand_share, shares, self._ratios)
 
     def weigh(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
         """Updates phase and belief with a pitch rate, rad/s, of the running stride."""
@@ -111,24 +114,23 @@ class StrideFilter:
         if self._stored < _SAMPLES and (self._stored == 0 or since_s - self._times[self._stored - 1] > _SAMPLE_S):
             self._times[self._stored], self._rates[self._stored] = since_s, pitch_rate
             self._stored += 1
-        weight = min(interval_s, p.max_gap_s) / p.rate_correlation_s
-        sample = RateSample(since_s=since_s, weight=weight, rate=pitch_rate, noise=p.rate_noise_rad**2)
-        self.phase, variance, self.rate, stand = weigh(self._belief, self._template, sample)
+        share = min(interval_s, p.max_gap_s) / p.rate_correlation_s
+        self.phase, variance, self.rate, stand = weigh(
+            self._belief, self._template, since_s, share, pitch_rate, p.rate_noise_rad**2
+        )
         self.phase_sd = math.sqrt(variance)
         if stand > 0.5:
             self.is_walking = False
 
     def _learn(self, stride_s: float) -> None:
-        """Learns landing, stride time and template from a stride that has ended, docs/gait_phase.md (7)-(9)."""
+        """Learns kind, stride time and template from a stride that has ended, docs/gait_phase.md (7)-(9)."""
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]
-        landing = np.exp(column - column.max())
-        landing *= self._landing @ self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
-        landing /= landing.sum()
-        joint = self._landing[:, None] * self._transition * landing + _LEAST_PROBABILITY
-        joint /= joint.sum()
-        ratio_variance = float((joint * self._ratios.variance).sum())
-        innovation = math.log(stride_s) - float((joint * self._ratios.log_mean).sum()) - self._log_stride
+        kind = np.exp(column - column.max())
+        kind *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
+        kind = kind / kind.sum()
+        ratio_variance = float((kind * self._ratios.variance).sum())
+        innovation = math.log(stride_s) - float((kind * self._ratios.log_mean).sum()) - self._log_stride
         noise = _MEASUREMENT_SD**2
         if innovation**2 > _OUTLIER * (self._variance + ratio_variance + noise):
             noise *= _OUTLIER
@@ -136,13 +138,13 @@ class StrideFilter:
         self._log_stride += self._variance / expected * innovation
         self._variance *= 1.0 - self._variance / expected
         self._variance += _STRIDE_DRIFT**2
-        gains = joint * self._ratios.variance / expected
+        gains = kind * self._ratios.variance / expected
         self._ratios.log_mean[:] += gains * innovation
         self._ratios.variance[:] *= 1.0 - gains
-        self._landing = landing
-        kind = int(landing.argmax())
-        if landing[kind] >= _CERTAIN and self._stored > 1:
-            self._learn_template(kind, stride_s)
+        self._landing = np.bincount(AFTER, kind, LANDINGS) * (1.0 - LANDINGS * _WRONG_SHARE) + _WRONG_SHARE
+        likely = int(kind.argmax())
+        if kind[likely] >= _CERTAIN and self._stored > 1:
+            self._learn_template(likely, stride_s)
 
     def _learn_template(self, kind: int, stride_s: float) -> None:
         self._strides[kind] = min(self._strides[kind] + 1.0, _TEMPLATE_MEMORY)
