@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate, TerrainSvm
@@ -16,16 +16,12 @@ from stridetwin.estimators.contact_terrain.geometry import (
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.proposed import Proposed
 from stridetwin.estimators.contact_terrain.published import Published
-from stridetwin.estimators.contact_terrain.ticks import Tick, TickBuilder
+from stridetwin.estimators.contact_terrain.ticks import TickBuilder
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Ahrs, Encoder, Insole, Sample
 
 METHODS = (PROPOSED, "published")
-
-
-class _Method(Protocol):
-    def update(self, tick: Tick) -> StepEstimate | None: ...
 
 
 class ContactTerrain:
@@ -65,7 +61,7 @@ class ContactTerrain:
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
         self._ticks = TickBuilder(exo)
-        self._method: _Method = (
+        self._method: Proposed | Published = (
             Proposed(exo, parameters) if method == PROPOSED else Published(exo, svm, parameters.published)
         )
 

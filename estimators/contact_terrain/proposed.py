@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -25,8 +24,6 @@ from stridetwin.estimators.contact_terrain.offsets import Offsets, Posterior, St
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.ticks import Attitudes, Tick
 from stridetwin.streams.samples import Array
-
-_HERE = Path(__file__).parent
 
 # Hand-chosen on simulated walks of S1-S3, seeds 0-16.
 _BOUNCE_NS = 120_000_000  # a foot that touches down again sooner has not left the ground

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, PathEstimate, Progress, Stream
+from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
-from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState, blank_nav_state, copy_of
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
 from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, Core
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
@@ -69,8 +70,7 @@ class DvioEstimate:
     @classmethod
     def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
         """A copy of a propagated state."""
-        t_ns, to_world = int(nav.t_ns[0]), np.eye(6)
-        to_world[3:, 3:] = nav.R
+        t_ns = int(nav.t_ns[0])
         return cls(
             t_ns=t_ns,
             pose=Pose(
@@ -78,7 +78,7 @@ class DvioEstimate:
                 p_frame_in_world=nav.p.copy(),
                 rotation=nav.R.copy(),
                 frame=frame,
-                covariance=to_world @ nav.covariance[:6, :6] @ to_world.T,
+                covariance=kernel.pose_covariance(nav),
                 valid=health != LOST,
             ),
             camera_pose=camera_pose,
@@ -150,7 +150,7 @@ class Dvio:
         self._last_ns: dict[str, int] = {}
         self._begun_ns: int | None = None
         self._health = ""
-        self._valid = blank_nav_state()
+        self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -274,7 +274,8 @@ class Dvio:
         else:
             core.propagate(sample.t_ns)
             if core.plausible:
-                self._valid = copy_of(core.nav)
+                self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
+                self._valid_covariance[:] = core.nav.covariance[:6, :6]
                 if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._alone_s:
                     self._health = IMU_ONLY
             else:
@@ -359,7 +360,7 @@ class Dvio:
         nav = self._core.nav
         place, heading_sd = self._kept()
         nav.R[:] = _upright(found.up, nav.R if self._health == LOST else None)
-        nav.v[:], nav.bias[:] = nav.R @ found.v, found.bias
+        nav.v[:], nav.bias[:] = nav.R @ found.v[-1], found.bias
         return found.state_covariance(nav.R, place, heading_sd)
 
     def _kept(self) -> tuple[Array, float]:
@@ -379,9 +380,9 @@ class Dvio:
         if already:
             # Since then the position has become less certain.
             return
-        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid.p, self._valid.R, 0.0, 0.0
+        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
-        nav.covariance[:6, :6] += self._valid.covariance[:6, :6]
+        nav.covariance[:6, :6] += self._valid_covariance
 
 
 def _upright(force: Array, before: Array | None) -> Array:

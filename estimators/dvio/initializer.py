@@ -70,50 +70,21 @@ class Priors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Alignment:
-    """State at the newest image, in the IMU's axes there.
+class Motion:
+    """All unknowns of K images, in the IMU's axes at the newest one's nominal time.
 
     Attributes:
+        R: (K, 3, 3) and
+        p: (K, 3) cameras, as in `Structure`.
+        v: (K, 3) m/s.
         up: (3,) away from gravity, of length 1.
-        v: (3,) m/s.
+        tilt_axes: (3, 2) about which it errs.
         bias: (6,) rad/s, m/s².
         scale: Of the structure's unit of length, m.
-        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), v, the biases and the
-            logarithm of the scale.
-        tilt_axes: (3, 2).
-        misfit: Mean squared residual, in variances.
+        mount_R: (3, 3) IMU <- camera.
+        mount_p: (3,) m, camera in the IMU's frame.
+        offset: Of the camera's clock, s.
     """
-
-    up: Array
-    v: Array
-    bias: Array
-    scale: float
-    covariance: Array
-    tilt_axes: Array
-    misfit: float
-
-    def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
-        """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
-
-        `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
-        """
-        J = np.zeros((15, 12))
-        by_turn = -R_world_imu @ hat(self.v)
-        J[3:6, :2], J[3:6, 11] = self.tilt_axes, self.up
-        J[6:9, :2], J[6:9, 11] = by_turn @ self.tilt_axes, by_turn @ self.up
-        J[6:9, 2:5] = R_world_imu
-        J[9:15, 5:11] = np.eye(6)
-        P = self.covariance.copy()
-        P[11], P[:, 11] = 0.0, 0.0
-        P[11, 11] = heading_sd**2
-        out: Array = J @ P @ J.T
-        out[:3, :3] = place
-        return 0.5 * (out + out.T)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _State:
-    """All unknowns, in the IMU's axes at the newest image's nominal time; `up` as in `Alignment`."""
 
     R: Array
     p: Array
@@ -125,6 +96,38 @@ class _State:
     mount_R: Array
     mount_p: Array
     offset: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Alignment(Motion):
+    """A motion with its uncertainty.
+
+    Attributes:
+        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), the newest v, the biases
+            and the logarithm of the scale.
+        misfit: Mean squared residual, in variances.
+    """
+
+    covariance: Array
+    misfit: float
+
+    def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
+        """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
+
+        `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
+        """
+        J = np.zeros((15, 12))
+        by_turn = -R_world_imu @ hat(self.v[-1])
+        J[3:6, :2], J[3:6, 11] = self.tilt_axes, self.up
+        J[6:9, :2], J[6:9, 11] = by_turn @ self.tilt_axes, by_turn @ self.up
+        J[6:9, 2:5] = R_world_imu
+        J[9:15, 5:11] = np.eye(6)
+        P = self.covariance.copy()
+        P[11], P[:, 11] = 0.0, 0.0
+        P[11, 11] = heading_sd**2
+        out: Array = J @ P @ J.T
+        out[:3, :3] = place
+        return 0.5 * (out + out.T)
 
 
 def aligned(structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
@@ -149,7 +152,7 @@ def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Pri
     return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
 
 
-def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> _State | None:
+def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
     """Velocities, gravity of free magnitude and scale (Qin 2018 (16)-(19))."""
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
@@ -177,13 +180,13 @@ def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors
     if not (scale > 0.0 and abs(size - priors.gravity) < _MAX_GRAVITY_ERROR * priors.gravity):
         return None
     up: Array = np.asarray(-g / size, float)
-    return _State(
+    return Motion(
         R=structure.R, p=structure.p, v=x[: 3 * K].reshape(K, 3), up=up, tilt_axes=np.linalg.svd(up[None])[2][1:].T,
         bias=bias, scale=scale, mount_R=R_ic, mount_p=p_ic, offset=0.0,
     )  # fmt: skip
 
 
-def _refined(s: _State, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
+def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
     """Gauss–Newton over all unknowns."""
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K
@@ -195,7 +198,8 @@ def _refined(s: _State, structure: Structure, z: Preintegration, rates: Array, p
     )
     prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
     free[TILT + 2 :] = prior_sd > 0
-    moved, index = np.zeros(n), _columns(K)
+    moved = np.zeros(n)
+    index = [np.r_[6 * k : 6 * k + 12, V + 3 * k : V + 3 * k + 6, TILT : TILT + 16] for k in range(K - 1)]
     moved[TILT + 2 : TILT + 8] = s.bias - priors.bias
     large = True
     for step in range(_STEPS):
@@ -234,29 +238,17 @@ def _refined(s: _State, structure: Structure, z: Preintegration, rates: Array, p
     covariance = whole[np.ix_(out, out)]
     if not (np.isfinite(covariance).all() and (np.diag(covariance) >= 0).all()):
         return None
-    return Alignment(
-        up=s.up, v=s.v[-1], bias=s.bias, scale=s.scale, covariance=covariance, tilt_axes=s.tilt_axes,
-        misfit=cost / (9 * (K - 1) - 3 * K - 2),
-    )  # fmt: skip
+    return Alignment(**vars(s), covariance=covariance, misfit=cost / (9 * (K - 1) - 3 * K - 2))
 
 
-def _columns(K: int) -> Array:
-    """(K − 1, 34) indices of each interval's errors among all errors."""
-    rows = []
-    for k in range(K - 1):
-        a, v = 6 * k, 6 * K + 3 * k
-        rows.append(np.r_[a : a + 12, v : v + 6, 9 * K : 9 * K + 16])
-    return np.array(rows)
-
-
-def _derived(s: _State, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
+def _derived(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
     """(K − 1, 9) residuals, docs/dvio.md (4), and their (K − 1, 9, 34) derivatives."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _mismatch(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
 
 
-def _mismatch(s: _State, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
+def _mismatch(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
     """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
@@ -283,7 +275,7 @@ def _mismatch(s: _State, z: Preintegration, rates: Array, gravity: float, x: Arr
     return r
 
 
-def _moved(s: _State, e: Array, K: int) -> _State:
+def _moved(s: Motion, e: Array, K: int) -> Motion:
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(

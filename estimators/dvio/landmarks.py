@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.projection import (
@@ -23,11 +22,14 @@ from stridetwin.estimators.dvio.projection import (
     OBSERVER,
     RESIDUAL,
     Views,
+    at_exposure,
     directions,
     huber,
     observation_jacobian,
     project,
     ray,
+    set_camera,
+    set_relative,
 )
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -41,7 +43,7 @@ from stridetwin.estimators.dvio.state import (
     Landmarks,
     Window,
 )
-from stridetwin.estimators.matrices import REORDERED, clear, clear_block, matvec
+from stridetwin.estimators.matrices import REORDERED, clear, clear_block, mul, transposed
 from stridetwin.streams.samples import Array
 
 POSE = 6
@@ -119,7 +121,7 @@ def _add(
     for j in range(last + 1):
         if j == host or not marks.seen[l, j]:
             continue
-        px, py, depth, before = project(views.rotation[host, j], views.translation[host, j], x, y, xi)
+        px, py, depth, before = project(views.rotation[host, j], views.translation[host, j], x, y, xi, LEAST_DEPTH)
         if not before or not observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
         u, v = ray(calibration, at[j, 0], at[j, 1])
@@ -259,49 +261,53 @@ def state(i: int) -> int:
     return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
 
 
+@njit(error_model="numpy", **INSIDE)
 def predict_observations(
-    window: Window, ids: NDArray[np.int64], R: Array, p: Array, before: int
-) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Predicts the observations of landmarks from a pose of the IMU, and from the earlier frame in slot `before`.
+    window: Window, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
+    known: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
 
     Args:
         window: With the landmarks.
-        ids: Of the landmarks.
         R: (3, 3) world <- IMU.
         p: (3,) m.
         before: Slot.
-
-    Returns:
-        (N,) ids of those in front of both cameras; (N, 2) on the plane at depth 1 by the nominal intrinsics from the
-        pose, and (N,) inverse depth, as (N, 3); (N, 2) the same place in the frame `before`; and (N, 2, 2) derivative
-        of the former by that in the host's image, on the landmark's surface.
+        expected: (L, 3) out: x and y on the plane at depth 1 by the nominal intrinsics, and inverse depth.
+        start: (L, 2) out: x and y in the frame `before`.
+        warp: (L, 2, 2) out: affine map from the host's image about the landmark to the new one.
+        known: (L,) out: 1 where the landmark is in front of the camera in both.
     """
-    f, marks, c = window.frames, window.landmarks, window.calibration
-    R_hosts, p_hosts = _at_exposure(f, c)
-    A, t = _between(R, p, R_hosts, p_hosts, c)
-    A_before, t_before = _between(R_hosts[before], p_hosts[before], R_hosts, p_hosts, c)
-    h, xi = marks.host[ids], marks.inverse_depth[ids, None]
-    ray_h = directions(marks.at[ids, h] * (1.0 + c.focal))
-    q, q_before = matvec(A[h], ray_h) + xi * t[h], matvec(A_before[h], ray_h) + xi * t_before[h]
-    known = (q[:, 2] >= _FRONT) & (q_before[:, 2] >= _FRONT)
-    ids, h, xi, q, q_before = ids[known], h[known], xi[known], q[known], q_before[known]
-    at = q[:, :2] / q[:, 2:]
-    expected = np.hstack([at / (1.0 + c.focal), xi / q[:, 2:]])
-    by = A[h, :, :2] + t[h, :, None] * marks.slope[ids, None, :]
-    warp = (by[:, :2] - at[:, :, None] * by[:, 2:]) / q[:, 2:, None]
-    return ids, expected, q_before[:, :2] / q_before[:, 2:] / (1.0 + c.focal), warp
-
-
-def _at_exposure(f: Frames, c: Calibration) -> tuple[Array, Array]:
-    """(F, 3, 3) and (F, 3) m, poses of the IMU when the image of each frame was taken. See docs/dvio.md (5)."""
-    late = (c.offset - f.offset)[:, None]
-    return f.R @ Rotation.from_rotvec(f.rate * late).as_matrix(), f.p + f.v * late
-
-
-def _between(R: Array, p: Array, R_hosts: Array, p_hosts: Array, c: Calibration) -> tuple[Array, Array]:
-    """(F, 3, 3) rotation and (F, 3) translation, m, of the cameras at F poses of the IMU in that at a pose (R, p)."""
-    turn = R.T @ R_hosts
-    return c.R.T @ turn @ c.R, (turn @ c.p + (p_hosts - p) @ R - c.p) @ c.R
+    frames, marks, c = window.frames, window.landmarks, window.calibration
+    n = frames.count[0]
+    R_camera, p_camera = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for k in range(n):
+        R_host, p_host = at_exposure(frames, k, c.offset[0])
+        set_camera(R_host, p_host, c, R_camera[k], p_camera[k])
+    set_camera(R, p, c, R_camera[n], p_camera[n])
+    A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
+    for k in range(n):
+        set_relative(transposed(R_camera[n]), p_camera[n], R_camera[k], p_camera[k], A[k], t[k])
+        C_before = transposed(R_camera[before])
+        set_relative(C_before, p_camera[before], R_camera[k], p_camera[k], A_before[k], t_before[k])
+    for l in range(marks.host.shape[0]):
+        h, xi = marks.host[l], marks.inverse_depth[l]
+        known[l] = 0
+        if h == NO_HOST:
+            continue
+        x, y = ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
+        u, v, depth, before_it = project(A[h], t[h], x, y, xi, _FRONT)
+        u_before, v_before, _, before_both = project(A_before[h], t_before[h], x, y, xi, _FRONT)
+        if not (before_it and before_both):
+            continue
+        known[l] = 1
+        expected[l, 0], expected[l, 1], expected[l, 2] = u / (1.0 + c.focal[0]), v / (1.0 + c.focal[1]), depth
+        start[l, 0], start[l, 1] = u_before / (1.0 + c.focal[0]), v_before / (1.0 + c.focal[1])
+        for j in range(2):
+            slope = marks.slope[l, j]
+            by_depth = A[h, 2, j] + t[h, 2] * slope
+            warp[l, 0, j] = (A[h, 0, j] + t[h, 0] * slope - u * by_depth) * depth / xi
+            warp[l, 1, j] = (A[h, 1, j] + t[h, 1] * slope - v * by_depth) * depth / xi
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -323,7 +329,8 @@ def cull(
         for j in range(n):
             if j == h or not seen[j]:
                 continue
-            px, py, depth, before = project(views.rotation[h, j], views.translation[h, j], x, y, marks.inverse_depth[l])
+            A, t = views.rotation[h, j], views.translation[h, j]
+            px, py, depth, before = project(A, t, x, y, marks.inverse_depth[l], LEAST_DEPTH)
             off = math.inf
             if before:
                 u, v = ray(c, at[j, 0], at[j, 1])
@@ -359,11 +366,17 @@ def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uin
     marks.host[kept], marks.seen[kept, newest] = newest, 1
 
 
+@njit(error_model="numpy", **INSIDE)
 def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
     """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
-    both = (marks.host != NO_HOST) & (marks.seen[:, [newest, since]] > 0).all(axis=1)
-    q = directions(marks.at[both, since]) @ (R_camera.T @ f.R[newest].T @ f.R[since] @ R_camera).T
-    front = q[:, 2] >= _FRONT
-    motion = np.linalg.norm(q[front, :2] / q[front, 2:] - marks.at[both, newest][front], axis=1)
-    return (float(motion.mean()) if len(motion) else 0.0), len(motion)
+    A = mul(transposed(R_camera), mul(mul(transposed(f.R[newest]), f.R[since]), R_camera))
+    total, count, still = 0.0, 0, np.zeros(3)
+    for l in range(marks.host.shape[0]):
+        if marks.host[l] == NO_HOST or not (marks.seen[l, newest] and marks.seen[l, since]):
+            continue
+        u, v, _, before = project(A, still, marks.at[l, since, 0], marks.at[l, since, 1], 0.0, _FRONT)
+        if before:
+            total += math.hypot(u - marks.at[l, newest, 0], v - marks.at[l, newest, 1])
+            count += 1
+    return (total / count if count else 0.0), count

@@ -129,6 +129,19 @@ def plausible(nav: NavState) -> bool:
     return gyro < _MAX_GYRO_BIAS_RADPS and accel < _MAX_ACCEL_BIAS_MPS2
 
 
+@njit(error_model="numpy", **INSIDE)
+def pose_covariance(nav: NavState) -> Array:
+    """(6, 6) covariance of position (m) and rotation (rad), both in world axes."""
+    to_world, P = identity(6), np.empty((6, 6))
+    for i in range(3):
+        for j in range(3):
+            to_world[3 + i, 3 + j] = nav.R[i, j]
+    for i in range(6):
+        for j in range(6):
+            P[i, j] = nav.covariance[i, j]
+    return propagated(to_world, P)
+
+
 class Inertial:
     """A buffer of samples in time order.
 

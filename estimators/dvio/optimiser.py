@@ -9,25 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.landmarks import (
-    LEAST_INVERSE_DEPTH,
-    MOST_INVERSE_DEPTH,
-    POSE,
-    CameraEquations,
-    blank_camera_equations,
-    rehost,
-)
+from stridetwin.estimators.dvio.landmarks import CameraEquations, blank_camera_equations, rehost
 from stridetwin.estimators.dvio.projection import Views, blank_views
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
-    D_FOCAL,
-    D_OFFSET,
-    D_SCALE,
     FRAME,
-    NO_HOST,
     FactorParameters,
     ImuNoise,
     ImuSamples,
@@ -98,9 +86,9 @@ def _linearise(
     only if `host_depth`.
     """
     kernel.view(window.frames, window.calibration, factors.first_estimates, work.views)
-    prior, d = window.prior, _deviation(window)
+    prior, d, size = window.prior, _deviation(window), CALIBRATION + FRAME * int(window.frames.count[0])
     by_prior = prior.H @ d
-    work.H[:], work.b[:] = prior.H, prior.b - by_prior
+    work.H[:size, :size], work.b[:] = prior.H[:size, :size], prior.b - by_prior
     cost = d @ (0.5 * by_prior - prior.b)  # Zhao 2023 (6), up to a constant
     cost += kernel.add_inertial(window, factors, frames, work.H, work.b)
     cost += kernel.add_camera_factors(
@@ -123,7 +111,7 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
             continue
         for saved, a in zip(work.saved, moving):
             saved[:] = a
-        _move(window, work.camera, work.step)
+        kernel.move(window.frames, window.landmarks, window.calibration, work.camera, work.step)
         if i == steps - 1:
             break
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
@@ -149,35 +137,6 @@ def _deviation(window: Window) -> Array:
     """(N,) deviation of the states from their first estimates; 0 for those that the prior does not contain."""
     f = window.frames
     return np.concatenate([window.calibration.moved, np.where(f.held[:, None] > 0, f.moved, 0.0).ravel()])
-
-
-def _move(window: Window, camera: CameraEquations, step: Array) -> None:
-    """Applies a step (N,) of all states, and what follows from it for the landmarks.
-
-    Frames that the prior contains move from their first estimate by all steps since.
-    """
-    f, c, marks = window.frames, window.calibration, window.landmarks
-    n = int(f.count[0])
-    held, steps = f.held[:n] > 0, step[CALIBRATION : CALIBRATION + FRAME * n].reshape(n, FRAME)
-    f.moved[:n][held] += steps[held]
-    e = np.where(held[:, None], f.moved[:n], steps)
-    for now, first in ((f.R, f.R_first), (f.p, f.p_first), (f.v, f.v_first), (f.bias, f.bias_first)):
-        now[:n][held] = first[:n][held]
-    turns = Rotation.from_rotvec(np.vstack([step[None, 3:6], e[:, 3:6]])).as_matrix()
-    f.R[:n] = f.R[:n] @ turns[1:]
-    f.p[:n] += e[:, :3]
-    f.v[:n] += e[:, 6:9]
-    f.bias[:n] += e[:, 9:]
-    c.p[:] += step[:3]
-    c.R[:] = c.R @ turns[0]
-    c.offset[:] += step[D_OFFSET]
-    c.scale[:] += step[D_SCALE]
-    c.focal[:] += step[D_FOCAL:CALIBRATION]
-    c.moved[:] += step[:CALIBRATION]
-    l = np.flatnonzero((marks.host != NO_HOST) & (marks.seen[:, :n].sum(axis=1) > 1))
-    by_pose = np.concatenate([step[:CALIBRATION], steps[:, :POSE].ravel()])
-    change = (camera.b_own[l] - camera.cross[l, : len(by_pose)] @ by_pose) / camera.own[l]
-    marks.inverse_depth[l] = np.clip(marks.inverse_depth[l] + change, LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH)
 
 
 def hold(window: Window, slot: int) -> None:

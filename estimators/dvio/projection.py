@@ -70,7 +70,7 @@ def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
+def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
     """Pose of the camera, at a pose of the IMU."""
     copy_matrix(mul(R, c.R), R_camera)
     mounted = rotate(R, c.p)
@@ -79,7 +79,7 @@ def _set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: A
 
 
 @njit(error_model="numpy", **INSIDE)
-def _set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
+def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
     """A host's camera in the axes of the camera <- world `C` at p (3,)."""
     away = vec3()
     for i in range(3):
@@ -96,17 +96,17 @@ def view(frames: Frames, c: Calibration, first_estimates: bool, views: Views) ->
     R_imu = np.empty((n, 3, 3))  # where Jacobians are taken
     for k in range(n):
         R_k, p_k = at_exposure(frames, k, c.offset[0])
-        _set_camera(R_k, p_k, c, R[k], p[k])
+        set_camera(R_k, p_k, c, R[k], p[k])
         if first_estimates and frames.held[k]:
             R_k, p_k = frames.R_first[k], frames.p_first[k]
         copy_matrix(R_k, R_imu[k])
-        _set_camera(R_k, p_k, c, R_first[k], p_first[k])
+        set_camera(R_k, p_k, c, R_first[k], p_first[k])
         copy_matrix(transposed(R_first[k]), views.C[k])
     for j in range(1, n):
         C, C_first = transposed(R[j]), views.C[j]
         for i in range(j):
-            _set_relative(C, p[j], R[i], p[i], views.rotation[i, j], views.translation[i, j])
-            _set_relative(
+            set_relative(C, p[j], R[i], p[i], views.rotation[i, j], views.translation[i, j])
+            set_relative(
                 C_first, p_first[j], R_first[i], p_first[i], views.rotation_first[i, j], views.translation_first[i, j]
             )
             copy_matrix(mul(C_first, R_imu[i]), views.CR[i, j])
@@ -119,16 +119,19 @@ def ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
 
 
 @njit(error_model="numpy", **INSIDE)
-def project(A: Array, s: Array, x: float, y: float, inverse_depth: float) -> tuple[float, float, float, bool]:
+def project(
+    A: Array, s: Array, x: float, y: float, inverse_depth: float, least: float
+) -> tuple[float, float, float, bool]:
     """Observation by one frame of a landmark along (x, y, 1) in the camera of its host. See docs/dvio.md (6).
 
     `A` (3, 3) and `s` (3,) are the rotation and translation of `Views` from the host to the observer. Returns x and y
-    on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera.
+    on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera: its depth there, of
+    that in the host, no less than `least`.
     """
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
-    if q2 < LEAST_DEPTH:
+    if q2 < least:
         return q0, q1, q2, False
     return q0 / q2, q1 / q2, inverse_depth / q2, True
 

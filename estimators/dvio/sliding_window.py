@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
-from stridetwin.estimators.dvio.landmarks import parallax, predict_observations
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, Inertial, NavState, blank_nav_state, copy_of, state_of
@@ -24,7 +23,6 @@ from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.patches import read_slope
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.projection import directions
-from stridetwin.estimators.dvio.rolling_shutter import RollingShutter
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     FRAME,
@@ -84,7 +82,6 @@ class Core:
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
         self.inertial = Inertial(imu, parameters)
         self.lens = Lens(camera)
-        self._shutter = RollingShutter(camera, self.lens)
         self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
         self.tracker = Tracker(self.lens.shape)
         self._frames = parameters.keyframes + 2
@@ -246,12 +243,14 @@ class Core:
     def _follow(self, frame: CameraFrame, predicted: NavState, before: int, slot: int) -> float:
         """Tracks landmarks into the image and stores their observations in the slot; returns their mean motion, px."""
         w, marks, p = self.window, self.window.landmarks, self.parameters
-        ids = np.flatnonzero((self._alive > 0) & (marks.host != NO_HOST))
-        ids, expected, start, warps = predict_observations(w, ids, predicted.R, predicted.p, before)
+        n = len(marks.host)
+        expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
+        kernel.predict_observations(w, predicted.R, predicted.p, before, expected, start, warp, known)
+        ids = np.flatnonzero((self._alive > 0) & (known > 0))
         marks.seen[:, slot] = 0
         self._alive[:] = 0
-        was, inverse_depth = self._pixels[ids], expected[:, 2]
-        motion = self.lens.pixels(expected[:, :2]) - self.lens.pixels(start)
+        was, inverse_depth, warps = self._pixels[ids], expected[ids, 2], warp[ids]
+        motion = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids])
         predicted_px = was + motion
         self.tracker.take(frame.grey)
         there, good = predicted_px, np.zeros(len(ids), bool)
@@ -277,7 +276,7 @@ class Core:
             there, good = self.tracker.settle(ids, there, warps, good)
         ids, there, was, inverse_depth = ids[good], there[good], was[good], inverse_depth[good]
         rate = self.inertial.rate_at(int(predicted.t_ns[0])) - predicted.bias[:3]
-        then = self._shutter.at_image_time(there, inverse_depth, w.calibration, predicted.R, predicted.v, rate)
+        then = self.lens.at_image_time(there, inverse_depth, w.calibration, predicted.R, predicted.v, rate)
         rho = self.depth(frame, then)
         # Reject points at another depth, or occluded by something in front.
         apart = np.abs(w.calibration.scale[0] * inverse_depth - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
@@ -343,7 +342,7 @@ class Core:
         ids = free[: len(points)]
         rho, f = self.depth(frame, points), self.window.frames
         guess = np.where(rho > 0, rho, _UNKNOWN_INVERSE_DEPTH_PER_M)
-        then = self._shutter.at_image_time(points, guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot])
+        then = self.lens.at_image_time(points, guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot])
         if then is not points:
             rho = self.depth(frame, then)
         marks.host[ids] = slot
@@ -383,7 +382,7 @@ class Core:
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame differs enough from the last keyframe to be one."""
         f = self.window.frames
-        moved, common = parallax(self.window, slot, slot - 1)
+        moved, common = kernel.parallax(self.window, slot, slot - 1)
         return bool(
             moved * self.lens.focal_px > _KEYFRAME_PARALLAX_PX
             or common < _MIN_TRACKED_SHARE * self.window.landmarks.seen[:, slot - 1].sum()

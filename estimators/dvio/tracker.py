@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.patches import AlignmentLimits, blank_patches
-from stridetwin.estimators.dvio.state import LANDMARK_SLOTS
+from stridetwin.estimators.dvio.projection import directions
+from stridetwin.estimators.dvio.state import LANDMARK_SLOTS, Calibration
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Depth, Image, Sample
@@ -36,7 +37,10 @@ Points = NDArray[np.float32]
 
 
 class Lens:
-    """From pixels to the plane at depth 1 and back.
+    """From pixels to the plane at depth 1 and back, and the rolling shutter behind it.
+
+    Each row is exposed a little later than the one above; the middle one at the image's time. While the camera moves, a
+    point is therefore seen where it was or will be.
 
     Raises:
         ConfigError: An unknown model of distortion.
@@ -51,6 +55,7 @@ class Lens:
         self._K, (fu, fv, pu, pv) = camera.K, camera.intrinsics
         self._centre, self._focal = np.array([pu, pv]), np.array([fu, fv])
         self.focal_px = float(np.sqrt(fu * fv))
+        self._readout_s, self._last_row = camera.readout_s, max(camera.height - 1, 1)
 
     def normalised(self, pixels: NDArray[np.floating[Any]]) -> Array:
         """(N, 2) on the plane at depth 1 of (N, 2) pixels."""
@@ -63,15 +68,54 @@ class Lens:
 
     def pixels(self, at: Array) -> Points:
         """(N, 2) pixels of (N, 2) on the plane at depth 1."""
-        if self._fisheye and len(at):
+        if not len(at):
+            return np.zeros((0, 2), np.float32)
+        if self._fisheye:
             return np.asarray(cv2.fisheye.distortPoints(at[:, None], self._K, self._distortion)[:, 0], np.float32)
-        x, y = at[:, 0], at[:, 1]
-        k1, k2, p1, p2 = self._distortion
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + k2 * r2)
-        xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        return (np.stack([xd, yd], axis=1) * self._focal + self._centre).astype(np.float32)
+        seen = cv2.projectPoints(directions(at), np.zeros(3), np.zeros(3), self._K, self._distortion)[0]
+        return np.asarray(seen[:, 0], np.float32)
+
+    def at_image_time(
+        self, points: Points, inverse_depth: Array, calibration: Calibration, R: Array, v: Array, rate: Array
+    ) -> Points:
+        """Where resting points would be if all rows were exposed at the time of the image.
+
+        Args:
+            points: (N, 2) px, as seen.
+            inverse_depth: (N,) 1/m.
+            calibration: Mount of the camera on the IMU.
+            R: (3, 3) world <- IMU.
+            v: (3,) m/s, of the IMU in the world.
+            rate: (3,) rad/s, of the IMU.
+
+        Returns:
+            (N, 2) px; the points themselves of a global shutter.
+        """
+        if not self._readout_s or not len(points):
+            return points
+        late_s = (points[:, 1] / self._last_row - 0.5) * self._readout_s
+        at, c = self.normalised(points), calibration
+        flow = image_velocity(at, inverse_depth, c.R.T @ (R.T @ v + np.cross(rate, c.p)), c.R.T @ rate)
+        return self.pixels(at - late_s[:, None] * flow)
+
+
+def image_velocity(at: Array, inverse_depth: Array, velocity: Array, rate: Array) -> Array:
+    """(N, 2) 1/s, motion on the plane at depth 1 of resting points (Longuet-Higgins & Prazdny 1980).
+
+    Args:
+        at: (N, 2) on the plane at depth 1.
+        inverse_depth: (N,) 1/m.
+        velocity: (3,) m/s, of the camera in its own axes.
+        rate: (3,) rad/s, likewise.
+    """
+    x, y = at.T
+    (vx, vy, vz), (wx, wy, wz) = velocity, rate
+    return np.column_stack(
+        [
+            inverse_depth * (x * vz - vx) + wx * x * y - wy * (1.0 + x * x) + wz * y,
+            inverse_depth * (y * vz - vy) + wx * (1.0 + y * y) - wy * x * y - wz * x,
+        ]
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,21 +215,17 @@ class Tracker:
             return out
         count = 0
         for detector in self._detectors:
-            corners = detector.detect(self._grey)
-            candidates = np.array([c.pt for c in corners], np.float32).reshape(-1, 2)
-            count = self._pick(candidates, np.ascontiguousarray(taken), out)
+            candidates = np.array([c.pt for c in detector.detect(self._grey)], np.float32).reshape(-1, 2)
+            score = np.empty(len(candidates))
+            kernel.cornerness(self._grey, candidates, _MIN_CORNERNESS, _MIN_ROUNDNESS, score)
+            order = np.argsort(-score, kind="stable")[: np.count_nonzero(score >= 0.0)]
+            cells = np.empty(_GRID, int)
+            count = kernel.pick(
+                self._shape, candidates, order, np.ascontiguousarray(taken), _MIN_DISTANCE_PX, cells, out
+            )
             if count >= _ENOUGH_SHARE * wanted:
                 break
         return out[:count]
-
-    def _pick(self, candidates: Points, taken: Points, out: Points) -> int:
-        """The best candidates (N, 2) px into `out`, see `kernel.pick`; returns their number."""
-        assert self._grey is not None
-        score = np.empty(len(candidates))
-        kernel.cornerness(self._grey, candidates, _MIN_CORNERNESS, _MIN_ROUNDNESS, score)
-        order = np.argsort(-score, kind="stable")
-        order = order[: np.count_nonzero(score >= 0.0)]
-        return int(kernel.pick(self._shape, candidates, order, taken, _MIN_DISTANCE_PX, np.empty(_GRID, int), out))
 
 
 # Semi-global matching of stereo pairs; the penalties are those that OpenCV recommends.

@@ -77,7 +77,7 @@ def fit(s: Array) -> Plane:
     return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
 
 
-@cached(_HERE, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def off_plane(s: Array) -> float:
     """Mean squared distance of points from their best-fit plane, m², as in `fit`, without computing the plane.
 
@@ -103,6 +103,10 @@ def off_plane(s: Array) -> float:
         if step <= _EXACT * root:
             break
     return max(root, 0.0)
+
+
+squared_distance = cached(_HERE, error_model="numpy")(off_plane)
+"""`off_plane` for uncompiled code."""
 
 
 def height_planes(

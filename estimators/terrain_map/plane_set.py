@@ -18,8 +18,8 @@ from stridetwin.estimators.terrain_map.plane_fit import (
     add_point,
     height_planes,
     off_height_planes,
-    off_plane,
     rotated,
+    squared_distance,
 )
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 from stridetwin.streams.samples import Array
@@ -320,7 +320,7 @@ class PlaneSet:
         for d, known in zip(new[alike[agrees]].tolist(), old[alike[agrees]].tolist()):
             together = sums[d] + parts.get(known, 0.0)
             # From afar low treads look like a ramp: each lies near that old plane, but they all on no plane.
-            if slots[d] == NONE and off_plane(together) < self._p.plane_noise_m**2:
+            if slots[d] == NONE and squared_distance(together) < self._p.plane_noise_m**2:
                 slots[d], parts[known] = known, together
         free = np.flatnonzero(self.ids < 0)
         wanted = np.flatnonzero(slots == NONE)

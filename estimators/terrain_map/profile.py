@@ -6,18 +6,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.bends import Stretch, straight_stretches
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
+from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, seen_height
-from stridetwin.estimators.terrain_map.plane_set import PlaneSet, Surface
+from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
 from stridetwin.estimators.terrain_map.terrains import KERB_M, is_flat
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _HALF_WIDTH_M = 0.24
 """The line is as wide as a person walks, to either side."""
@@ -90,6 +95,7 @@ def _there(plane: NDArray[np.int64]) -> list[int]:
     return sorted(set(plane.tolist()) - {-1})
 
 
+@cached(_HERE)
 def _lanes(surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array) -> tuple[NDArray[np.int64], Array]:
     """The ground along a line, by majority over parallel lanes.
 
@@ -104,14 +110,33 @@ def _lanes(surface: Surface, origin: Array, forward: Array, s: Array, lanes: Arr
         (N,) slot of the majority plane, -1 where too few lanes have one; (N,) m, median of the lanes' heights, NaN
         where too few are known.
     """
-    left = np.array([-forward[1], forward[0]])
-    slots, heights = surface.at(np.floor(origin + s[:, None, None] * forward + lanes[:, None] * left).astype(np.int64))
-    votes = np.where(slots >= 0, (slots[:, :, None] == slots[:, None, :]).sum(axis=1), 0)
-    rows, most = np.arange(len(s)), votes.argmax(axis=1)
-    slot = np.where(votes[rows, most] >= _MIN_LANES, slots[rows, most], -1)
-    known, ordered = np.isfinite(heights).sum(axis=1), np.sort(heights, axis=1)  # unknown ones last
-    middle = (ordered[rows, (known - 1) // 2] + ordered[rows, known // 2]) / 2
-    return slot, np.where(known >= _MIN_LANES, middle, np.nan).astype(float)
+    label, height, first = surface.label, surface.height, surface.origin
+    slot, middle = np.full(len(s), -1), np.full(len(s), math.nan)
+    slots, heights = np.empty(len(lanes), np.int32), np.empty(len(lanes), np.float32)
+    for n in range(len(s)):
+        known = 0
+        for lane in range(len(lanes)):
+            i = math.floor(origin[0] + s[n] * forward[0] - lanes[lane] * forward[1])
+            j = math.floor(origin[1] + s[n] * forward[1] + lanes[lane] * forward[0])
+            slots[lane] = -1
+            if i < first[0] or i >= first[0] + COLUMNS or j < first[1] or j >= first[1] + COLUMNS:
+                continue
+            slots[lane] = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            if not math.isnan(z):
+                heights[known] = z
+                known += 1
+        most = _MIN_LANES - 1
+        for lane in range(len(lanes)):
+            count = 0
+            for other in range(len(lanes)):
+                count += slots[other] == slots[lane]
+            if slots[lane] >= 0 and count > most:
+                slot[n], most = slots[lane], count
+        if known >= _MIN_LANES:
+            sort(heights[:known])
+            middle[n] = median(heights, known)
+    return slot, middle
 
 
 class _Run(NamedTuple):

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.order_statistics import mean, median, percentile, sort
 from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, seen_height
 from stridetwin.estimators.terrain_map.ray_casting import solid_reach
 from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _LANES = 28
 """Lines across an edge along which it is measured in the voxels."""
@@ -32,8 +37,6 @@ _OPEN_SIDE = 0.4
 """Smallest mean of the unit vectors toward the lower plane: less where that plane surrounds the upper one."""
 _DIRECTION_RATIO = 0.5
 """Smallest ratio, across to along, at which an edge is long enough to have a direction."""
-_SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""Directions of the sides of `plane_set.borders`."""
 _TRIM_PCT = 3.0
 """Share of an edge's points, at either end, outside which it is not measured in the voxels, %."""
 
@@ -59,24 +62,28 @@ class Riser:
     height: float
 
     @cached_property
-    def middle(self) -> Array:
-        """(2,) middle of the edge, m, world."""
-        return self.points.mean(axis=0)
+    def middle(self) -> tuple[float, float]:
+        """Middle of the edge, m, world."""
+        return self._extent[:2]
 
     @cached_property
     def length(self) -> float:
         """Length of the edge, m."""
-        return float(np.ptp(self.points @ left_of(self.down)))
+        return self._extent[2]
+
+    @cached_property
+    def _extent(self) -> tuple[float, float, float]:
+        return _extent(self.points, self.down)
 
 
-def left_of(forward: Array) -> Array:
-    """(2,) unit vector to the left of a (2,) direction."""
-    return np.array([-forward[1], forward[0]])
-
-
-def percentiles(values: Array, percents: Sequence[float]) -> Array:
-    """Those of (N,) values, as by `np.percentile`, in a fifth of the time if they are few."""
-    return np.interp(np.array(percents) / 100.0 * (len(values) - 1), np.arange(len(values)), np.sort(values))
+@cached(_HERE)
+def _extent(points: Array, down: Array) -> tuple[float, float, float]:
+    """Middle of (N, 2) points, and their extent along an edge across `down`, m."""
+    n, least, most = len(points), math.inf, -math.inf
+    for k in range(n):
+        along = points[k, 1] * down[0] - points[k, 0] * down[1]
+        least, most = min(least, along), max(most, along)
+    return mean(points, 0, n, 0), mean(points, 0, n, 1), most - least
 
 
 def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
@@ -92,33 +99,111 @@ def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, v
     Returns:
         The riser; None if the columns form no edge.
     """
-    side = _SIDES[columns[:, 4]]
-    toward = turn @ side.mean(axis=0) if len(columns) >= _MIN_POINTS else np.zeros(2)
-    if math.hypot(*toward.tolist()) < _OPEN_SIDE:  # the lower plane surrounds the upper one: no edge to step over
+    if len(columns) < _MIN_POINTS:
         return None
-    ends = (columns[:, 2:4] + 0.5 + 0.5 * side) @ turn.T * voxel_m
-    down = across(ends, toward)
-    s = ends @ down
-    points = ends[np.abs(s - np.median(s)) < _LINE_M]
-    if len(points) < _MIN_POINTS:
-        return None
-    x, y = points.mean(axis=0).tolist()
-    height, below = (seen_height(q.centre, q.gradient, q.spread, x, y, BORDER_M) for q in (upper, lower))
-    return Riser(
-        lower=lower.id, upper=upper.id, down=across(points, down), points=points, found=False, height=height - below
+    down, points, height = _edge(
+        columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread,
     )  # fmt: skip
+    if not len(points):
+        return None
+    return Riser(lower=lower.id, upper=upper.id, down=down, points=points, found=False, height=height)
 
 
-def across(points: Array, toward: Array) -> Array:
+@cached(_HERE)
+def _edge(
+    columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
+    centre: Array, gradient: Array, spread: Array,
+) -> tuple[Array, Array, float]:  # fmt: skip
+    """Edge between two planes from `riser`'s columns: (2,) down across it, its (N, 2) points, m, and its height, m."""
+    ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
+    for n in range(len(columns)):
+        side = columns[n, 4]
+        i, j = (side == 0) - (side == 1), (side == 2) - (side == 3)
+        x, y = (columns[n, 2] + 0.5 + 0.5 * i) * voxel_m, (columns[n, 3] + 0.5 + 0.5 * j) * voxel_m
+        for axis in range(2):
+            ends[n, axis] = turn[axis, 0] * x + turn[axis, 1] * y
+            toward[n, axis] = turn[axis, 0] * i + turn[axis, 1] * j
+    down, points = _line(ends, toward)
+    if len(points) == 0:
+        return down, points, 0.0
+    x, y = mean(points, 0, len(points), 0), mean(points, 0, len(points), 1)
+    lower = seen_height(low_centre, low_gradient, low_spread, x, y, BORDER_M)
+    return down, points, seen_height(centre, gradient, spread, x, y, BORDER_M) - lower
+
+
+@njit(**INSIDE)
+def projected(points: Array, u: float, v: float) -> Array:
+    """(N,) coordinates of (N, 2) points along (u, v)."""
+    s = np.empty(points.shape[0])
+    for n in range(points.shape[0]):
+        s[n] = points[n, 0] * u + points[n, 1] * v
+    return s
+
+
+@njit(**INSIDE)
+def _median(s: Array) -> float:
+    ordered = s.copy()
+    sort(ordered)
+    return median(ordered, ordered.shape[0])
+
+
+@njit(**INSIDE)
+def _kept(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
+    """The (N, 2) points to keep; none if they are too few."""
+    count = 0
+    for n in range(points.shape[0]):
+        count += keep[n]
+    found = np.empty((count if count >= fewest else 0, 2))
+    at = 0
+    for n in range(points.shape[0] if count >= fewest else 0):
+        if keep[n]:
+            found[at, 0] = points[n, 0]
+            found[at, 1] = points[n, 1]
+            at += 1
+    return found
+
+
+@njit(**INSIDE)
+def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
+    """(2,) unit vector down across an edge, and its columns (see `_edge`) on the line; none if there is no edge."""
+    count, down = ends.shape[0], np.empty(2)
+    down[0] = mean(toward, 0, count, 0)
+    down[1] = mean(toward, 0, count, 1)
+    keep = np.zeros(count, np.bool_)
+    if math.hypot(down[0], down[1]) < _OPEN_SIDE:  # the lower plane surrounds the upper one: no edge to step over
+        return down, _kept(ends, keep, 1)
+    down = across(ends, down, _DIRECTION_RATIO)
+    s = projected(ends, down[0], down[1])
+    middle = _median(s)
+    for n in range(count):
+        keep[n] = abs(s[n] - middle) < _LINE_M
+    points = _kept(ends, keep, _MIN_POINTS)
+    return (across(points, down, _DIRECTION_RATIO) if len(points) else down), points
+
+
+@njit(**INSIDE)
+def across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
-    off = points - points.mean(axis=0)
-    (xx, xy), (_, yy) = (off.T @ off).tolist()
+    count, found = points.shape[0], np.empty(2)
+    middle_x, middle_y = mean(points, 0, count, 0), mean(points, 0, count, 1)
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for n in range(count):
+        x, y = points[n, 0] - middle_x, points[n, 1] - middle_y
+        xx += x * x
+        xy += x * y
+        yy += y * y
     turn = 0.5 * math.atan2(2.0 * xy, xx - yy)  # the line's, from its scatter
-    along = np.array([math.cos(turn), math.sin(turn)])
-    ahead = float(left_of(along) @ toward)
-    if abs(ahead) < abs(float(along @ toward)) * _DIRECTION_RATIO:  # the edge is too short to have a direction
-        return toward / math.hypot(*toward.tolist())
-    return math.copysign(1.0, ahead) * left_of(along)
+    ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
+    along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
+    if abs(ahead) < abs(along) * ratio_min:  # the edge is too short to have a direction
+        size = math.hypot(toward[0], toward[1])
+        found[0] = toward[0] / size
+        found[1] = toward[1] / size
+    else:
+        side = math.copysign(1.0, ahead)
+        found[0] = side * -math.sin(turn)
+        found[1] = side * math.cos(turn)
+    return found
 
 
 def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
@@ -135,19 +220,68 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
     Returns:
         The riser, unchanged if the voxels show no edge.
     """
-    left, turn = left_of(down), R_grid_world[:2, :2]
-    low, high = percentiles(edge.points @ left, (_TRIM_PCT, 100.0 - _TRIM_PCT))
-    lanes = low + (high - low) * np.arange(_LANES) / (_LANES - 1)
-    starts = (np.median(edge.points @ down) - _INSIDE_M) * down + lanes[:, None] * left
-    at = np.column_stack([starts @ turn.T, upper.height(starts)]) / voxel_m - (0.0, 0.0, 1.0)
-    length, gap = (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m
-    reach = voxel_m * solid_reach(blocks, at, turn @ down, float(upper.gradient @ down), length, gap)
-    seen = reach[np.isfinite(reach)]
-    if len(seen) < _MIN_POINTS:
+    across_edge, points = _edge_in_voxels(
+        edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], voxel_m
+    )
+    if not len(points):
         return edge
-    kept = np.abs(reach - np.median(seen)) < _OUTLIER_M
-    points = starts[kept] + reach[kept, None] * down
-    return replace(edge, down=across(points, down), points=points, found=True) if len(points) >= _MIN_POINTS else edge
+    return replace(edge, down=across_edge, points=points, found=True)
+
+
+@cached(_HERE)
+def _edge_in_voxels(
+    points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
+) -> tuple[Array, Array]:  # fmt: skip
+    """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
+    starts = _starts(points, down)
+    at = np.empty((len(starts), 3))
+    for n in range(len(starts)):
+        x, y = starts[n, 0], starts[n, 1]
+        for axis in range(2):
+            at[n, axis] = (turn[axis, 0] * x + turn[axis, 1] * y) / voxel_m
+        at[n, 2] = (centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]) / voxel_m - 1.0
+    slope = gradient[0] * down[0] + gradient[1] * down[1]
+    direction = np.empty(2)
+    for axis in range(2):
+        direction[axis] = turn[axis, 0] * down[0] + turn[axis, 1] * down[1]
+    length, gap = (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m
+    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap), voxel_m, down)
+    return (across(found, down, _DIRECTION_RATIO) if len(found) else down), found
+
+
+@njit(**INSIDE)
+def _starts(points: Array, down: Array) -> Array:
+    """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
+    aside = projected(points, -down[1], down[0])
+    sort(aside)
+    low, high = percentile(aside, _TRIM_PCT), percentile(aside, 100.0 - _TRIM_PCT)
+    first = _median(projected(points, down[0], down[1])) - _INSIDE_M
+    starts = np.empty((_LANES, 2))
+    for n in range(_LANES):
+        lane = low + (high - low) * n / (_LANES - 1)
+        starts[n, 0] = first * down[0] - lane * down[1]
+        starts[n, 1] = first * down[1] + lane * down[0]
+    return starts
+
+
+@njit(**INSIDE)
+def _ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
+    """(N, 2) m, end points of the lanes without outliers, from their reach, voxels; none if too few remain."""
+    points, keep, seen = np.empty(starts.shape), np.zeros(starts.shape[0], np.bool_), 0
+    known = np.empty(starts.shape[0])
+    for n in range(starts.shape[0]):
+        if math.isfinite(reach[n]):
+            known[seen] = reach[n] * voxel_m
+            seen += 1
+    if seen < _MIN_POINTS:
+        return _kept(points, keep, 1)
+    middle = _median(known[:seen])
+    for n in range(starts.shape[0]):
+        along = reach[n] * voxel_m
+        keep[n] = abs(along - middle) < _OUTLIER_M
+        points[n, 0] = starts[n, 0] + along * down[0]
+        points[n, 1] = starts[n, 1] + along * down[1]
+    return _kept(points, keep, _MIN_POINTS)
 
 
 def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:

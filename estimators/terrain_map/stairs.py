@@ -10,7 +10,7 @@ import numpy as np
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, toward
-from stridetwin.estimators.terrain_map.risers import Riser, left_of, percentiles
+from stridetwin.estimators.terrain_map.risers import Riser
 from stridetwin.streams.samples import Array
 
 _UNKNOWN = math.inf
@@ -69,7 +69,7 @@ def _winds(row: list[Riser]) -> bool:
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
-    tread = float((one.middle - other.middle) @ one.down)
+    tread = float(np.subtract(one.middle, other.middle) @ one.down)
     are_parallel = float(one.down @ other.down) > math.cos(_PARALLEL_RAD)
     return are_parallel and p.min_tread_m <= tread <= p.max_tread_m
 
@@ -97,8 +97,13 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
         heading=math.atan2(up_flight[1], up_flight[0]), base=float(steps[0]), covariance=covariance,
         start=float((even[0] * up + middle * left) @ up_flight),  # the line at its middle
         edges=middles @ up_flight, risers=np.array([r.height for r in row]),
-        across=percentiles(aside, (_EXTENT_PCT, 100.0 - _EXTENT_PCT)),
+        across=np.percentile(aside, (_EXTENT_PCT, 100.0 - _EXTENT_PCT)),
     )  # fmt: skip
+
+
+def left_of(forward: Array) -> Array:
+    """(2,) unit vector to the left of a (2,) direction."""
+    return np.array([-forward[1], forward[0]])
 
 
 def _seen(plane: Plane, place: Array) -> tuple[float, float]:

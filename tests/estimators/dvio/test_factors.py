@@ -40,7 +40,7 @@ def test_the_jacobian_of_an_observation_is_its_slope(seed):
         v = blank_views(4)
         view(other.frames, other.calibration, FACTORS.first_estimates, v)
         x, y = ray(other.calibration, *at)
-        return np.array(project(v.rotation[0, 2], v.translation[0, 2], x, y, xi + of_depth)[:3])
+        return np.array(project(v.rotation[0, 2], v.translation[0, 2], x, y, xi + of_depth, 1e-3)[:3])
 
     size = CALIBRATION + FRAME * 3
     columns = [

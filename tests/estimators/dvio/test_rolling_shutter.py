@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.rolling_shutter import RollingShutter, image_velocity
 from stridetwin.estimators.dvio.state import blank_window
-from stridetwin.estimators.dvio.tracker import Lens
+from stridetwin.estimators.dvio.tracker import Lens, image_velocity
 from stridetwin.streams.rig import CameraCalibration, Mount
 
 HEIGHT, READOUT_S = 360, 0.016
@@ -56,24 +55,20 @@ def test_points_seen_row_by_row_are_moved_to_where_they_are_at_the_image_s_time(
     rows = true
     for _ in range(5):  # the row decides when a point is seen, and the time in which row
         rows = seen((rows[:, 1] / (HEIGHT - 1) - 0.5) * READOUT_S)
-    shutter = RollingShutter(camera(READOUT_S), lens)
-    back = shutter.at_image_time(rows, rho, calibration(T_imu_camera), R_world_imu.as_matrix(), v, rate)
+    back = lens.at_image_time(rows, rho, calibration(T_imu_camera), R_world_imu.as_matrix(), v, rate)
     assert np.abs(back - true).max() <= 0.02 * np.abs(rows - true).max() + 0.1
 
 
 def test_a_global_shutter_leaves_points_as_they_are():
     points = np.array([[10.0, 20.0]], np.float32)
-    shutter = RollingShutter(camera(0.0), Lens(camera(0.0)))
-    one = np.ones(3)
-    assert shutter.at_image_time(points, np.ones(1), calibration(np.eye(4)), np.eye(3), one, one) is points
+    lens, one = Lens(camera(0.0)), np.ones(3)
+    assert lens.at_image_time(points, np.ones(1), calibration(np.eye(4)), np.eye(3), one, one) is points
 
 
 @given(st.integers(0, HEIGHT - 1), three, three)
 def test_a_row_is_as_late_as_it_is_far_from_the_middle(row, v, rate):
     lens, at = Lens(camera(READOUT_S)), np.array([[319.5, row]], np.float32)
-    back = RollingShutter(camera(READOUT_S), lens).at_image_time(
-        at, np.ones(1), calibration(np.eye(4)), np.eye(3), v, rate
-    )
+    back = lens.at_image_time(at, np.ones(1), calibration(np.eye(4)), np.eye(3), v, rate)
     late_s = (row / (HEIGHT - 1) - 0.5) * READOUT_S
     moved = image_velocity(lens.normalised(at), np.ones(1), v, rate) * late_s
     np.testing.assert_allclose(lens.normalised(back), lens.normalised(at) - moved, atol=1e-6, rtol=1e-5)

@@ -1,11 +1,11 @@
-"""Percentiles, planes and lines through points of the terrain map agree with NumPy's."""
+"""Order statistics, planes and lines through points of the terrain map agree with NumPy's."""
 
 import math
 
 import numpy as np
 import pytest
 
-from stridetwin.estimators.terrain_map import plane_fit, ray_casting, risers
+from stridetwin.estimators.terrain_map import order_statistics, plane_fit, ray_casting, risers
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point
 from tests.estimators.from_python import from_python
 
@@ -18,10 +18,19 @@ def sums(points, noise=0.005):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 30])
-def test_percentiles_are_numpys(n):
+def test_median_percentiles_and_mean_are_numpys(n):
+    """Percentiles by Hazen's neighbour to neighbour interpolation, as in NumPy's default."""
     values = np.random.default_rng(n).normal(size=n)
-    percents = (0.0, 2.0, 37.0, 98.0, 100.0)
-    np.testing.assert_allclose(risers.percentiles(values, percents), np.percentile(values, percents), rtol=1e-12)
+    ordered = values.copy()
+    from_python(order_statistics.sort)(ordered)
+    np.testing.assert_array_equal(ordered, np.sort(values))
+    assert from_python(order_statistics.median)(ordered, n) == pytest.approx(np.median(values), rel=1e-12)
+    for percent in (0.0, 2.0, 37.0, 98.0, 100.0):
+        found = from_python(order_statistics.percentile)(ordered, percent)
+        assert found == pytest.approx(np.percentile(values, percent), rel=1e-12)
+    points = np.column_stack([values, -values])
+    for first in range(n):
+        assert from_python(order_statistics.mean)(points, first, n, 1) == pytest.approx(-values[first:].mean())
 
 
 def tilted(seed=0, count=50):
@@ -35,7 +44,7 @@ def tilted(seed=0, count=50):
 def test_the_distance_from_the_best_plane_is_the_least_eigenvalue(seed):
     points = tilted(seed)
     values, vectors = np.linalg.eigh(np.cov(points.T, bias=True))
-    assert plane_fit.off_plane(sums(points)) == pytest.approx(values[0], rel=1e-8)
+    assert from_python(plane_fit.off_plane)(sums(points)) == pytest.approx(values[0], rel=1e-8)
     found = from_python(plane_fit.fit)(sums(points))
     assert found[6] == pytest.approx(values[0], rel=1e-6)
     np.testing.assert_allclose(found[3:6], vectors[:, 0] * np.sign(vectors[2, 0]), atol=1e-6)
@@ -44,7 +53,7 @@ def test_the_distance_from_the_best_plane_is_the_least_eigenvalue(seed):
 def test_points_on_a_line_or_in_one_place_lie_on_a_plane():
     line = np.outer(np.linspace(0, 1, 9), [1.0, 0.5, 0.2])
     for points in (line, np.tile([1.0, 2.0, 3.0], (5, 1))):
-        assert plane_fit.off_plane(sums(points)) == pytest.approx(0.0, abs=1e-12)
+        assert from_python(plane_fit.off_plane)(sums(points)) == pytest.approx(0.0, abs=1e-12)
         assert from_python(plane_fit.fit)(sums(points))[6] == pytest.approx(0.0, abs=1e-9)
     assert from_python(plane_fit.fit)(sums(np.tile([1.0, 2.0, 3.0], (5, 1))))[3:6] == (0.0, 0.0, 1.0)
 
@@ -101,12 +110,20 @@ def test_across_a_line_is_its_normal_on_the_side_asked_for(angle):
     _, vectors = np.linalg.eigh(np.cov(points.T))
     for side in (1.0, -1.0):
         toward = side * normal + 0.3 * along
-        found = risers.across(points, toward)
+        found = from_python(risers.across)(points, toward, risers._DIRECTION_RATIO)
         expected = vectors[:, 0] * np.sign(vectors[:, 0] @ toward)
         np.testing.assert_allclose(found, expected, atol=1e-9)
     toward = 0.02 * normal + along  # the points do not lie across it
-    found = risers.across(points, toward)
+    found = from_python(risers.across)(points, toward, 1.0)
     np.testing.assert_allclose(found, toward / np.linalg.norm(toward), atol=1e-12)
+
+
+def test_projections_and_kept_points():
+    points = np.random.default_rng(0).normal(size=(9, 2))
+    np.testing.assert_allclose(from_python(risers.projected)(points, 0.6, -0.8), points @ [0.6, -0.8])
+    keep = np.arange(9) % 2 == 0
+    np.testing.assert_array_equal(from_python(risers._kept)(points, keep, 5), points[keep])
+    assert from_python(risers._kept)(points, keep, 6).shape == (0, 2)
 
 
 def test_a_column_is_as_uncertain_as_its_distance_and_weight_say():

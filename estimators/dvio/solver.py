@@ -1,0 +1,70 @@
+"""The compiled step of the window's least squares, docs/dvio.md (10): it moves all states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.dvio.landmarks import (
+    LEAST_INVERSE_DEPTH,
+    MOST_INVERSE_DEPTH,
+    POSE,
+    CameraEquations,
+    state,
+    usable,
+)
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Calibration, Frames, Landmarks
+from stridetwin.estimators.matrices import copy_matrix, mul
+from stridetwin.estimators.so3 import exp
+from stridetwin.streams.samples import Array
+
+
+@njit(error_model="numpy", **INSIDE)
+def _move_calibration(c: Calibration, d: Array) -> None:
+    for i in range(3):
+        c.p[i] += d[i]
+    copy_matrix(mul(c.R, exp(d[3:6])), c.R)
+    c.offset[0] += d[6]
+    c.scale[0] += d[7]
+    for i in range(2):
+        c.focal[i] += d[8 + i]
+    for i in range(CALIBRATION):
+        c.moved[i] += d[i]
+
+
+@njit(error_model="numpy", **INSIDE)
+def _move_frame(f: Frames, k: int, e: Array) -> None:
+    """Moves a frame by its step (15,): from its first estimate by all steps since, if the prior contains it."""
+    R, p, v, bias = f.R[k], f.p[k], f.v[k], f.bias[k]
+    R_0, p_0, v_0, bias_0 = R, p, v, bias
+    if f.held[k]:
+        m = f.moved[k]
+        for i in range(FRAME):
+            m[i] += e[i]
+        R_0, p_0, v_0, bias_0, e = f.R_first[k], f.p_first[k], f.v_first[k], f.bias_first[k], m
+    copy_matrix(mul(R_0, exp(e[3:6])), R)
+    for i in range(3):
+        p[i] = p_0[i] + e[i]
+        v[i] = v_0[i] + e[6 + i]
+    for i in range(6):
+        bias[i] = bias_0[i] + e[9 + i]
+
+
+@njit(error_model="numpy", **INSIDE)
+def move(frames: Frames, marks: Landmarks, calibration: Calibration, camera: CameraEquations, d: Array) -> None:
+    """Applies the step d (N,) of all states, and what follows from it for the landmarks."""
+    n = frames.count[0]
+    _move_calibration(calibration, d)
+    for k in range(n):
+        _move_frame(frames, k, d[CALIBRATION + FRAME * k : CALIBRATION + FRAME * (k + 1)])
+    by_pose = np.empty(CALIBRATION + POSE * n)
+    for i in range(by_pose.shape[0]):
+        by_pose[i] = d[state(i)]
+    for l in range(marks.host.shape[0]):
+        if usable(marks, l, n - 1):
+            s = camera.b_own[l]
+            for i in range(by_pose.shape[0]):
+                s -= camera.cross[l, i] * by_pose[i]
+            xi = marks.inverse_depth[l] + s / camera.own[l]
+            marks.inverse_depth[l] = min(max(xi, LEAST_INVERSE_DEPTH), MOST_INVERSE_DEPTH)

@@ -1,0 +1,53 @@
+"""Mean, median and percentiles for compiled code; NumPy's take seconds to compile."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.streams.samples import Array
+
+
+@njit(**INSIDE)
+def sort(values: Array) -> None:
+    """Sorts (N,) values in place by insertion with shrinking gaps (Shell 1959)."""
+    n = values.shape[0]
+    gap = n // 2
+    while gap > 0:
+        for i in range(gap, n):
+            value, at = values[i], i
+            while at >= gap and values[at - gap] > value:
+                values[at] = values[at - gap]
+                at -= gap
+            values[at] = value
+        gap //= 2
+
+
+@njit(**INSIDE)
+def median(ordered: Array, n: int) -> float:
+    """Of the n sorted values in front."""
+    half = n // 2
+    return ordered[half] if n % 2 else (ordered[half - 1] + ordered[half]) / 2
+
+
+@njit(**INSIDE)
+def percentile(ordered: Array, percent: float) -> float:
+    """Of sorted (N,) values, linear between neighbours."""
+    last = ordered.shape[0] - 1
+    rank = 1 + last * percent / 100.0
+    below = math.floor(rank)
+    share = rank - below
+    low = ordered[min(max(below - 1, 0), last)]
+    high = ordered[min(max(below, 0), last)]
+    return low * (1 - share) + high * share
+
+
+@njit(**INSIDE)
+def mean(points: Array, first: int, end: int, axis: int) -> float:
+    """Of one coordinate of points (N, 2), from the first to before the end."""
+    total = 0.0
+    for n in range(first, end):
+        total += points[n, axis]
+    return total / (end - first)
