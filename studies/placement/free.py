@@ -12,12 +12,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.field_paths import FieldPath
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import StrideTwinError, Where
-from stridetwin.streams.fields import number, refused, words
+from stridetwin.streams.fields import FileModel, number, refused, words
 from stridetwin.streams.samples import Array
 
 if TYPE_CHECKING:
@@ -173,11 +173,7 @@ def _ordered(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
-class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Between(_Keys):
+class Between(FileModel):
     """A number between bounds.
 
     Attributes:
@@ -189,7 +185,7 @@ class Between(_Keys):
     step: Annotated[float, number(1e-9, 1e6)] | None = None
 
 
-class Among(_Keys):
+class Among(FileModel):
     """One of several values.
 
     Attributes:
@@ -205,7 +201,7 @@ _Coordinate = Annotated[
 ]
 
 
-class Over(_Keys):
+class Over(FileModel):
     """A point on a surface of the body, of which at least one coordinate is free.
 
     Attributes:

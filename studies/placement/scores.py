@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import scale_of
-from stridetwin.streams.fields import DEG, number, refused, text
+from stridetwin.streams.fields import DEG, FileModel, number, refused, text
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
@@ -102,7 +102,7 @@ def _known(name: str) -> str:
     raise refused(name, f"{suggest(name, GEOMETRIC)}, {others}")
 
 
-class _Weighed(BaseModel):
+class _Weighed(FileModel):
     """A score and its weight.
 
     Attributes:
@@ -110,7 +110,6 @@ class _Weighed(BaseModel):
         weight: In the sum that the search minimises; 0 for a score that is only reported.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     score: Annotated[str, text(), AfterValidator(_known)]
     weight: Annotated[float, number(0, 1e9)] | None = None
 
