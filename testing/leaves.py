@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,7 @@ def _leaves(value: Any, path: str, name: str, owner: type, depth: int) -> Iterat
     elif depth >= _DEEPEST:
         yield Leaf(path, name, owner, type(value).__name__)
     elif is_dataclass(value) and not isinstance(value, type):
-        for attribute in (f.name for f in fields(value)):
+        for attribute in _fields_of(type(value)):
             yield from _leaves(getattr(value, attribute), _join(path, attribute), attribute, type(value), depth + 1)
     elif isinstance(value, Mapping):
         if name.endswith("probabilities"):
@@ -136,6 +137,11 @@ def _leaves(value: Any, path: str, name: str, owner: type, depth: int) -> Iterat
                 yield from _leaves(item, _join(path, attribute), attribute, type(value), depth + 1)
     else:
         yield Leaf(path, name, owner, type(value).__name__)
+
+
+@cache
+def _fields_of(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 def _join(path: str, attribute: str) -> str:

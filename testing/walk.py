@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,8 @@ from stridetwin.estimators.base import POSES, Estimator, Options, Stream
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.record import record, twin_class
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
@@ -36,6 +38,8 @@ _SMALL_SENSORS = (
 _CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera"))
 """Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
 _CAMERA_RATES_HZ = {"head_camera": 10.0, "foot_camera": 5.0}
+_IMAGE_SCALE = 0.5
+"""Of the cameras' widths and heights in pixels; the field of view stays."""
 _SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100
 
 
@@ -205,11 +209,19 @@ def _session_folder() -> Path:
 
 
 def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
-    slower = {camera: SensorConfig(rate_hz=_CAMERA_RATES_HZ[camera]) for camera in cameras}
     return TwinConfig(
         name=_NAME, route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
-        sensors=(*_SMALL_SENSORS, *cameras), fittings=slower, rig_mount=mount,
+        sensors=(*_SMALL_SENSORS, *cameras), fittings={camera: _small_camera(camera) for camera in cameras},
+        rig_mount=mount,
     )  # fmt: skip
+
+
+def _small_camera(group: str) -> SensorConfig:
+    """The standard camera of a group with fewer and smaller images."""
+    standard: Any = part(STANDARD[group])
+    imager = standard.imager
+    small = {name: _IMAGE_SCALE * getattr(imager, name) for name in ("width", "height", "focal")}
+    return SensorConfig(part=replace(standard, imager=replace(imager, **small)), rate_hz=_CAMERA_RATES_HZ[group])
 
 
 @lru_cache(maxsize=8)

@@ -16,6 +16,7 @@ _FIRST = (
     *_TOGETHER[:3],
     "tests/sim/test_dynamics.py",
     *_TOGETHER[3:],
+    "tests/testing/test_our_estimators.py",
     "tests/studies/test_walks.py",
     "tests/studies/test_jao_simulation.py",
     "tests/scenarios/campaign/test_campaign_generate.py",

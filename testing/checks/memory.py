@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
-import os
-import tracemalloc
-from pathlib import Path
+import sys
 
 import numpy as np
 
@@ -15,10 +14,8 @@ from stridetwin.testing.samples import shift_sample
 from stridetwin.testing.subject import ConformanceError, Subject, call_update, require_equal
 
 _MOST_PASSES = 15
-_LEAST_TRACED = 8_000
-_LEAST_RESIDENT = 2_000_000
-"""Growth per pass that counts, bytes: of Python's and NumPy's memory, and of the process, whose pages are larger."""
-_STATM = Path("/proc/self/statm")
+_LEAST_GROWTH = (60, 8_000)
+"""Growth per pass that counts: Python's objects, and bytes of memory that arrays, libraries and compiled code hold."""
 
 
 def check_leaves_sample(subject: Subject) -> None:
@@ -39,31 +36,23 @@ def check_bounded_memory(subject: Subject) -> None:
     """Memory does not grow from pass to pass while the walk is fed again and again, time and way going on."""
     samples, duration_ns = _whole_seconds(subject.walk.samples)
     estimator = subject.create()
-    _feed_pass(estimator, samples, duration_ns, 0)
-    was_tracing = tracemalloc.is_tracing()
-    if not was_tracing:
-        tracemalloc.start()
+    sizes: list[tuple[int, int]] = []
+    gc.freeze()  # so that collecting costs no time for all that there was before
     try:
-        _feed_pass(estimator, samples, duration_ns, 1)
-        traced, resident = _traced_bytes(), _resident_bytes()
-        growth: list[int] = []
-        python_grows, process_grows = True, bool(resident)
-        for number in range(2, _MOST_PASSES):
+        for number in range(_MOST_PASSES):
             _feed_pass(estimator, samples, duration_ns, number)
-            traced_before, resident_before = traced, resident
-            traced, resident = _traced_bytes(), _resident_bytes()
-            growth.append(max(traced - traced_before, 0))
-            python_grows = python_grows and traced - traced_before > _LEAST_TRACED
-            process_grows = process_grows and resident - resident_before > _LEAST_RESIDENT
-            if not (python_grows or process_grows):
+            gc.collect()
+            sizes.append((sys.getallocatedblocks(), _allocated_bytes()))
+            growth = np.diff(sizes, axis=0)[1:]  # the first passes fill windows
+            if len(growth) and not (growth > _LEAST_GROWTH).all(axis=0).any():
                 return
     finally:
-        if not was_tracing:
-            tracemalloc.stop()
-    where = f"{np.mean(growth) / 1000:.0f} kB of Python's memory" if python_grows else "several MB of the process"
+        gc.unfreeze()
+    objects, n_bytes = growth.mean(axis=0)
     raise ConformanceError(
-        f"memory grew in each of {_MOST_PASSES - 2} passes of the walk, by {where} per {len(samples)} samples: keep a "
-        "window of constant length, such as collections.deque(maxlen=...)"
+        f"memory grew in each of {len(growth)} passes of the walk, by {objects:.0f} objects and {n_bytes / 1000:.0f} "
+        f"kB of arrays per {len(samples)} samples: keep a window of constant length, such as "
+        "collections.deque(maxlen=...)"
     )
 
 
@@ -93,13 +82,22 @@ def _way(samples: tuple[Sample, ...]) -> Array:
     return (poses[-1].p_frame_in_world - poses[0].p_frame_in_world) * [1.0, 1.0, 0.0]
 
 
-def _traced_bytes() -> int:
-    gc.collect()
-    return tracemalloc.get_traced_memory()[0]
+class _HeapInfo(ctypes.Structure):
+    """The answer of the C library's `mallinfo2`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_size_t)
+        for name in (
+            "arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost",
+        )
+    )  # fmt: skip
 
 
-def _resident_bytes() -> int:
-    """Resident memory of the process; 0 where the system does not provide it."""
-    if not _STATM.exists():
+def _allocated_bytes() -> int:
+    """Memory that the process holds beside Python's small objects; 0 where the C library is not the GNU one."""
+    ask = getattr(ctypes.CDLL(None), "mallinfo2", None)
+    if ask is None:
         return 0
-    return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    ask.restype = _HeapInfo
+    heap = ask()
+    return int(heap.uordblks + heap.hblkhd)
