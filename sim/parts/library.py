@@ -49,7 +49,8 @@ def read_part(path: Path) -> Part:
         StrideTwinError: The file cannot be read or is not YAML.
     """
     data = read_yaml(path)
-    return built(KINDS[data["kind"]], validated(PartFile, data, path), name=path.stem)
+    read = validated(PartFile, data, path)
+    return built(KINDS[data["kind"]], read, name=path.stem)
 
 
 def kind_of(of: Part) -> str:
