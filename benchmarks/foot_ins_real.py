@@ -187,7 +187,7 @@ def measure(folder: Path) -> dict[str, Any]:
     elapsed_s = time.perf_counter() - begin
     paths = {name: path.p_frame_in_world for name, path in estimates.items()}
     consistent = {w.name: nees(estimates[w.name], w.truth) for w in walks}
-    innovations = {name: {f"nis_{k}": v for k, v in f.nis_by_kind.items()} for name, f in filters.items()}
+    innovations = {name: {f"nis_{k}": v for k, v in f.nis.items()} for name, f in filters.items()}
     error = {w.name: armse(paths[w.name], w.truth) for w in walks}
     height = {w.name: climb(paths[w.name]) - climb(w.truth) for w in walks}
     ours = {

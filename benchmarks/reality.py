@@ -111,7 +111,7 @@ def causes(imu: Block[Imu]) -> dict[str, float]:
         "landing_correction_mps": float(np.median(landings)),
         "step_height_m": float(np.median(step[:, 2])),
         "height_drift_pct": 100.0 * float(step[:, 2].sum()) / way,
-        "nis_standing": estimator.nis,
+        "nis_standing": estimator.nis.get("standing", np.nan),
     }
 
 

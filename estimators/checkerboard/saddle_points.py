@@ -15,8 +15,6 @@ from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.matrices import clear, clear_block
 from stridetwin.streams.samples import Array
 
-_HERE = Path(__file__).parent
-
 X, Y, MEAN, STEP, BLUR_U, BLUR_V, RMS, V_XX, V_XY, V_YY, OK = range(11)
 COLUMNS = 11
 """Columns of a fit: pixel, mean brightness and half the step, blur across both edges (squares), RMS residual,
@@ -46,7 +44,7 @@ _STEP_TABLE = np.append(erf(_Z / math.sqrt(2.0)), 1.0)  # a table is exact to 3e
 _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
 
-@cached(_HERE)
+@cached(Path(__file__).parent)
 def fit_corners(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool
 ) -> Array:  # fmt: skip

@@ -50,6 +50,7 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
+from stridetwin.estimators.matrices import clear
 
 _ALIGN_S = 0.1  # stationary time of an alignment
 _ALIGN_TIMEOUT_S = 2.0  # after this time the filter starts without a stationary window
@@ -69,9 +70,9 @@ def begin(memory: Memory, t_ns: int) -> None:
     memory.clock[FILL] = 0
     memory.clock[LANDED] = NEVER_LANDED
     memory.clock[T_STOOD] = t_ns
-    for i in range(4):
-        memory.force_sum[0, i] = memory.force_sum[1, i] = 0.0
-        memory.tilted[i] = memory.nominal[ATTITUDE + i]
+    clear(memory.force_sum[0])
+    clear(memory.force_sum[1])
+    put_quaternion(quaternion(memory.nominal, ATTITUDE), memory.tilted, 0)
     put_vec3((0.0, 0.0, 0.0), memory.nominal, VELOCITY)
 
 
@@ -81,8 +82,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
     clock, force_sum = memory.clock, memory.force_sum
     if statistic > parameters.stationary_level + unknown_bias_statistic(memory):
         clock[T_STATIONARY] = t_ns
-        for i in range(4):
-            force_sum[0, i] = 0.0
+        clear(force_sum[0])
     for k in range(2):
         for i in range(3):
             force_sum[k, i] += force[i]

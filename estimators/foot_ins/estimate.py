@@ -158,12 +158,10 @@ class FootInsPath:
         )  # fmt: skip
 
 
-def standing_nis(memory: Memory) -> float:
-    """Mean normalised innovation squared of zero-velocity updates, per degree of freedom; NaN before the first."""
-    return nis_by_kind(memory).get("standing", math.nan)
-
-
 def nis_by_kind(memory: Memory) -> dict[str, float]:
-    """The same of each kind of update used so far: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+    """Mean normalised innovation squared, per degree of freedom, of each kind of update used so far: 1 if consistent.
+
+    The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate).
+    """
     sums = {"standing": memory.nis[BY_VELOCITY], "floor": memory.nis[BY_FLOOR], "rest": memory.nis[BY_RATE]}
     return {name: float(total / count) for name, (total, count) in sums.items() if count > 0.0}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, blank
@@ -75,7 +75,7 @@ class FootIns:
         topic = _topic(options)
         block, estimator = recording.block(topic), cls.batch(recording.rig, options)
         path = estimator.run(block)
-        return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis_by_kind)]
+        return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis)]
 
     @classmethod
     def follow_block(cls, block: Block[Imu], options: Options, rig: Rig | None = None) -> Trajectory:
@@ -100,35 +100,22 @@ class FootIns:
         return FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]), self._frame)
 
     @property
-    def nis(self) -> float:
-        """Mean normalised innovation squared of zero-velocity updates, per degree of freedom: 1 if consistent.
-
-        NaN before the first update.
-        """
-        return standing_nis(self._memory)
-
-    @property
-    def nis_by_kind(self) -> dict[str, float]:
-        """The same of each kind of update used: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
+    def nis(self) -> dict[str, float]:
+        """See `estimate.nis_by_kind`."""
         return nis_by_kind(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
-        phase, speed, state, covariance = self._run(
-            block.t_ns, block.columns["angular_rate"], block.columns["specific_force"]
-        )
-        return FootInsPath.of(block.t_ns, phase, speed, state, covariance)
-
-    def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """Phase (N,), standing speed (N,), nominal state (N, 22), pose covariance (N, 6, 6)."""
-        results = self._results_of(len(t_ns))
+        rate, force = block.columns["angular_rate"], block.columns["specific_force"]
+        results = self._results_of(len(block))
         kernel.run(
-            self._memory, self._parameters, np.ascontiguousarray(t_ns, dtype=np.int64),
+            self._memory, self._parameters, np.ascontiguousarray(block.t_ns, dtype=np.int64),
             np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), *results,
         )  # fmt: skip
-        return results
+        return FootInsPath.of(block.t_ns, *results)
 
     def _results_of(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
+        """Phase (N,), standing speed (N,), nominal state (N, 22), pose covariance (N, 6, 6)."""
         return np.empty(n, np.int8), np.empty(n), np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.matrices import clear as zero
 from stridetwin.streams.samples import Array
 
 MEASUREMENTS = 6  # at most, of one update
@@ -47,8 +48,7 @@ def workspace(states: int, measured: int) -> Workspace:
 def clear(work: Workspace, m: int) -> None:
     """Clears the first m rows of the Jacobian."""
     for i in range(m):
-        for j in range(work.jacobian.shape[1]):
-            work.jacobian[i, j] = 0.0
+        zero(work.jacobian[i])
 
 
 @njit(**INSIDE)
@@ -102,8 +102,7 @@ def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r:
 @njit(**INSIDE)
 def _weigh(P: Array, gain: Array, o: int, h: Array) -> None:
     """Writes P hᵀ into `gain`."""
-    for i in range(len(gain)):
-        gain[i] = 0.0
+    zero(gain)
     for j in range(len(h)):
         if h[j] != 0.0:
             for i in range(len(gain)):

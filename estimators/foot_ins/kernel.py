@@ -31,7 +31,6 @@ from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     EMPTY,
     IGNORED,
-    NOMINAL,
     PHASE,
     POSITION,
     T_KNOWN,
@@ -40,6 +39,7 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
+from stridetwin.estimators.matrices import copy
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, llvm_level=1)
@@ -130,8 +130,7 @@ def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
     """
     P, o = memory.covariance, memory.row
     way = plus(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
-    for i in range(NOMINAL):
-        state[i] = memory.nominal[i]
+    copy(memory.nominal, state)
     for i in range(3):
         for j in range(3):
             covariance[i, j] = P[o + D_POSITION + i, o + D_POSITION + j] + memory.path[3] ** 2 * (way[i] * way[j])

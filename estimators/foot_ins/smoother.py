@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.kernel import note_estimate, step
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
 from stridetwin.estimators.foot_ins.quaternions import vec3
@@ -143,13 +143,8 @@ class FootInsSmoother:
         return self._path(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))
 
     @property
-    def nis(self) -> float:
+    def nis(self) -> dict[str, float]:
         """As of `FootIns`: of the filter's innovations, which smoothing does not change."""
-        return standing_nis(self._memory)
-
-    @property
-    def nis_by_kind(self) -> dict[str, float]:
-        """The same of each kind of update used: `standing` (zero velocity), `floor`, `rest` (zero rate)."""
         return nis_by_kind(self._memory)
 
     @property

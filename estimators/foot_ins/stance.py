@@ -32,20 +32,17 @@ from stridetwin.estimators.foot_ins.quaternions import (
     vec3,
 )
 from stridetwin.estimators.foot_ins.state import (
-    ACCEL_BIAS,
     ATTITUDE,
     BY_FLOOR,
     BY_RATE,
     BY_VELOCITY,
     CONTACT,
-    D_ACCEL_BIAS,
     D_ATTITUDE,
     D_CONTACT,
     D_DRIFT,
     D_FLOOR,
     D_GYRO_BIAS,
     D_POSITION,
-    D_SCALE,
     D_VELOCITY,
     DRIFT,
     FILL,
@@ -56,7 +53,6 @@ from stridetwin.estimators.foot_ins.state import (
     NEVER_LANDED,
     POSITION,
     RING,
-    SCALE,
     STANDING,
     STATES,
     SWINGING,
@@ -272,15 +268,10 @@ def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, d
 def inject(memory: Memory) -> None:
     """Moves the foot's own error into its nominal state, in place."""
     x, error, o = memory.nominal, memory.error, memory.row
-    for i in range(3):
-        x[POSITION + i] += error[o + D_POSITION + i]
-        x[VELOCITY + i] += error[o + D_VELOCITY + i]
-        x[GYRO_BIAS + i] += error[o + D_GYRO_BIAS + i]
-        x[ACCEL_BIAS + i] += error[o + D_ACCEL_BIAS + i]
-        x[CONTACT + i] += error[o + D_CONTACT + i]
-    x[FLOOR] += error[o + D_FLOOR]
-    x[DRIFT] += error[o + D_DRIFT]
-    x[SCALE] += error[o + D_SCALE]
+    for i in range(ATTITUDE):
+        x[i] += error[o + i]
+    for i in range(D_GYRO_BIAS, STATES):
+        x[i + GYRO_BIAS - D_GYRO_BIAS] += error[o + i]
     rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
     put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
     shift(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))

@@ -19,7 +19,7 @@ from stridetwin.streams.samples import Array
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR, DRIFT, SCALE = 0, 3, 6, 10, 13, 16, 19, 20, 21
 NOMINAL = 22
 # Error state (21,): true = nominal + error; that of the attitude is a rotation vector in the world,
-# R_true = exp([e]x) R.
+# R_true = exp([e]x) R. The others are in the order of the nominal state.
 D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR, D_DRIFT = 0, 3, 6, 9, 12, 15, 18, 19
 D_SCALE = 20
 STATES = 21

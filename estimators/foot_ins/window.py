@@ -58,6 +58,7 @@ from stridetwin.estimators.foot_ins.state import (
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import mirror, shift, shift_rows, transpose_rows
+from stridetwin.estimators.matrices import clear, clear_block, copy, copy_matrix
 from stridetwin.streams.samples import Array
 
 OLDEST, HELD, SUMMED = range(3)  # of `place`
@@ -203,10 +204,8 @@ def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
     window.place[HELD] += 1
     window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
     P, n = memory.covariance, STATES
-    for k in range(4):
-        window.path[k] = memory.path[k]
-    for k in range(NOMINAL):
-        window.nominal[i, k] = memory.nominal[k]
+    copy(memory.path, window.path)
+    copy(memory.nominal, window.nominal[i])
     for k in range(n):
         for j in range(n):
             window.covariance[i, k, j] = P[k, j]
@@ -228,7 +227,7 @@ def _join(window: Window, earlier: int, later: int) -> None:
     _add_product_by_transposed(A, JA, window.information[earlier])
     BA = window.scratch[0]
     _multiply(B, A, BA)
-    _copy(BA, A)
+    copy_matrix(BA, A)
 
 
 @njit(**INSIDE)
@@ -262,14 +261,6 @@ def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
 
 
 @njit(**INSIDE)
-def _copy(A: Array, out: Array) -> None:
-    """Writes A into `out`."""
-    for i in range(STATES):
-        for j in range(STATES):
-            out[i, j] = A[i, j]
-
-
-@njit(**INSIDE)
 def _symmetric(A: Array, out: Array) -> None:
     """Writes (A + Aᵀ)/2 into `out`."""
     for i in range(STATES):
@@ -289,11 +280,11 @@ def release_oldest(window: Window) -> int:
         for k in range(place[HELD] - 2, -1, -1):
             _join(window, (i + k) % capacity, (i + k + 1) % capacity)
         place[SUMMED] = place[HELD]
+        clear_block(window.transition[capacity], STATES)
+        clear_block(window.information[capacity], STATES)
+        clear(window.evidence[capacity])
         for k in range(STATES):
-            for j in range(STATES):
-                window.transition[capacity, k, j] = 1.0 if k == j else 0.0
-                window.information[capacity, k, j] = 0.0
-            window.evidence[capacity, k] = 0.0
+            window.transition[capacity, k, k] = 1.0
     place[OLDEST] = (i + 1) % capacity
     place[HELD] -= 1
     place[SUMMED] -= 1
@@ -303,10 +294,9 @@ def release_oldest(window: Window) -> int:
         oldest = place[OLDEST]
         A = window.transition[oldest]
         _multiply(J, A, first)
-        _copy(window.information[oldest], second)
+        copy_matrix(window.information[oldest], second)
         _add_product_by_transposed(A, first, second)
-        for k in range(STATES):
-            own[k] = window.evidence[oldest, k]
+        copy(window.evidence[oldest], own)
         _add_by_transposed(A, evidence, own)
         J, evidence = second, own
     _symmetric(J, first)
@@ -318,10 +308,8 @@ def release_oldest(window: Window) -> int:
         for m in range(STATES):
             given.covariance[k, m] = P[k, m] - second[k, m]
             given.error[k] += P[k, m] * evidence[m]
-    for k in range(NOMINAL):
-        given.nominal[k] = window.nominal[i, k]
+    copy(window.nominal[i], given.nominal)
+    copy(window.path, given.path)
     given.clock[T_LAST] = window.t_ns[i]
-    for k in range(4):
-        given.path[k] = window.path[k]
     inject(given)
     return i

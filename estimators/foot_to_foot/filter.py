@@ -98,26 +98,22 @@ class FootToFoot:
         self._listens_to = METHODS[method]
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters, published)
-        foot, variance, clock_variance, scale_variance = parameters.foot, np.zeros((4, 6)), 0.0, 0.0
-        imus = dict(shoes.imus)
-        if published:
+        foot, imus, scale_sd = parameters.foot, shoes.imus, 0.0
+        if published or shoes.cameras:
             imus = {f: _noise_alone(imu) for f, imu in imus.items()}
-        else:
-            variance[:2] = np.repeat([parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad], 3) ** 2
-            variance[2:] = np.repeat([parameters.board_position_sd_m, parameters.board_rotation_sd_rad], 3) ** 2
-            clock_variance = parameters.camera_clock_sd_s**2
-            if shoes.cameras:
-                foot, scale_variance = (
-                    replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz),
-                    parameters.gyro_scale_sd**2,
-                )
-                imus = {f: _noise_alone(imu) for f, imu in imus.items()}
+        if shoes.cameras and not published:
+            foot = replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz)
+            scale_sd = parameters.gyro_scale_sd
         left, right = (for_sensor(foot, imus.get(f), data_sheet_alone=published) for f in FEET)
         self._foot_parameters = (left, right)
+        mount_sds = [
+            [parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad],
+            [parameters.board_position_sd_m, parameters.board_rotation_sd_rad],
+        ]
+        mount_sd = np.zeros((4, 6)) if published else np.repeat(np.repeat(mount_sds, 2, axis=0), 3, axis=1)
+        clock_sd = 0.0 if published else parameters.camera_clock_sd_s
         earth = np.asarray(earth_rate_in_world)
-        self._pair = blank_pair(
-            shoes.mounts, variance, clock_variance, scale_variance, shoes.sonars, shoes.sonars, earth
-        )
+        self._pair = blank_pair(shoes.mounts, mount_sd**2, clock_sd**2, scale_sd**2, shoes.sonars, earth)
         if start is None:
             start = side_by_side(shoes) if len(shoes.imus) == 2 else {}
         for name, pose in start.items():

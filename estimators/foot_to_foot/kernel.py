@@ -38,6 +38,7 @@ from stridetwin.estimators.foot_to_foot.relative_updates import (
 )
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
+from stridetwin.estimators.matrices import copy_matrix
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_level=1)
@@ -111,7 +112,7 @@ def run(
             rate, force = in_inertial_world(memory.nominal, earth, rate, vec3(events.force[row], 0))
             if possible(rate, force):
                 apply_gyro_scale(pair, f, rate, t_ns)
-            if parameters.published:
+            if parameters.is_published:
                 phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
             else:
                 phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
@@ -119,7 +120,7 @@ def run(
             last = k
         else:
             phase[k] = IGNORED
-            if not parameters.published and (is_clipped(pair.feet[0], feet[0]) or is_clipped(pair.feet[1], feet[1])):
+            if not parameters.is_published and (is_clipped(pair.feet[0], feet[0]) or is_clipped(pair.feet[1], feet[1])):
                 figure[k] = UNUSED
             elif kind == OBSERVATION:
                 m, points, rays, sd = events.numbers[row], events.points[row], events.rays[row], events.ray_sd[row]
@@ -158,9 +159,7 @@ def predict_board(
     known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)
     known = _predict_pose(pair, foot, parameters, camera, then_ns, 0.0, T)
     predict_pose(pair.covariance, pair.work, pair.board)
-    for i in range(6):
-        for j in range(6):
-            covariance[i, j] = pair.board.covariance[i, j]
+    copy_matrix(pair.board.covariance, covariance)
     return known and known_before
 
 

@@ -117,21 +117,10 @@ def _numbers(parameters: FootToFootParameters | PublishedParameters) -> dict[str
 if TYPE_CHECKING:
 
     @dataclass(frozen=True, kw_only=True)
-    class PairParameters:
+    class PairParameters(FootToFootParameters, PublishedParameters):
         """What the kernel of either method reads; see `for_kernel`."""
 
-        published: bool
-        max_delay_s: float
-        camera_clock_walk_s_rts: float
-        observation_correlation_s: float
-        observation_gate: float
-        range_sd_m: float
-        range_gate: float
-        sonar_after_s: float
-        window_s: float
-        threshold: float
-        zero_velocity_sd_mps: float
-        relative_position_sd_m: float
+        is_published: bool
 
 else:
     PairParameters = np.record
@@ -147,4 +136,4 @@ def for_kernel(parameters: FootToFootParameters, published: bool = False) -> Pai
     values = _numbers(parameters.published) | _numbers(parameters)
     if published:
         values["range_sd_m"] = parameters.published.range_sd_m
-    return as_record({"published": published, **values})
+    return as_record({"is_published": published, **values})

@@ -50,6 +50,8 @@ from stridetwin.estimators.foot_to_foot.state import (
     Pair,
     inject_all,
 )
+from stridetwin.estimators.matrices import clear as zero
+from stridetwin.estimators.matrices import clear_block
 from stridetwin.streams.samples import Array
 
 UNUSED = -1.0  # the normalised innovation of an unused measurement
@@ -168,8 +170,7 @@ def reduce_measurement(
     """
     work, C, triangle = board.reduced, board.covariance, board.triangle
     T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
-    for i in range(6):
-        u[i] = 0.0  # estimated minus predicted pose
+    zero(u)  # estimated minus predicted pose
     for turn in range(_MAX_LINEARIZATIONS):
         R_now = matrix_product(rotation_matrix(quat_exp(u[3], u[4], u[5])), R)
         if not _triangulate(board, plus(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
@@ -273,9 +274,7 @@ def _triangulate(
     See docs/foot_to_foot.md (4). Both are in standard deviations. False if the board is not in front of the camera.
     """
     row = board.row
-    for i in range(7):
-        for j in range(7):
-            board.triangle[i, j] = 0.0
+    clear_block(board.triangle, 7)
     for i in range(m):
         arm = rotate(R, vec3(points_in_board[i], 0))
         x, y, depth = plus(p, 1.0, arm)
@@ -322,12 +321,12 @@ def sonar_update(
         Length of the innovation in standard deviations, or UNUSED.
     """
     since_s = (t_ns - max(pair.seen[0], pair.seen[1])) * 1e-9
-    if not parameters.published and since_s < parameters.sonar_after_s:
+    if not parameters.is_published and since_s < parameters.sonar_after_s:
         return UNUSED
     other, work = 1 - sonar, pair.work
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
-    arm_a, arm_b = rotate(a.R, vec3(pair.sonars[sonar], 0)), rotate(b.R, vec3(pair.echoes[other], 0))
+    arm_a, arm_b = rotate(a.R, vec3(pair.sonars[sonar], 0)), rotate(b.R, vec3(pair.sonars[other], 0))
     d = plus(plus(b.p, 1.0, arm_b), -1.0, plus(a.p, 1.0, arm_a))
     size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
@@ -339,13 +338,13 @@ def sonar_update(
     of_a, of_b = STATES * sonar, STATES * other
     put_vec3(plus(none, -1.0, to), h, of_a + D_POSITION)
     put_vec3(to, h, of_b + D_POSITION)
-    if not parameters.published:
+    if not parameters.is_published:
         put_vec3(cross(to, arm_a), h, of_a + D_ATTITUDE)
         put_vec3(cross(arm_b, to), h, of_b + D_ATTITUDE)
     work.innovation[0] = (distance - size) / parameters.range_sd_m
     spread_measurements(pair.covariance, work, 0, 1)
     length = normalized_innovation(work, 1, 1.0)
-    if parameters.published:
+    if parameters.is_published:
         used, variance = abs(distance - size) < _MAX_RANGE_MISFIT_M, 1.0
     else:
         echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.observation_correlation_s)

@@ -13,6 +13,7 @@ from stridetwin.estimators.foot_ins.kalman import MEASUREMENTS, Workspace, works
 from stridetwin.estimators.foot_ins.quaternions import product, put_quaternion, quat_exp, quaternion
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
+from stridetwin.estimators.matrices import clear
 from stridetwin.streams.samples import Array
 
 FEET = ("l", "r")
@@ -69,8 +70,7 @@ class Pair(NamedTuple):
             in its foot's IMU.
         late: (2,) offset to add to the times of each camera's images, s.
         scales: (2, 3) relative error by which each axis of a foot's gyro reads too much.
-        sonars: (2, 3) each foot's sonar, in its IMU, m.
-        echoes: (2, 3) the point of each foot that reflects the other's sonar, in its IMU, m.
+        sonars: (2, 3) each foot's sonar, in its IMU, m; it is taken for the point that reflects the other's.
         earth: (3,) rotation rate of the Earth in world axes, rad/s.
         seen: (2,) int64, time of the newest observation used of each camera, ns.
         heard: (2,) int64, time of the newest echo used of each sonar, ns.
@@ -86,7 +86,6 @@ class Pair(NamedTuple):
     late: Array
     scales: Array
     sonars: Array
-    echoes: Array
     earth: Array
     seen: NDArray[np.int64]
     heard: NDArray[np.int64]
@@ -96,8 +95,7 @@ class Pair(NamedTuple):
 
 
 def blank_pair(
-    mounts: Array, mount_variance: Array, clock_variance: float, scale_variance: float, sonars: Array, echoes: Array,
-    earth: Array,
+    mounts: Array, mount_variance: Array, clock_variance: float, scale_variance: float, sonars: Array, earth: Array
 ) -> Pair:  # fmt: skip
     """Memory of two feet without samples; `mount_variance` (4, 6) is in m² and rad², `clock_variance` in s²."""
     covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
@@ -106,7 +104,7 @@ def blank_pair(
     return Pair(
         feet=(blank(covariance, error, 0), blank(covariance, error, STATES)), covariance=covariance, error=error,
         mounts=np.array(mounts, dtype=float), late=np.zeros(2), scales=np.zeros((2, 3)),
-        sonars=np.array(sonars, dtype=float), echoes=np.array(echoes, dtype=float),
+        sonars=np.array(sonars, dtype=float),
         earth=np.array(earth, dtype=float), seen=np.full(2, NEVER), heard=np.full(2, NEVER), nis=np.zeros((2, 2)),
         work=workspace(ALL_STATES, ALL_STATES), board=board_workspace(),
     )  # fmt: skip
@@ -128,8 +126,7 @@ def inject_all(pair: Pair) -> None:
         pair.late[foot] += error[CLOCKS + foot]
         for k in range(3):
             pair.scales[foot, k] += error[SCALES + 3 * foot + k]
-    for i in range(ALL_STATES):
-        error[i] = 0.0
+    clear(error)
 
 
 class Events(NamedTuple):

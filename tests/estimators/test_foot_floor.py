@@ -58,7 +58,7 @@ def test_a_foot_rests_on_an_accelerometer_whose_size_of_gravity_is_wrong(excess:
     }
     estimator = FootIns(parameters=FootInsParameters(gyro_bias_sd_radps=0.01))
     path = estimator.run(replace(truth.imu, columns=columns))
-    assert estimator.nis_by_kind["rest"] > 0.0
+    assert estimator.nis["rest"] > 0.0
     assert path.aligned[-1]
     assert abs(path.trajectory.p_frame_in_world[-1, 2] - path.trajectory.p_frame_in_world[0, 2]) < 0.05
 
@@ -66,4 +66,4 @@ def test_a_foot_rests_on_an_accelerometer_whose_size_of_gravity_is_wrong(excess:
 def test_no_probability_of_the_same_floor_makes_every_floor_new() -> None:
     estimator = FootIns(LEFT_FOOT, FootInsParameters(same_floor=0.0))
     estimator.run(walk(strides=8).imu)
-    assert "floor" not in estimator.nis_by_kind
+    assert "floor" not in estimator.nis

@@ -48,7 +48,7 @@ def test_one_foot_with_its_calibration(name: str, num_regression: Any) -> None:
 def test_one_foot_of_an_unknown_sensor_at_its_limits(num_regression: Any) -> None:
     estimator = FootIns()
     path = estimator.run(_clipped(_walk("stairs").imu, 5.0, 40.0))
-    assert_pinned(num_regression, _rows(path) | columns([estimator.nis_by_kind]))
+    assert_pinned(num_regression, _rows(path) | columns([estimator.nis]))
 
 
 def test_one_foot_with_known_limits(num_regression: Any) -> None:

@@ -73,7 +73,7 @@ def moving_pair(seed: int) -> Pair:
     """Two feet in the middle of some motion, cameras and boards mounted anyhow."""
     rng = np.random.default_rng(seed)
     mounts = np.column_stack([rng.normal(0, 0.1, (4, 3)), Rotation.random(4, rng=rng).as_quat(scalar_first=True)])
-    pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(3))
+    pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, np.zeros((2, 3)), np.zeros(3))
     parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e3), None)
     for foot in range(2):
         k = np.arange(80)
@@ -130,7 +130,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
     parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e3), None)
     rng = np.random.default_rng(back)
     mounts, arms = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1)), np.zeros((2, 3))
-    pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, arms, arms, np.zeros(3))
+    pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, arms, np.zeros(3))
     foot, then = pair.feet[0], None
     for k in range(80):
         moves = k >= 40

@@ -29,8 +29,8 @@ def pair_in_motion(seed=0):
     """Two tracked feet at arbitrary poses with all states correlated."""
     rng = np.random.default_rng(seed)
     mounts = np.column_stack([rng.normal(0, 0.1, (4, 3)), Rotation.random(4, rng=rng).as_quat(scalar_first=True)])
-    arms = rng.normal(0, 0.05, (2, 2, 3))
-    pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, arms[0], arms[1], np.zeros(3))
+    arms = rng.normal(0, 0.05, (2, 3))
+    pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, arms, np.zeros(3))
     k = np.arange(80)
     for foot in range(2):
         rate = (k[:, None] >= 40) * rng.normal(0.0, 3.0, (80, 3))
@@ -56,7 +56,7 @@ def pose(pair, foot, error=None):
 def between(pair, sonar, error=None):
     """m, from a foot's sonar to the reflecting point of the other."""
     (p, R), (q, Q) = pose(pair, sonar, error), pose(pair, 1 - sonar, error)
-    return float(np.linalg.norm(q + Q @ pair.echoes[1 - sonar] - p - R @ pair.sonars[sonar]))
+    return float(np.linalg.norm(q + Q @ pair.sonars[1 - sonar] - p - R @ pair.sonars[sonar]))
 
 
 @pytest.mark.parametrize("sonar", [0, 1])

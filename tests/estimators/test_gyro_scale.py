@@ -26,7 +26,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
     arms, mounts = np.zeros((2, 3)), np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
 
     def turned(scale: Array, variance: float) -> tuple[Rotation, Array]:
-        pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, variance, arms, arms, np.zeros(3))
+        pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, variance, arms, np.zeros(3))
         for k in range(40):
             take(pair.feet[foot], parameters, k * 8_000_000, np.zeros(3), gravity)
         pair.covariance[:SCALES] = 0.0
