@@ -1,4 +1,4 @@
-"""`experiment`, `place` and `score` on a Dask cluster of two workers, of which one is killed: bytes, resuming."""
+"""`experiment`, study files, `place` and `score` on a Dask cluster whose workers may be killed: bytes, resuming."""
 
 from __future__ import annotations
 
@@ -96,6 +96,24 @@ def test_an_experiment_survives_a_killed_worker_and_resumes(cluster, tmp_path, m
     assert run_experiment("small", options, lambda _, share: shares.append(share)) == result
     assert shares == [0.75, 1.0]
     assert contents(tmp_path / "cluster") == contents(tmp_path / "one")
+
+
+def test_a_study_file_gives_the_same_bytes(cluster, tmp_path, capsys):
+    (tmp_path / "steps.yaml").write_text(yaml.safe_dump(STEPS))
+    study = {
+        "study": "A few steps",
+        "scenarios": ["steps.yaml"],
+        "seeds": 2,
+        "methods": {"usual": {"estimator": "foot_ins"}},
+        "scores": ["end_error_m"],
+    }
+    path = tmp_path / "study.yaml"
+    path.write_text(yaml.safe_dump(study))
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert main(["experiment", str(path), "-o", str(one)]) == 0
+    assert main(["experiment", str(path), "--scheduler", cluster.scheduler_address, "-o", str(two)]) == 0
+    assert contents(one) == contents(two)
+    assert json.loads((one / "study.json").read_text())["failed"] == []
 
 
 def test_a_placement_survives_a_killed_worker_and_resumes(cluster, tmp_path):

@@ -47,6 +47,13 @@ def ours(walk):
     return estimator(exo).run(samples)
 
 
+@pytest.fixture(scope="module")
+def tables(walk):
+    """The steps of each method, by its name."""
+    exo, samples, _ = walk
+    return {method: table(estimator(exo, method).run(samples)) for method in METHODS}
+
+
 def test_proposed_estimates_a_level_walk_as_level(walk, ours):
     _, _, footprints = walk
     steps = score_steps(footprints, ours)
@@ -66,19 +73,9 @@ def test_published_errs_as_on_people(walk):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_number_is_finite_or_says_that_it_is_unknown(walk, method):
+def test_a_turned_world_has_the_same_slopes(walk, tables, method):
     exo, samples, _ = walk
-    for s in estimator(exo, method).run(samples):
-        assert np.isfinite([s.slope, s.elevation, *s.normal, *s.p_sole_in_world]).all()
-        assert s.slope_sd > 0
-        assert s.elevation_sd > 0
-        assert np.linalg.norm(s.normal) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_turned_world_has_the_same_slopes(walk, method):
-    exo, samples, _ = walk
-    plain = table(estimator(exo, method).run(samples))
+    plain = tables[method]
     other = table(estimator(exo, method).run(turned(samples, Rotation.from_euler("z", 2.0))))
     assert other[:, :2] == pytest.approx(plain[:, :2], abs=1e-6)
     assert np.linalg.norm(np.diff(other[:, 2:4], axis=0), axis=1) == pytest.approx(
@@ -87,9 +84,9 @@ def test_a_turned_world_has_the_same_slopes(walk, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_same_legs_described_by_another_table_walk_the_same(walk, method):
+def test_the_same_legs_described_by_another_table_walk_the_same(walk, tables, method):
     exo, samples, _ = walk
-    plain = table(estimator(exo, method).run(samples))
+    plain = tables[method]
     turn = Rotation.from_euler("xyz", [0.4, -1.0, 2.0])
     legs = {}
     for side, leg in exo.legs.items():
@@ -195,14 +192,6 @@ def test_cells_live_through_a_swing_over_two_risers():
             load = cells.update(force, rate, 0.01)
     assert cells.alive.all()
     assert np.allclose(load, 0.0)
-
-
-def test_a_gap_is_survived(walk):
-    exo, samples, _ = walk
-    cut = [s for s in samples if not 4.0e9 < s.t_ns < 4.7e9]
-    steps = estimator(exo).run(cut)
-    assert len(steps) > 4
-    assert np.isfinite(table(steps)).all()
 
 
 def test_an_unknown_method_is_refused(walk):

@@ -27,7 +27,6 @@ from stridetwin.estimators.foot_to_foot import (
     relative_updates,
     state,
 )
-from stridetwin.estimators.foot_to_foot.filter import follow
 from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
 from stridetwin.estimators.foot_to_foot.state import ALL_STATES, CLOCKS, FEET, MOUNTS, Pair, blank_pair
@@ -466,17 +465,6 @@ def test_the_published_relative_position_moves_both_feet_to_it(camera: int) -> N
     np.testing.assert_allclose(after[1] - after[0], wanted, atol=0.01)
     np.testing.assert_allclose(after[0] - before[0], before[1] - after[1], atol=1e-6)  # equally uncertain
     assert sigmas == pytest.approx(np.linalg.norm(wanted - (before[1] - before[0])) / 0.01, rel=1e-6)
-
-
-def test_a_stream_of_samples_is_followed_as_by_update(short) -> None:
-    simulation, imus, aids = short
-    samples = sorted([s for block in imus.values() for s in block] + list(aids), key=lambda s: s.t_ns)
-    whole = estimator_for(simulation).run(imus, aids)
-    for foot, path in follow(estimator_for(simulation), samples).items():
-        assert path.trajectory.covariance.shape[1:] == (6, 6)
-        np.testing.assert_allclose(
-            path.trajectory.p_frame_in_world[-1], whole[foot].trajectory.p_frame_in_world[-1], atol=0.01
-        )
 
 
 def test_observations_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:
