@@ -40,13 +40,11 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
 
     See docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
     """
-    gyro = accel = 0.0
+    total = 0.0
     for channel in range(6):
-        if channel < 3:
-            gyro += _variance(memory, parameters.window_s, channel)
-        else:
-            accel += _variance(memory, parameters.window_s, channel)
-    return gyro / GYRO_SCALE_RADPS**2 + accel / ACCEL_SCALE_MPS2**2
+        scale = GYRO_SCALE_RADPS if channel < 3 else ACCEL_SCALE_MPS2
+        total += _variance(memory, parameters.window_s, channel) / scale**2
+    return total
 
 
 @njit(**INSIDE)
