@@ -1,21 +1,15 @@
-"""Copies of samples, and what else the checks do to them: shift, overwrite, compare."""
+"""What the checks do to samples: shift, overwrite, compare."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import fields, replace
 
 import numpy as np
 
-from stridetwin.streams.samples import Array, Odometry, Sample, copy_sample
+from stridetwin.streams.samples import Array, Odometry, Sample
 
 _OVERWRITTEN = 77
 """Value that a reused buffer holds: finite, so that an estimator that reads it is wrong rather than stopped."""
-
-
-def copy_samples(samples: Iterable[Sample]) -> Iterator[Sample]:
-    """Copies of samples, one at a time, so that no estimator can change those of the walk."""
-    return map(copy_sample, samples)
 
 
 def overwrite(sample: Sample) -> None:

@@ -15,7 +15,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose
 from stridetwin.testing.leaves import Leaf, difference, field_of, flatten
-from stridetwin.testing.samples import changed_field, copy_samples, overwrite
+from stridetwin.testing.samples import changed_field, overwrite
 from stridetwin.testing.walk import Walk, find_walk
 
 _HOME = Path(__file__).resolve().parents[1]
@@ -135,7 +135,7 @@ def feed(estimator: Estimator, samples: Iterable[Sample]) -> list[Returned]:
         ConformanceError: `update` raised an exception.
     """
     returned = list[Returned]()
-    for i, sample in enumerate(copy_samples(samples)):
+    for i, sample in enumerate(map(copy_sample, samples)):
         if (estimate := call_update(estimator, sample)) is not None:
             returned.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
     return returned

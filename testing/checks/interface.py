@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any
@@ -143,26 +144,25 @@ def _check_streams(subject: Subject) -> None:
 
 
 def _refusal(subject: Subject, rig: Rig, options: Options) -> str | None:
-    """Message of the StrideTwinError for a rig; None if the constructor accepts it."""
-    try:
-        subject.estimator_class.streams(rig, options)
-    except StrideTwinError:
-        pass
-    except Exception as error:
-        raise ConformanceError(
-            f"for a rig without its sensors streams raised {describe(error)}: raise a StrideTwinError that names the "
-            "missing sensor"
-        ) from error
-    try:
-        subject.estimator_class(rig, options=options)
-    except StrideTwinError as error:
-        return str(error)
-    except Exception as error:
-        raise ConformanceError(
-            f"for a rig without its sensors the constructor raised {describe(error)}: raise a StrideTwinError that "
-            "names the missing sensor"
-        ) from error
-    return None
+    """Message of the constructor's StrideTwinError for a rig; None if it accepts the rig."""
+    estimator_class = subject.estimator_class
+    calls: dict[str, Callable[[], object]] = {
+        "streams": lambda: estimator_class.streams(rig, options),
+        "the constructor": lambda: estimator_class(rig, options=options),
+    }
+    message: str | None = None
+    for name, call in calls.items():
+        try:
+            call()
+            message = None
+        except StrideTwinError as error:
+            message = str(error)
+        except Exception as error:
+            raise ConformanceError(
+                f"for a rig without its sensors {name} raised {describe(error)}: raise a StrideTwinError that names "
+                "the missing sensor"
+            ) from error
+    return message
 
 
 def _words_of(streams: tuple[Stream, ...]) -> set[str]:

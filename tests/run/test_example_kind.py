@@ -16,7 +16,7 @@ from stridetwin.cli.main import main
 PACKAGE = Path(__file__).parent / "example_kind"
 NAMES = {"phase_by_time_l", "phase_by_time_r"}
 SCENARIO = """description: Level steps
-terrain: [{level: {length_m: 8}}]
+terrain: [{level: {length_m: 5}}]
 sensors: [foot_imu]
 physics: kinematic
 """
@@ -55,17 +55,24 @@ def rows(file):
         return list(csv.DictReader(lines))
 
 
-@pytest.fixture
-def scenario(tmp_path):
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
     """A walk of a few steps with the IMUs of the feet alone."""
-    file = tmp_path / "level_steps.yaml"
+    file = tmp_path_factory.mktemp("scenario") / "level_steps.yaml"
     file.write_text(SCENARIO, encoding="utf-8")
     return file
 
 
-def test_it_is_listed_estimated_and_live(installed, scenario, tmp_path, capsys):
-    recording = tmp_path / "steps.mcap"
-    printed(capsys, "generate", scenario, "-o", recording)
+@pytest.fixture(scope="module")
+def walked(installed, scenario, tmp_path_factory):
+    """Folder of one `stridetwin run`."""
+    folder = tmp_path_factory.mktemp("walk")
+    assert main(["run", str(scenario), "--no-film", "--seed", "3", "-o", str(folder)]) == 0
+    return folder
+
+
+def test_it_is_listed_estimated_and_live(walked, tmp_path, capsys):
+    recording = walked / "recording.mcap"
     listed = printed(capsys, "list")
     assert listed["outputs"]["simple_phase"] == "Gait phase by time alone"
     assert listed["estimators"]["phase_by_time"].startswith("Gait phase by time alone")
@@ -76,19 +83,18 @@ def test_it_is_listed_estimated_and_live(installed, scenario, tmp_path, capsys):
     assert (tmp_path / "live.csv").read_bytes() == file.read_bytes()
 
 
-def test_it_is_run_scored_reported_and_gated(installed, scenario, tmp_path, capsys):
-    folder = tmp_path / "walk"
-    scores = printed(capsys, "run", scenario, "--no-film", "--seed", "3", "-o", folder)["estimators"]
+def test_it_is_run_scored_reported_and_gated(walked, tmp_path, capsys):
+    scores = json.loads((walked / "scores.json").read_text(encoding="utf-8"))["estimators"]
     assert scores.keys() >= NAMES | {"foot_ins_l"}
     assert all(0.0 < scores[name]["simple_phase_rmse_pct"] < 25.0 for name in NAMES)
-    assert all(len(rows(folder / f"{name}.csv")) > 300 for name in NAMES)
-    report = (folder / "report.html").read_text(encoding="utf-8")
+    assert all(len(rows(walked / f"{name}.csv")) > 300 for name in NAMES)
+    report = (walked / "report.html").read_text(encoding="utf-8")
     assert "Simple gait phase" in report
 
-    scored = printed(capsys, "score", folder / "recording.mcap", "--only", "phase_by_time")
+    scored = printed(capsys, "score", walked / "recording.mcap", "--only", "phase_by_time")
     assert scored["estimators"] == {name: scores[name] for name in NAMES}
     capsys.readouterr()
-    assert main(["score", str(folder / "recording.mcap"), "--only", "phase_by_time_l"]) == 0
+    assert main(["score", str(walked / "recording.mcap"), "--only", "phase_by_time_l"]) == 0
     assert "phase RMS %" in capsys.readouterr().out
 
     for name in NAMES:
@@ -97,13 +103,13 @@ def test_it_is_run_scored_reported_and_gated(installed, scenario, tmp_path, caps
     baseline = tmp_path / "baseline.json"
     baseline.write_text(json.dumps(scored), encoding="utf-8")
     capsys.readouterr()
-    assert main(["score", str(folder / "recording.mcap"), "--baseline", str(baseline), "--json"]) == 1
+    assert main(["score", str(walked / "recording.mcap"), "--baseline", str(baseline), "--json"]) == 1
     worse = json.loads(capsys.readouterr().out)["regressions"]
     assert {(line["estimator"], line["metric"]) for line in worse} == {(n, "simple_phase_rmse_pct") for n in NAMES}
 
 
 def test_a_study_compares_it(installed, scenario, tmp_path, capsys):
-    study = tmp_path / "study.yaml"
+    study = scenario.with_name("study.yaml")
     study.write_text(
         "study: Phase by time\nscenarios: [level_steps.yaml]\nseeds: 2\nmethods: {mine: {estimator: phase_by_time}}\n"
         "scores: [simple_phase_rmse_pct]\n",

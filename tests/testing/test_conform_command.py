@@ -8,6 +8,7 @@ import textwrap
 import pytest
 
 from stridetwin.cli.main import main
+from stridetwin.estimators import registry
 from stridetwin.testing import ConformanceError, check_conformance, conformance_cases, walk
 from stridetwin.testing.cases import CHECKS
 
@@ -86,15 +87,17 @@ def test_usage_errors_are_one_line(module, capsys, words, said):
 
 
 def test_the_helper_in_a_test_of_another_project(module, pytester):
+    recording = walk.find_walk(registry.estimator("foot_ins"), None, None).recording.path
     pytester.makepyfile(
         test_small_foot=f"""
         import sys
+        from pathlib import Path
         import pytest
         from stridetwin.testing import conformance_cases
         sys.path.insert(0, {str(module)!r})
         from small_foot import Foot
 
-        @pytest.mark.parametrize("case", conformance_cases(Foot))
+        @pytest.mark.parametrize("case", conformance_cases(Foot, recording=Path({str(recording)!r})))
         def test_conforms(case):
             case.run()
         """
@@ -115,8 +118,6 @@ def test_a_case_is_named_and_raises(module):
 
 
 def test_without_the_simulator_a_person_stands_on_synthetic_samples(monkeypatch):
-    from stridetwin.estimators import registry
-
     monkeypatch.setattr(walk, "find_spec", lambda name: None)
     names = ["declaration", "estimates", "finite", "covariance", "plausible", "deterministic", "fault_nan"]
     for name in ("foot_ins", "terrain_map"):
