@@ -23,6 +23,7 @@ from stridetwin.estimators.foot_to_foot import (
     FootToFootParameters,
     PublishedParameters,
     RelativePosition,
+    follow,
     published,
     relative_updates,
     state,
