@@ -103,11 +103,13 @@ def seen(tmp_path_factory):
     """Recording of a few simulated steps with every sensor that an estimator of hardware takes but shoe cameras."""
     from stridetwin.scenarios.record import record
     from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+    from stridetwin.sim.parts.sensor_config import SensorConfig
     from stridetwin.sim.twin import Twin
 
     path = tmp_path_factory.mktemp("seen") / "walk.mcap"
     sensors = ("foot_imu", "insole", "head_imu", "head_camera", "ahrs", "encoder")
     route = Route(segments=(Level(length_m=0.5),))
-    config = TwinConfig(name="seen", route=route, sensors=sensors, gait=Gait(stand_s=0.5))
+    slower = {"head_camera": SensorConfig(rate_hz=15.0)}
+    config = TwinConfig(name="seen", route=route, sensors=sensors, gait=Gait(stand_s=0.5), fittings=slower)
     record(Twin(config, 5), path, lambda *_: None)
     return path

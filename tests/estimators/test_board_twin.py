@@ -4,7 +4,7 @@ from benchmarks.board_detection import cases_of_walk, summary
 
 
 def test_rendered_walk() -> None:
-    figures = summary(cases_of_walk("stair_up_down", 7, exposure_ms=2.0, every=10))
+    figures = summary(cases_of_walk("stair_up_down", 7, exposure_ms=2.0, every=15))
     assert figures["whole_board"] > 30
     assert figures["wrong"] == 0
     assert figures["false"] == 0

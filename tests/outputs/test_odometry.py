@@ -21,7 +21,7 @@ terrain:
   - level: {length_m: 1.5}
 scenery: room
 sensors:
-  head_camera: {rate_hz: 15}
+  head_camera: {rate_hz: 10}
   foot_imu: false
   foot_camera: false
   sonar: false
