@@ -116,15 +116,23 @@ def test_a_map_and_a_mode_predictor_take_part(installed, tmp_path, capsys):
     assert {name: scored[name] for name in files} == {name: scores[name] for name in files}
 
 
-def test_an_entry_point_that_is_no_estimator_is_named(tmp_path, monkeypatch):
-    info = tmp_path / "broken-1.0.dist-info"
-    info.mkdir()
+def install(folder, entry_point, monkeypatch):
+    """A package that offers an estimator, where this process finds it."""
+    info = folder / "broken-1.0.dist-info"
+    info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n", encoding="utf-8")
-    (info / "entry_points.txt").write_text("[stridetwin.estimators]\nbroken = json:dumps\n", encoding="utf-8")
-    monkeypatch.syspath_prepend(str(tmp_path))
+    (info / "entry_points.txt").write_text(f"[stridetwin.estimators]\n{entry_point}\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(folder))
+
+
+def test_an_entry_point_that_is_no_estimator_is_named(tmp_path, monkeypatch):
+    install(tmp_path / "a", "broken = json:dumps", monkeypatch)
     with pytest.raises(StrideTwinError, match="broken = json:dumps"):
         registry.estimator("broken")
-    (info / "entry_points.txt").write_text("[stridetwin.estimators]\ndvio = json:dumps\n", encoding="utf-8")
+
+
+def test_two_packages_that_offer_an_estimator_of_one_name_are_refused(tmp_path, monkeypatch):
+    install(tmp_path / "b", "dvio = json:dumps", monkeypatch)
     with pytest.raises(StrideTwinError, match="dvio: two packages offer it"):
         registry.names()
 
