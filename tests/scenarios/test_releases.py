@@ -26,7 +26,7 @@ SCORES = {
 def written(path, version=None):
     with pytest.MonkeyPatch.context() as patch:
         if version is not None:
-            patch.setattr(recording_schema, "VERSION", version)
+            patch.setitem(recording_schema.VERSION_VALUES, "version", version)
         with RecordingWriter(path, Rig(), {"seed": "1"}):
             pass
     return path

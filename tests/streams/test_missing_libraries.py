@@ -25,12 +25,12 @@ def test_a_missing_module_of_the_project_is_no_missing_library():
 )
 def test_an_experiment_names_the_extra_that_brings_its_library(monkeypatch, library, extra):
     from stridetwin.cli import studies
-    from stridetwin.studies import catalogue
+    from stridetwin.studies import experiment
 
     def missing(name):
         raise ModuleNotFoundError(f"No module named {library!r}", name=library)
 
-    monkeypatch.setattr(catalogue, "experiment", missing)
+    monkeypatch.setattr(experiment, "experiment", missing)
     options = studies.ExperimentOptions(experiment="assistance")
     with pytest.raises(StrideTwinError, match=rf"pip install 'stridetwin\[{extra}\]'"):
         studies.experiment_command(options, lambda *_: None)
