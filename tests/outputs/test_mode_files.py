@@ -22,10 +22,10 @@ from stridetwin.streams.recording.reader import Recording, RecordingWriter
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """Four metres on the level."""
+    """A few steps on the level."""
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
     config = TwinConfig(
-        name="modes", route=Route(segments=(Level(length_m=4.0),)), sensors=("insole", "head_imu", "head_camera"),
+        name="modes", route=Route(segments=(Level(length_m=2.5),)), sensors=("insole", "head_imu", "head_camera"),
         gait=Gait(stand_s=0.6), fittings={"head_camera": SensorConfig(rate_hz=10.0)},
     )  # fmt: skip
     record(Twin(config, 5), path, lambda *_: None)

@@ -94,7 +94,9 @@ def test_a_map_and_a_mode_predictor_take_part(installed, tmp_path, capsys):
     scenario = tmp_path / "few_steps.yaml"
     scenario.write_text(
         "description: A few steps\nterrain: [{level: {length_m: 1.5}}]\ngait: {stand_s: 0.5}\n"
-        "sensors: [foot_imu, insole, head_imu, head_camera]\n"
+        "physics: kinematic\n"
+        "sensors: {foot_imu: true, insole: true, head_camera: {rate_hz: 10}, sonar: false, foot_camera: false,\n"
+        "          ahrs: false, encoder: false, interaction: false, actuator: false}\n"
     )
     folder = tmp_path / "walk"
     scores = printed(capsys, "run", scenario, "--no-film", "-o", folder)["estimators"]

@@ -20,7 +20,7 @@ OTHERS = [command for command in COMMANDS if command != "check"]
 MOST_S, MOST_MIB = 2.0, 500.0
 # One process loads the packages; each command runs in a fork of it, whose time and memory the system counts.
 ZYGOTE = """
-import json, os, resource, sys, traceback
+import gc, json, os, resource, sys, traceback
 import stridetwin.scenarios.check, stridetwin.outputs.path.evaluate
 import stridetwin.outputs.registry
 stridetwin.outputs.registry.estimators()
@@ -28,6 +28,7 @@ import stridetwin.gate.walk_scores, stridetwin.streams.formats.mcap_export
 from stridetwin.cli.main import main
 from stridetwin.streams.recording.ros_types import typestore
 typestore()
+gc.freeze()  # a collection in a fork would copy every page
 for line in sys.stdin:
     words = json.loads(line)
     said = os.open("said.txt", os.O_CREAT | os.O_TRUNC | os.O_RDWR)

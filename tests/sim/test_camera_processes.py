@@ -2,6 +2,7 @@
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.faults.faults import LooseStrap
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.rendering import camera_processes
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import RecordingWriter
@@ -11,6 +12,7 @@ CONFIG = TwinConfig(
     route=Route(segments=(Level(length_m=0.6),)),
     gait=Gait(stand_s=0.5),
     sensors=("head_imu", "head_camera"),
+    fittings={"head_camera": SensorConfig(rate_hz=10.0)},
     faults=(LooseStrap(topic="/head/color", at_s=0.5, duration_s=1.0),),
 )
 
