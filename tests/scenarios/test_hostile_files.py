@@ -24,7 +24,7 @@ import gc, json, os, resource, sys, traceback
 import stridetwin.scenarios.check, stridetwin.outputs.path.evaluate
 import stridetwin.outputs.registry
 stridetwin.outputs.registry.estimators()
-import stridetwin.gate.walk_scores, stridetwin.streams.formats.mcap_export
+import stridetwin.cli.estimate, stridetwin.cli.recording, stridetwin.cli.score
 from stridetwin.cli.main import main
 from stridetwin.streams.recording.ros_types import typestore
 typestore()
