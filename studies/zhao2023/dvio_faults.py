@@ -24,6 +24,8 @@ from stridetwin.studies.zhao2023.odometry_walks import (
 )
 
 DRIFT_RATIO = 3.0
+NOMINAL = "no fault"
+"""Label of the walk without fault in the experiment's file."""
 
 
 def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
@@ -44,7 +46,7 @@ def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, means over the walks; `borne` counts the walks that tolerate it."""
-    nominal = [next(iter(r["faults"].values())) for r in results]
+    nominal = [r["faults"][NOMINAL] for r in results]
 
     def fault_figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
         return {
