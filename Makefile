@@ -3,18 +3,20 @@
 # make check  style, types and layers
 # make docs   the documentation as a site, in site/
 # make wheel  the wheel, built and installed elsewhere, and the tutorial done with it
-# make setup  system packages and the pinned environment (the others call it)
+# make setup  system packages and the pinned environment (the others call it; the demo installs what it needs alone)
 
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+DEMO_READY := $(VENV)/.ready-demo
+INPUTS := pyproject.toml constraints.txt tools/install.sh tools/system_packages.sh
 DEMO := runs/demo
 SEED ?= 1000
 
 .PHONY: demo test check docs wheel setup clean
 
-demo: $(READY)
+demo: $(DEMO_READY)
 	$(BIN)/stridetwin run demo --seed $(SEED) -o $(DEMO)
 
 # threads of linear algebra would wait for each other: each process has one core
@@ -35,11 +37,14 @@ wheel: $(READY)
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt tools/system_packages.sh
+$(READY): $(INPUTS)
 	@PYTHON="$(PYTHON)" bash tools/system_packages.sh
-	@test -x $(BIN)/python || { echo "creating $(VENV)"; $(PYTHON) -m venv $(VENV); }
-	@echo "installing the pinned environment into $(VENV) (about 500 MB to download the first time)"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[twin,closed-loop,placement,view,live,docs,dev]"
+	@PYTHON="$(PYTHON)" VENV="$(VENV)" bash tools/install.sh twin,closed-loop,placement,view,live,docs,dev
+	@touch $@ $(DEMO_READY)
+
+$(DEMO_READY): $(INPUTS)
+	@PYTHON="$(PYTHON)" bash tools/system_packages.sh
+	@PYTHON="$(PYTHON)" VENV="$(VENV)" bash tools/install.sh twin,view
 	@touch $@
 
 clean:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from stridetwin.cli.commands import HistoryOptions
 from stridetwin.cli.options import Outcome, Progress
-from stridetwin.report.history import history_page, read_history
+from stridetwin.gate.history_file import read_history
+from stridetwin.streams.errors import needing
 from stridetwin.streams.files import whole_file
 
 
 def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
     """`history`."""
+    with needing("pages need it", "report"):
+        from stridetwin.report.history import history_page
     lines = read_history(arguments.history)
     with whole_file(arguments.output) as file:
         file.write_text(history_page(lines, arguments.title), encoding="utf-8")

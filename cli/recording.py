@@ -13,7 +13,7 @@ from stridetwin.cli.options import ImportableOptions, Outcome, Progress
 from stridetwin.outputs.truth import true_frames, true_path
 from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.scenarios.files import staged
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, install_hint
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.formats.euroc import write_euroc
 from stridetwin.streams.formats.imu_columns import parsed_mapping
@@ -147,7 +147,7 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     from stridetwin.run.recording import Selection, evaluate_recording
 
     if not rerun_installed():
-        raise StrideTwinError("rerun is not installed; the viewer needs it: pip install 'stridetwin[view]'")
+        raise StrideTwinError(f"rerun is not installed; the viewer needs it: {install_hint('view')}")
     recording = opened(arguments.source, arguments.lenient)
     progress("rerun", 0.0)
     selection = Selection(frames=frozenset(true_frames(recording.topics)))

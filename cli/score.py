@@ -13,12 +13,12 @@ from stridetwin.cli.console import table
 from stridetwin.cli.options import Outcome, Progress, check_executor
 from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scores
 from stridetwin.gate.formatting import HEAD, Failure, cells, changed, failed_lines, failures, junit, markdown, verdict
+from stridetwin.gate.history_file import append_history, history_line
 from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, TumFile
 from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
 from stridetwin.gate.walk_scores import jobs_of, score_walks
 from stridetwin.outputs.base import AnyKind, Scores
 from stridetwin.outputs.registry import kind_with_scores, kinds
-from stridetwin.report.history import append_history, history_line
 from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file

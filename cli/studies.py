@@ -22,7 +22,7 @@ from stridetwin.cli.options import (
     whole,
 )
 from stridetwin.scenarios.built_in import experiments
-from stridetwin.streams.errors import StrideTwinError, Where, needing
+from stridetwin.streams.errors import StrideTwinError, Where, install_hint, needing
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -87,7 +87,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
     except ModuleNotFoundError as error:
         extra = "closed-loop" if (error.name or "").partition(".")[0] in _CLOSED_LOOP else "twin"
         raise StrideTwinError(
-            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
+            f"{error.name} is not installed; experiments need the simulator: {install_hint(extra)}"
         ) from error
     options = StudyOptions(
         folder=arguments.output or Path("runs") / arguments.experiment,

@@ -32,7 +32,12 @@ def needing(need: str, extra: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] == "stridetwin":
             raise
-        raise StrideTwinError(f"{error.name} is not installed; {need}: pip install 'stridetwin[{extra}]'") from error
+        raise StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}") from error
+
+
+def install_hint(extra: str) -> str:
+    """The command that installs an extra of the project, which is on no package index."""
+    return f"pip install '.[{extra}]' in the checkout, or pip install 'FILE.whl[{extra}]'"
 
 
 def was_interrupted(error: BaseException) -> bool:

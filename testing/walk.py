@@ -24,7 +24,7 @@ from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.sensors.standard_rig import sensor_rig
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, install_hint
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Footprint, Odometry, Sample
@@ -275,9 +275,7 @@ def _needing_twin() -> Iterator[None]:
     try:
         yield
     except StrideTwinError as error:
-        raise StrideTwinError(
-            f"{error}; without MuJoCo there are few sensors: pip install 'stridetwin[twin]'"
-        ) from error
+        raise StrideTwinError(f"{error}; without MuJoCo there are few sensors: {install_hint('twin')}") from error
 
 
 def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:

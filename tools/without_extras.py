@@ -18,7 +18,7 @@ from types import ModuleType
 EXTRAS = frozenset({
     "mujoco", "glfw", "dm_control", "dm_env", "joblib", "platformdirs", "trimesh", "rerun", "rerun_sdk", "dask",
     "distributed", "cma", "sklearn", "pandas", "zenoh", "open3d",
-    "lzfse", "projectaria_tools",
+    "lzfse", "projectaria_tools", "plotly", "jinja2", "markupsafe",
 })  # fmt: skip
 """Import names of the extras' packages."""
 

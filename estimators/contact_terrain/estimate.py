@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, install_hint
 from stridetwin.streams.samples import Array
 
 MODES = ("LG", "SA", "SD", "RA", "RD")
@@ -80,7 +80,7 @@ class TerrainSvm:
             from sklearn.svm import SVC
         except ModuleNotFoundError as error:
             raise StrideTwinError(
-                "scikit-learn is not installed; classes that are learnt need it: pip install 'stridetwin[learn]'"
+                f"scikit-learn is not installed; classes that are learnt need it: {install_hint('learn')}"
             ) from error
         labels = np.asarray(modes)
         if len(np.unique(labels)) < 2:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from stridetwin.streams.errors import install_hint
 from tools.without_extras import EXTRAS
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +81,7 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         ["scene", "demo", "-o", "x"],
         ["view", "demo", "--mujoco"],
         ["live", "--record", "x.mcap"],
+        ["history", "x.jsonl", "-o", "x.html"],
     ]
     script = (
         "import json, sys; from tools.without_extras import Nothing; sys.meta_path.insert(0, Nothing());"
@@ -91,13 +93,14 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2, 2, 2]"
+    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2, 2, 2, 2]"
     assert "\nshoe_sight " in done.stdout
     lines = done.stderr.splitlines()
     assert [line.partition(" is not installed; ")[2] for line in lines] == [
-        "placements need the simulator: pip install 'stridetwin[twin]'",
-        "experiments need the simulator: pip install 'stridetwin[closed-loop]'",
-        *["scenes need the simulator: pip install 'stridetwin[twin]'"] * 2,
-        "live and send need it: pip install 'stridetwin[live]'",
+        f"placements need the simulator: {install_hint('twin')}",
+        f"experiments need the simulator: {install_hint('closed-loop')}",
+        *[f"scenes need the simulator: {install_hint('twin')}"] * 2,
+        f"live and send need it: {install_hint('live')}",
+        f"pages need it: {install_hint('report')}",
     ]
     assert list(tmp_path.iterdir()) == []

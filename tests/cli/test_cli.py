@@ -365,8 +365,8 @@ def test_the_hardware_commands_do_without_the_simulator_and_the_viewer(walk, tmp
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
-    assert "pip install 'stridetwin[view]'" in done.stderr
-    assert "pip install 'stridetwin[twin]'" in done.stderr
+    assert "pip install '.[view]'" in done.stderr
+    assert "pip install '.[twin]'" in done.stderr
     assert "Traceback" not in done.stderr
 
 

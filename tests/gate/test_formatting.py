@@ -11,7 +11,8 @@ from score_tables import of_rows, table
 from stridetwin.cli.main import main
 from stridetwin.gate.compare import Line, Rules, compare_scores
 from stridetwin.gate.formatting import cells, changed, failures, junit, markdown, sentence, verdict
-from stridetwin.report.history import append_history, history_line, history_page, read_history
+from stridetwin.gate.history_file import append_history, history_line, read_history
+from stridetwin.report.history import history_page
 from stridetwin.streams.errors import StrideTwinError
 
 

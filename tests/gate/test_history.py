@@ -5,7 +5,8 @@ import json
 import pytest
 
 from stridetwin.cli.main import main
-from stridetwin.report.history import append_history, history_page
+from stridetwin.gate.history_file import append_history
+from stridetwin.report.history import history_page
 from stridetwin.streams.errors import StrideTwinError
 
 LONG = 10**399

@@ -298,7 +298,7 @@ def test_an_address_that_is_taken_is_reported():
 
 def test_zenoh_that_is_missing_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
-    with pytest.raises(StrideTwinError, match=r"zenoh is not installed; .*: pip install 'stridetwin\[live\]'"):
+    with pytest.raises(StrideTwinError, match=r"zenoh is not installed; .*: pip install '\.\[live\]'"):
         Receiver(LOCAL)
     with pytest.raises(WireError, match="zenoh is not installed"), Sender(small_rig(), ("127.0.0.1", 1)):
         pass

@@ -32,5 +32,5 @@ def test_an_experiment_names_the_extra_that_brings_its_library(monkeypatch, libr
 
     monkeypatch.setattr(experiment, "experiment", missing)
     options = studies.ExperimentOptions(experiment="assistance")
-    with pytest.raises(StrideTwinError, match=rf"pip install 'stridetwin\[{extra}\]'"):
+    with pytest.raises(StrideTwinError, match=rf"pip install '\.\[{extra}\]'"):
         studies.experiment_command(options, lambda *_: None)

@@ -126,4 +126,4 @@ def test_without_the_simulator_a_person_stands_on_synthetic_samples(monkeypatch)
     (verdict,) = check_conformance(registry.estimator("contact_terrain"), only=["declaration"])
     assert verdict.outcome == "failed"
     assert "no exoskeleton geometry" in verdict.message
-    assert "pip install 'stridetwin[twin]'" in verdict.message
+    assert "pip install '.[twin]'" in verdict.message
