@@ -6,4 +6,6 @@ The sub-packages are the folders at the top of the repository; this folder links
 
 import lazy_loader
 
+from stridetwin import links as _links  # noqa: F401  refuses a copy without links
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -25,6 +26,21 @@ def test_every_package_is_linked():
     folders = {file.parent.name for file in ROOT.glob("*/__init__.py")}
     assert folders - not_packages == set(TOPS)
     assert all((ROOT / "stridetwin" / top).readlink() == Path("..") / top for top in TOPS)
+
+
+def test_a_copy_without_links_is_refused_in_one_line(tmp_path):
+    copy = tmp_path / "stridetwin"
+    copy.mkdir()
+    (copy / "links.py").write_bytes((ROOT / "stridetwin" / "links.py").read_bytes())
+    (copy / "__init__.py").write_bytes((ROOT / "stridetwin" / "__init__.py").read_bytes())
+    (copy / "streams").write_text("../streams")
+    (tmp_path / "setup.py").write_bytes((ROOT / "setup.py").read_bytes())
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "x"\nversion = "1"\n')
+    for words in (["setup.py", "bdist_wheel"], ["-c", "import stridetwin"]):
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 1
+        assert "streams: invalid link: expected a link to the folder ../streams" in done.stderr.splitlines()[-1]
+    assert {path.name for path in tmp_path.iterdir()} <= {"stridetwin", "setup.py", "pyproject.toml"}
 
 
 def test_every_data_file_is_packaged():
@@ -82,3 +98,9 @@ def test_what_the_hardware_modules_import_comes_with_every_installation():
 def test_what_is_declared_is_imported():
     lists = [names for extra, names in declared().items() if extra not in ("dev", "docs")]  # open3d-cpu is open3d
     assert set().union(*lists) - {"stridetwin", "open3d-cpu"} <= set(imported(*TOPS, "stridetwin"))
+
+
+def test_the_readme_lists_every_extra():
+    rows = re.findall(r"^\| (`[^|]+`) \|", (ROOT / "README.md").read_text(encoding="utf-8"), re.M)
+    listed = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
+    assert set(declared()) - {"", "dev", "docs"} <= listed

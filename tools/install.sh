@@ -8,7 +8,10 @@ set -euo pipefail
 venv=${VENV:-.venv}
 extras=$1
 
-[ -x "$venv/bin/python" ] || { echo "creating $venv"; "${PYTHON:-python3.11}" -m venv "$venv"; }
+python=${PYTHON:-python3.11}
+"$python" stridetwin/links.py 2>/dev/null || { "$python" stridetwin/links.py 2>&1 | tail -n 1 >&2; exit 1; }
+
+[ -x "$venv/bin/python" ] || { echo "creating $venv"; "$python" -m venv "$venv"; }
 echo "installing the pinned environment into $venv: $extras"
 
 pip=("$venv/bin/python" -m pip install --quiet --disable-pip-version-check)

@@ -130,16 +130,19 @@ def strangers(folder: Path) -> None:
 
 
 def of_the_wheel(folder: Path) -> dict[str, str]:
-    """An environment with the wheel, as `pip install` makes it."""
+    """An environment with the wheel that is built from the source distribution, as `pip install` makes it."""
     source, home = folder / "source", folder / "venv"
     source.mkdir(parents=True)
-    for name in ("pyproject.toml", "README.md", "LICENSE", "stridetwin"):  # its links become folders in the copy
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "stridetwin"):  # links become folders
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(ROOT / name, source / name)
+    build = "import sys, setuptools.build_meta as backend; backend.build_sdist(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", build, folder], cwd=source, stdout=subprocess.DEVNULL, check=True)
+    (sdist,) = folder.glob("*.tar.gz")
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*pip, "--wheel-dir", folder, source], check=True)
+    subprocess.run([*pip, "--wheel-dir", folder, sdist], check=True)
     (wheel,) = folder.glob("*.whl")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
     (packages,) = home.glob("lib/python*/site-packages")
