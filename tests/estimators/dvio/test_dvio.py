@@ -88,7 +88,7 @@ def test_estimates_poses_at_the_rate_of_the_imu_with_covariances(plain):
 
 
 def test_stationary_sensor():
-    wall = Wall(still, 30.0, seed=4)
+    wall = Wall(still, 15.0, seed=4)
     _, made = followed(wall)
     assert errors(wall, made).max() < 0.002
     assert np.linalg.norm(made[-1].v_imu_in_world) < 0.01
