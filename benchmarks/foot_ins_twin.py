@@ -35,7 +35,7 @@ FEET = ("l", "r")
 LAG_S = 1.0
 
 
-def joined(pieces: Sequence[Block[Any]]) -> Block[Any]:
+def join_blocks(pieces: Sequence[Block[Any]]) -> Block[Any]:
     """Consecutive blocks of a topic, joined."""
     columns = {name: np.concatenate([b.columns[name] for b in pieces]) for name in pieces[0].columns}
     return replace(pieces[0], t_ns=np.concatenate([b.t_ns for b in pieces]), columns=columns)
@@ -50,7 +50,7 @@ def feet_of_walk(scenario: str, seed: int, imu_part: str = PART) -> dict[str, tu
     feet = {}
     for foot in FEET:
         topic = f"/foot_{foot}/imu"
-        imu, truth = (joined([c[name] for c in chunks]) for name in (topic, f"/truth{topic}/odometry"))
+        imu, truth = (join_blocks([c[name] for c in chunks]) for name in (topic, f"/truth{topic}/odometry"))
         feet[foot] = twin.rig, imu, TruePath.of(truth)
     return feet
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command
-from benchmarks.foot_ins_twin import joined
+from benchmarks.foot_ins_twin import join_blocks
 from benchmarks.real_walks import data_folder, load_markers
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait
@@ -98,7 +98,7 @@ def twin_feet(imu: ImuPart) -> list[Block[Imu]]:
     feet = []
     for seed in SEEDS:
         chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in Twin(config, seed).blocks()]
-        feet += [joined([c[f"/foot_{side}/imu"] for c in chunks]) for side in "lr"]
+        feet += [join_blocks([c[f"/foot_{side}/imu"] for c in chunks]) for side in "lr"]
     return feet
 
 

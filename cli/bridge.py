@@ -12,7 +12,7 @@ from itertools import chain
 
 from stridetwin.cli.commands import LiveOptions, SendOptions
 from stridetwin.cli.options import Outcome, Progress
-from stridetwin.cli.recording import imported
+from stridetwin.cli.recording import open_source
 from stridetwin.estimators import registry
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.live.messages import Message, stored_messages
@@ -36,7 +36,7 @@ _SWITCH_S = 0.0005
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """`send`."""
     address = parse_address(arguments.to, "--to")
-    recording = imported(arguments)
+    recording = open_source(arguments)
     topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH)]
     if missing := [t for t in topics if t not in recording.topics]:
         raise RecordingError(f"{recording.path}: no topic {missing[0]!r}; it has {', '.join(sorted(recording.topics))}")
@@ -46,7 +46,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     first_ns = min(recording.topics[t].first_ns for t in topics)
     span_ns = max(1, max(recording.topics[t].last_ns for t in topics) - first_ns)
     speed = arguments.speed
-    messages = _peeked(stored_messages(recording, topics))  # reads the first chunk before the clock starts
+    messages = _prepare_first(stored_messages(recording, topics))  # reads the first chunk before the clock starts
     start_ns = time.time_ns() + (_LEAD_NS if speed else 0)
     epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock started then
     with Sender(
@@ -71,7 +71,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=lines)
 
 
-def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
+def _prepare_first(messages: Iterator[Message]) -> Iterator[Message]:
     """The same messages, with the first one already prepared."""
     first = next(messages, None)
     return iter(()) if first is None else chain([first], messages)
@@ -79,7 +79,7 @@ def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
 
 def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     """`live`."""
-    from stridetwin.cli.estimate import goes_with, options_of
+    from stridetwin.cli.estimate import estimators_that, options_of
     from stridetwin.run.live import LiveRequest, run_live
     from stridetwin.run.live_chain import Request
 
@@ -87,9 +87,9 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     if name is None and arguments.record is None:
         raise StrideTwinError("live: nothing to do: expected an estimator, --record FILE, or both")
     if name is None and arguments.output is not None:
-        raise StrideTwinError("-o goes with an estimator; --record FILE writes a recording")
+        raise StrideTwinError("-o is only valid with an estimator; --record FILE writes a recording")
     if name is None and arguments.foot:
-        raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
+        raise StrideTwinError(f"--foot is only valid for {estimators_that(lambda d: d.per_foot)}")
     wanted = None
     if name is not None:
         options = options_of(
@@ -125,7 +125,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     if arguments.record:
         lines.append(f"{arguments.record}: {done.recorded} messages")
     for topic, counts in done.streams.items():
-        counted = ", ".join(f"{counts[n]} {words}" for n, words in FIGURES.items() if counts[n] or n == "received")
+        counted = ", ".join(f"{counts[n]} {label}" for n, label in FIGURES.items() if counts[n] or n == "received")
         lines.append(f"  {topic:<34} {counted}")
     lines += done.latency.table() if done.latency else []
     if prints:  # the estimates have already gone to stdout
@@ -141,8 +141,8 @@ def _is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def _say(words: str) -> None:
-    print(f"stridetwin: {words}", file=sys.stderr, flush=True)
+def _say(message: str) -> None:
+    print(f"stridetwin: {message}", file=sys.stderr, flush=True)
 
 
 def _print(line: str) -> None:

@@ -28,15 +28,17 @@ def table(
     from rich.table import Table
     from rich.text import Text
 
-    found = list(rows)
-    width = len(head) or max(map(len, found), default=0)
-    made = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=bool(head))
-    made.padding = (0, 2, 0, 0)
+    text_rows = list(rows)
+    width = len(head) or max(map(len, text_rows), default=0)
+    new_table = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=bool(head))
+    new_table.padding = (0, 2, 0, 0)
     for i in range(width):
-        made.add_column(Text(head[i]) if head else "", justify="left" if i < text_columns else "right", overflow="fold")
-    for row in found:
-        made.add_row(*map(Text, row))
-    return made
+        new_table.add_column(
+            Text(head[i]) if head else "", justify="left" if i < text_columns else "right", overflow="fold"
+        )
+    for row in text_rows:
+        new_table.add_row(*map(Text, row))
+    return new_table
 
 
 def plain_text(lines: Iterable[str | Table]) -> str:
@@ -98,7 +100,7 @@ class _Bar:
 
     def show(self, stage: str, share: float) -> None:
         if self._bar is None:
-            self._bar = _started(self._stream)
+            self._bar = _start_bar(self._stream)
         if stage != self._stage or self._task is None:
             if self._task is not None:
                 self._bar.remove_task(self._task)
@@ -111,7 +113,7 @@ class _Bar:
             self._bar = self._task = None
 
 
-def _started(stream: TextIO) -> Progress:
+def _start_bar(stream: TextIO) -> Progress:
     from rich.console import Console as Terminal
     from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text

@@ -9,7 +9,7 @@ from typing import Any
 
 from stridetwin.cli.commands import EstimateOptions
 from stridetwin.cli.options import Outcome, Progress
-from stridetwin.cli.recording import imported, table_request
+from stridetwin.cli.recording import open_source, table_request
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Declaration, Options, PathEstimate
 from stridetwin.outputs.base import AnyKind, FileOptions, Output, part_file
@@ -61,9 +61,9 @@ def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
     """Refuses options that the kind of output does not take."""
     given = {"mesh": arguments.mesh, "poses": arguments.poses is not None, "exoskeleton": arguments.exoskeleton}
     if wrong := next((name for name, is_given in given.items() if is_given and name not in kind.options), ""):
-        raise StrideTwinError(f"--{wrong} goes with {goes_with(lambda d: wrong in kind_of(d).options)}")
+        raise StrideTwinError(f"--{wrong} is only valid for {estimators_that(lambda d: wrong in kind_of(d).options)}")
     if arguments.imu is not None and "imu" not in kind.options:
-        raise StrideTwinError("--imu goes with foot_ins and an IMU table")
+        raise StrideTwinError("--imu is only valid for foot_ins and an IMU table")
 
 
 def _run(
@@ -75,9 +75,9 @@ def _run(
     if (from_table := _run_on_table(arguments, estimator_class, options)) is not None:
         return from_table
     if arguments.imu is not None:
-        raise StrideTwinError("--imu goes with foot_ins and an IMU table")
+        raise StrideTwinError("--imu is only valid for foot_ins and an IMU table")
     progress("estimate", 0.0)
-    recording = imported(arguments)
+    recording = open_source(arguments)
     instance = instance_for(estimator_class, recording, options)
     if not kind.takes_poses:
         return kind.run(instance, recording, progress), [], ""
@@ -111,16 +111,20 @@ def options_of(
         StrideTwinError: The estimator has no such option or method.
     """
     if foot and not declaration.per_foot:
-        raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
+        raise StrideTwinError(f"--foot is only valid for {estimators_that(lambda d: d.per_foot)}")
     if lag_s is not None and not declaration.smooths:
-        raise StrideTwinError(f"--lag goes with {goes_with(lambda d: d.smooths)}")
+        raise StrideTwinError(f"--lag is only valid for {estimators_that(lambda d: d.smooths)}")
     if method is not None and method not in declaration.methods:
-        words = goes_with(lambda d: method in d.methods)
-        where = f"--method {method} goes with {words}" if words else f"invalid --method {method}"
+        estimators_with_it = estimators_that(lambda d: method in d.methods)
+        where = (
+            f"--method {method} is only valid for {estimators_with_it}"
+            if estimators_with_it
+            else f"invalid --method {method}"
+        )
         valid = ", ".join(declaration.methods)
         raise StrideTwinError(f"{where}: expected {valid}")
     if backend is not None and backend not in declaration.backends:
-        raise StrideTwinError(f"--backend goes with {goes_with(lambda d: backend in d.backends)}")
+        raise StrideTwinError(f"--backend is only valid for {estimators_that(lambda d: backend in d.backends)}")
     return Options(
         method=method or declaration.methods[0],
         foot=foot or "l",
@@ -130,7 +134,7 @@ def options_of(
     )
 
 
-def goes_with(choose: Callable[[Declaration], bool]) -> str:
+def estimators_that(choose: Callable[[Declaration], bool]) -> str:
     """Names of the chosen estimators."""
     return ", ".join(name for name, estimator_class in estimators().items() if choose(estimator_class.declaration))
 
@@ -144,7 +148,7 @@ def _run_on_table(arguments: EstimateOptions, estimator_class: EstimatorClass, o
     block = _table(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)
     path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig))
-    lines = [] if rig is None else [_described(imu) for imu in rig.imus.values()]
+    lines = [] if rig is None else [_describe_imu(imu) for imu in rig.imus.values()]
     return [Output(name=arguments.estimator, estimates=path)], lines, ""
 
 
@@ -179,7 +183,7 @@ def _rig_of_table(choice: str, block: Block[Imu], foot: str) -> Rig | None:
     return Rig(imus={topic: imu})
 
 
-def _described(imu: ImuCalibration) -> str:
+def _describe_imu(imu: ImuCalibration) -> str:
     """One line on what is known of an IMU."""
     known = [
         f"{imu.rate_hz:.0f} Hz",
@@ -203,6 +207,6 @@ def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
     imus = [n for n in library() if isinstance(part(n), ImuPart)]
     if name not in imus:
         raise StrideTwinError(f"invalid --imu {name}: expected {AUTO}, {UNKNOWN}, {', '.join(imus)}")
-    found = part(name)
-    assert isinstance(found, ImuPart)
-    return nominal_imu(topic, found, Mount(body=body))
+    imu_part = part(name)
+    assert isinstance(imu_part, ImuPart)
+    return nominal_imu(topic, imu_part, Mount(body=body))

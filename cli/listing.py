@@ -57,5 +57,5 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
 
 def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:
     """`schema`."""
-    found = schema_file(resolve_name(SCHEMAS[arguments.kind]))
-    return Outcome(data=found, lines=json.dumps(found, indent=1, ensure_ascii=False).splitlines())
+    schema = schema_file(resolve_name(SCHEMAS[arguments.kind]))
+    return Outcome(data=schema, lines=json.dumps(schema, indent=1, ensure_ascii=False).splitlines())

@@ -50,16 +50,16 @@ def parse(argv: Sequence[str] | None = None) -> Call:
         SystemExit: With code 0 after help or the version; with code 2 and one line on stderr after a usage error.
     """
     try:
-        made = typer.main.get_command(_app())(argv, _NAME, standalone_mode=False)
+        call = typer.main.get_command(_app())(argv, _NAME, standalone_mode=False)
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         place = context.command_path if context else _NAME
-        words = error.format_message().replace("Value error, ", "").rstrip(".")  # of Pydantic
-        _say(f"{words} (see {place} --help)")
+        message = error.format_message().replace("Value error, ", "").rstrip(".")  # of Pydantic
+        _say(f"{message} (see {place} --help)")
         raise SystemExit(2) from error
-    if isinstance(made, Call):
-        return made
-    raise SystemExit(made)
+    if isinstance(call, Call):
+        return call
+    raise SystemExit(call)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -72,16 +72,16 @@ def _run(call: Call, console: Console) -> int:
         check_outputs(call.command, call.options)
         outcome = call.run(console)
     except StrideTwinError as error:
-        return _failed(console, str(error))
+        return _print_error(console, str(error))
     except OSError as error:
-        return _failed(
+        return _print_error(
             console, f"{asked_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
         )
     except (KeyboardInterrupt, SystemError) as error:
         if not was_interrupted(error):
             raise
         kept = str(error) if isinstance(error, KeyboardInterrupt) else ""
-        return _failed(console, f"stopped; {kept}" if kept else "stopped") + 128
+        return _print_error(console, f"stopped; {kept}" if kept else "stopped") + 128
     console.close()
     try:
         if call.options.json:
@@ -129,17 +129,19 @@ def _callback(name: str, command: Command) -> Callable[..., Call]:
 def _parameters(options: type[Options]) -> list[Parameter]:
     """One parameter per field: a command's own before the shared ones, as the order of arguments matters."""
     hints = get_type_hints(options, include_extras=True)
-    own = [name for base in options.__mro__ for name in get_annotations(base)]
-    made = []
-    for given in sorted(fields(options), key=lambda f: own.index(f.name)):
-        default = Parameter.empty if given.default is MISSING else given.default
-        if given.default_factory is not MISSING:
-            default = given.default_factory()
-        made.append(Parameter(given.name, Parameter.KEYWORD_ONLY, annotation=hints[given.name], default=default))
-    return made
+    field_order = [name for base in options.__mro__ for name in get_annotations(base)]
+    parameters = []
+    for option in sorted(fields(options), key=lambda f: field_order.index(f.name)):
+        default = Parameter.empty if option.default is MISSING else option.default
+        if option.default_factory is not MISSING:
+            default = option.default_factory()
+        parameters.append(
+            Parameter(option.name, Parameter.KEYWORD_ONLY, annotation=hints[option.name], default=default)
+        )
+    return parameters
 
 
-def _failed(console: Console, message: str) -> int:
+def _print_error(console: Console, message: str) -> int:
     console.close()
     for line in message.splitlines():
         _say(" ".join(line.split()))

@@ -27,11 +27,11 @@ from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
 
 
-def imported(arguments: ImportableOptions, *, reports: bool = True) -> Recording:
+def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Recording:
     """`opened`, with the options of a command."""
     options = ImportOptions(
         kind=arguments.kind,
-        names=dict(_mapped(text) for text in arguments.map),
+        names=dict(_parse_map(text) for text in arguments.map),
         rig=arguments.rig,
         depth_scale=arguments.depth_scale,
         table=table_request(arguments),
@@ -45,7 +45,7 @@ def table_request(arguments: ImportableOptions) -> TableRequest:
     return TableRequest(columns=columns, rate_hz=arguments.rate)
 
 
-def _mapped(text: str) -> tuple[str, str]:
+def _parse_map(text: str) -> tuple[str, str]:
     old, equals, new = text.partition("=")
     if not (old and equals and new):
         raise StrideTwinError(f"--map: invalid {text!r}: expected FROM=TO")
@@ -102,7 +102,7 @@ def _write_table(recording: Recording, output: Path, frame: str) -> dict[str, in
 
 def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
     """`import`."""
-    recording = imported(arguments)
+    recording = open_source(arguments)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     write_recording(recording, arguments.output, lambda share: progress("import", share))
     topics = {t: {"kind": i.kind.__name__, "samples": i.count} for t, i in sorted(recording.topics.items())}
@@ -126,9 +126,9 @@ def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outco
 def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
     """`check`."""
     progress("check", 0.0)
-    recording = imported(replace(arguments, lenient=True), reports=False)  # a check reports every problem
-    found = check_recording(recording, lambda share: progress("check", share))
-    return Outcome(data=found.data, lines=check_table(found), code=0 if found.is_valid else 1)
+    recording = open_source(replace(arguments, lenient=True), reports=False)  # a check reports every problem
+    verdict = check_recording(recording, lambda share: progress("check", share))
+    return Outcome(data=verdict.data, lines=check_table(verdict), code=0 if verdict.is_valid else 1)
 
 
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
@@ -158,5 +158,5 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
     if display:
         subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
-    words = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
-    return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {words}"])
+    state = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
+    return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {state}"])

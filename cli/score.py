@@ -32,9 +32,9 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     rules = _rules(arguments)
     if baseline is not None:
         check_level(baseline, rules)
-    own = _own(arguments)
+    own_estimators = _load_own_estimators(arguments)
     only = estimators_of(arguments.only, "--only") if arguments.only else None
-    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": own, "only": only}
+    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": own_estimators, "only": only}
     jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
@@ -57,10 +57,10 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
                     file.write_text(form(comparison, failed), encoding="utf-8")
     if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
-    return Outcome(data=data, lines=printed(means, len(rows), comparison, failed), code=code)
+    return Outcome(data=data, lines=format_scores(means, len(rows), comparison, failed), code=code)
 
 
-def printed(
+def format_scores(
     means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
 ) -> list[str | Table]:
     """What `score` prints: means over some walks, failures, and the changes from the baseline."""
@@ -76,7 +76,7 @@ def _check_options(arguments: ScoreOptions) -> None:
     for name in ("least", "false_alarms", "tolerance", "junit", "markdown"):
         if getattr(arguments, name) is not None and arguments.baseline is None:
             raise StrideTwinError(f"--{name.replace('_', '-')} is about changes: expected --baseline as well")
-    own = arguments.estimate or arguments.estimator or arguments.program
+    has_own = arguments.estimate or arguments.estimator or arguments.program
     none_of_own = "expected no --estimate, --estimator, --program"
     for is_wrong, message in (
         (arguments.history and not arguments.label, "--history needs the --label of this version, such as a commit"),
@@ -84,8 +84,8 @@ def _check_options(arguments: ScoreOptions) -> None:
             arguments.label is not None and not arguments.history,
             "--label names a version in a history: expected --history as well",
         ),
-        (arguments.resume and own, f"--resume is only valid for built-in estimators: {none_of_own}"),
-        (arguments.only and own, f"--only selects built-in estimators: {none_of_own}"),
+        (arguments.resume and has_own, f"--resume is only valid for built-in estimators: {none_of_own}"),
+        (arguments.only and has_own, f"--only selects built-in estimators: {none_of_own}"),
     ):
         if is_wrong:
             raise StrideTwinError(message)
@@ -95,36 +95,36 @@ def _check_options(arguments: ScoreOptions) -> None:
 
 def _rules(arguments: ScoreOptions) -> Rules:
     """The rules of the comparison, with the defaults where an option is not given."""
-    given = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
-    shares = {name: value / 100.0 for name, value in given.items() if value is not None}
+    shares_pct = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
+    shares = {name: value / 100.0 for name, value in shares_pct.items() if value is not None}
     return Rules(**shares) if arguments.least is None else Rules(**shares, least=arguments.least)
 
 
-def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
+def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     """Estimators that replace the built-in ones; an invalid one is reported before anything is scored."""
     frame = arguments.frame or SCORED_FRAME
-    own: list[OwnEstimator] = []
+    own_estimators: list[OwnEstimator] = []
     for text in arguments.estimate:
-        name, file = _named(text, "--estimate", "FILE")
-        own.append(TumFile(name=name, file=Path(file), frame=frame))
+        name, file = _split_assignment(text, "--estimate", "FILE")
+        own_estimators.append(TumFile(name=name, file=Path(file), frame=frame))
     for text in arguments.estimator:
-        name, place = _named(text, "--estimator", "module:Class")
+        name, place = _split_assignment(text, "--estimator", "module:Class")
         estimator = PythonClass(name=name, place=place, frame=frame)
         estimator.load()
-        own.append(estimator)
+        own_estimators.append(estimator)
     for text in arguments.program:
-        name, words = _named(text, "--program", '"COMMAND {recording} {output}"')
-        program = Program(name=name, command=words, frame=frame, timeout_s=arguments.timeout)
+        name, command_line = _split_assignment(text, "--program", '"COMMAND {recording} {output}"')
+        program = Program(name=name, command=command_line, frame=frame, timeout_s=arguments.timeout)
         program.words()
-        own.append(program)
-    frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own}
-    if own and arguments.frame is not None and arguments.frame not in frames:
+        own_estimators.append(program)
+    frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own_estimators}
+    if own_estimators and arguments.frame is not None and arguments.frame not in frames:
         declared = f"{', '.join(sorted(frames))}, as the classes declare"
         raise ConfigError("command line", "--frame", arguments.frame, declared)
-    names = [estimator.name for estimator in own]
+    names = [estimator.name for estimator in own_estimators]
     if twice := [name for name in names if names.count(name) > 1]:
         raise StrideTwinError(f"invalid name {twice[0]!r} of two estimators: expected a name for each")
-    return tuple(own)
+    return tuple(own_estimators)
 
 
 def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
@@ -149,7 +149,7 @@ def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Ta
     return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict(comparison, failed)]
 
 
-def _named(text: str, option: str, what: str) -> tuple[str, str]:
+def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals and value):
         raise StrideTwinError(f"{option}: invalid {text!r}: expected NAME={what}")

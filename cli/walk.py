@@ -34,7 +34,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
 
     scenario = _scenario(arguments)
     _announce(
-        cost_of([_asked(scenario, arguments).config]),
+        cost_of([_restrict_sensors(scenario, arguments).config]),
         more="; estimates, film and report take two to three times as long",
     )
     folder = arguments.output or Path("runs") / scenario.config.name
@@ -134,7 +134,7 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
-    scenario = _asked(_scenario(arguments), arguments)
+    scenario = _restrict_sensors(_scenario(arguments), arguments)
     _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0
     twin = record.make_twin(scenario, seed)
@@ -160,7 +160,7 @@ def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
     return record.without_cameras(scenario) if arguments.no_cameras else scenario
 
 
-def _asked(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scenario:
+def _restrict_sensors(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scenario:
     """The scenario with the sensors alone that the estimators of `--only` read."""
     if not arguments.only:
         return scenario
@@ -169,10 +169,10 @@ def _asked(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scena
 
 
 def _how_to_repeat(arguments: RunOptions) -> str:
-    words = ["stridetwin", "run", arguments.scenario, "--seed", str(arguments.seed)]
-    words += ["--physics", arguments.physics] if arguments.physics else []
-    words += ["--no-cameras"] if arguments.no_cameras else []
-    words += ["--no-film"] if arguments.no_film else []
-    words += ["--backend", arguments.backend] if arguments.backend else []
-    words += [word for name in arguments.only for word in ("--only", name)]
-    return shlex.join(words)
+    command = ["stridetwin", "run", arguments.scenario, "--seed", str(arguments.seed)]
+    command += ["--physics", arguments.physics] if arguments.physics else []
+    command += ["--no-cameras"] if arguments.no_cameras else []
+    command += ["--no-film"] if arguments.no_film else []
+    command += ["--backend", arguments.backend] if arguments.backend else []
+    command += [word for name in arguments.only for word in ("--only", name)]
+    return shlex.join(command)

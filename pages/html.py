@@ -24,15 +24,17 @@ def page(title: str, description: str, chips: Sequence[str], sections: Iterable[
         footer: One line.
     """
     body = Markup("\n".join(s for s in sections if s))
-    plots = rendered("plots", library=library()) if '<div class="plot"' in body else ""
+    plots = render_template("plots", library=library()) if '<div class="plot"' in body else ""
     return str(
-        rendered("page", title=title, description=description, chips=chips, sections=body, footer=footer, plots=plots)
+        render_template(
+            "page", title=title, description=description, chips=chips, sections=body, footer=footer, plots=plots
+        )
     )
 
 
 def section(title: str, lead: str, body: str, css: str = "card") -> Markup:
     """A section of a page; title and lead are plain text, body is HTML in a box of that class."""
-    return rendered("section", title=title, lead=lead, body=Markup(body), css=css)
+    return render_template("section", title=title, lead=lead, body=Markup(body), css=css)
 
 
 def table(
@@ -47,10 +49,10 @@ def table(
         note: Text below it.
         css: An additional class of its box.
     """
-    return rendered("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
+    return render_template("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
 
 
-def preformatted(lines: Iterable[str]) -> Markup:
+def text_block(lines: Iterable[str]) -> Markup:
     """A text table, which scrolls sideways where it is too wide."""
     return Markup('<pre class="table">{}</pre>').format("\n".join(lines))
 
@@ -65,7 +67,7 @@ def multiples(figures: Iterable[str]) -> Markup:
     return Markup('<div class="multiples">{}</div>').format(Markup("").join(map(Markup, figures)))
 
 
-def rendered(template: str, **values: Any) -> Markup:
+def render_template(template: str, **values: Any) -> Markup:
     """A template filled with values, which are escaped unless they are `Markup`."""
     return Markup(_environment().get_template(f"{template}.html").render(values))
 

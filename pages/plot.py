@@ -51,7 +51,7 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
     return x[index], y[index]
 
 
-def joined(parts: Iterable[ArrayLike]) -> Array:
+def join_curves(parts: Iterable[ArrayLike]) -> Array:
     """The (N, 2) rows of all parts, each followed by NaN: separate curves or polygons in one trace."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([rows for part in parts for rows in (np.asarray(part, float), gap)] or [gap])
@@ -109,7 +109,7 @@ class Plot:
 
     def curves(self, parts: Iterable[ArrayLike], color: str, *, label: str = "", width: float = 1.6) -> None:
         """Separate curves of one kind, (N, 2) each."""
-        points = joined(parts)
+        points = join_curves(parts)
         self.line(points[:, 0], points[:, 1], color, label=label, width=width)
 
     def band(
@@ -123,7 +123,7 @@ class Plot:
     def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
         """Filled shapes from their outlines, (N, 2) each."""
         if len(outlines):
-            points = joined([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
+            points = join_curves([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
             line = {"color": stroke, "width": 1} if stroke else {"width": 0}
             self._add(
                 label, x=_numbers(points[:, 0]), y=_numbers(points[:, 1]), mode="lines", line=line, fill="toself",
@@ -139,15 +139,15 @@ class Plot:
 
     def dots(
         self, x: ArrayLike, y: ArrayLike, color: str, *, size: float = 6.0, label: str = "", symbol: str = "circle",
-        sd: ArrayLike | None = None, words: Sequence[str] = (),
+        sd: ArrayLike | None = None, labels: Sequence[str] = (),
     ) -> None:  # fmt: skip
         """Markers, with error bars (`sd`) and words where given."""
         mark = {"color": color, "size": size, "symbol": symbol}
         more: dict[str, Any] = {} if sd is None else {"error_y": {"array": _numbers(sd), "color": color}}
-        if words:
-            more |= {"text": list(words), "textposition": "top center"}
+        if labels:
+            more |= {"text": list(labels), "textposition": "top center"}
         self._add(
-            label, x=_numbers(x), y=_numbers(y), mode="markers+text" if words else "markers", marker=mark, **more
+            label, x=_numbers(x), y=_numbers(y), mode="markers+text" if labels else "markers", marker=mark, **more
         )  # fmt: skip
 
     def heatmap(self, x: ArrayLike, y: ArrayLike, z: Array, *, label: str, reverse: bool) -> None:

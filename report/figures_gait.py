@@ -52,13 +52,13 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
         footprints: Of both feet, in time order.
     """
     steady = footprints[1:-1]
-    found = []
+    strides = []
     for a, b, c in zip(steady, steady[1:], steady[2:]):
         if a.foot == c.foot != b.foot and all(p.mode == "LG" and p.terrain == "level" for p in (a, b, c)):
             length = float(np.linalg.norm(c.p_foot_in_world - a.p_foot_in_world))
             seconds = (c.t_ns - a.t_ns) * 1e-9
-            found.append(Stride(foot=a.foot, start_ns=a.t_ns, end_ns=c.t_ns, speed_mps=length / seconds))
-    return found
+            strides.append(Stride(foot=a.foot, start_ns=a.t_ns, end_ns=c.t_ns, speed_mps=length / seconds))
+    return strides
 
 
 def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
@@ -108,8 +108,8 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
 def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[NDArray[np.int64], Array]]) -> None:
     """Every stride of a foot as one curve over the cycle, from (times, values) by foot."""
     for foot, (t_ns, values) in curves.items():
-        own = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
-        plot.curves(own, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
+        over_cycles = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
+        plot.curves(over_cycles, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
 
 
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:

@@ -42,12 +42,12 @@ def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
     walks = np.array([line["walks_digest"] for line in lines])
     same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
     plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])
-    marked = tuple(f"{own} {metric}:" for own in (name, name.removesuffix("_l").removesuffix("_r")))
-    worse = np.array([any(words.startswith(marked) for words in line["regressions"]) for line in lines])
-    there = np.isfinite(values)
-    plot.dots(places[there & ~worse], values[there & ~worse], PALETTE[0])
+    marked = tuple(f"{output} {metric}:" for output in (name, name.removesuffix("_l").removesuffix("_r")))
+    worse = np.array([any(sentence.startswith(marked) for sentence in line["regressions"]) for line in lines])
+    is_scored = np.isfinite(values)
+    plot.dots(places[is_scored & ~worse], values[is_scored & ~worse], PALETTE[0])
     if worse.any():
-        plot.dots(places[there & worse], values[there & worse], PALETTE[1], size=9, label="worse")
+        plot.dots(places[is_scored & worse], values[is_scored & worse], PALETTE[1], size=9, label="worse")
     return plot.html()
 
 

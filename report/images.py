@@ -49,7 +49,7 @@ def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     return rgb
 
 
-def scaled(image: Image | Depth, width: int) -> NDArray[np.uint8]:
+def scale_image(image: Image | Depth, width: int) -> NDArray[np.uint8]:
     """The image scaled to a width; depth as colours."""
     pixels = image.pixels if isinstance(image, Image) else colour_of_depth(image.depth)
     height = round(pixels.shape[0] * width / pixels.shape[1])
@@ -88,32 +88,32 @@ def camera_views(
         info = recording.topics[topic]
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
         if topic in partly:
-            images, scale = _rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
+            images, scale = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
         else:
-            images = [(p.t_ns / 1e9, scaled(p, width)) for p in recording.images(topic, t_ns=moments)]
+            images = [(p.t_ns / 1e9, scale_image(p, width)) for p in recording.images(topic, t_ns=moments)]
             scale = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
         if images:
             views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){scale}", images=images))
     return views
 
 
-def _rendered_parts(
+def _find_rendered_parts(
     recording: Recording, topic: str, moments: Sequence[int], width: int
 ) -> list[tuple[float, NDArray[np.uint8]]]:
     """From each moment on, the first image with a rendered part: its time in s, and the part, scaled to a width."""
-    found = []
+    crops = []
     for moment in moments:
         times = (moment + 1e9 * np.arange(0.0, _SEARCHED_S, _SEARCH_STEP_S)).astype(np.int64).tolist()
         for image in recording.images(topic, t_ns=times):
-            part = rendered_part(image.pixels) if isinstance(image, Image) else None
+            part = crop_to_rendered(image.pixels) if isinstance(image, Image) else None
             if part is not None:
                 size = (width, round(width / _ASPECT))
-                found.append((image.t_ns / 1e9, np.asarray(cv2.resize(part, size), np.uint8)))
+                crops.append((image.t_ns / 1e9, np.asarray(cv2.resize(part, size), np.uint8)))
                 break
-    return found
+    return crops
 
 
-def rendered_part(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+def crop_to_rendered(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """The smallest part of a grey image (H, W), 4:3, around all that is rendered; None if the border cuts it off."""
     high, wide = pixels.shape
     drawn = np.abs(pixels.astype(np.int16) - BLANK) > _LEAST_GREY

@@ -15,7 +15,7 @@ from stridetwin.outputs.base import KindEvaluations
 from stridetwin.outputs.rerun_curves import log_curves, thin_out
 from stridetwin.outputs.truth import true_frames
 from stridetwin.report.figures_streams import curves_of, scalar_topics
-from stridetwin.report.images import camera_topics, images_of, scaled
+from stridetwin.report.images import camera_topics, images_of, scale_image
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 from stridetwin.streams.recording.reader import Recording
@@ -64,7 +64,7 @@ def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluat
     for topic in camera_topics(recording):
         for image in images_of(recording, topic, _IMAGES_HZ):
             stream.set_time("time", duration=image.t_ns / 1e9)
-            stream.log(f"cameras{topic}", rr.Image(scaled(image, _IMAGE_WIDTH)).compress(jpeg_quality=70))
+            stream.log(f"cameras{topic}", rr.Image(scale_image(image, _IMAGE_WIDTH)).compress(jpeg_quality=70))
     stream.flush()
     stream.disconnect()
 

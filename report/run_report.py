@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from stridetwin.outputs.base import KindEvaluations
 from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
-from stridetwin.pages.html import boxes, code, data_uri, multiples, page, rendered, section, table
+from stridetwin.pages.html import boxes, code, data_uri, multiples, page, render_template, section, table
 from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.images import Film, camera_views, jpeg_uri
@@ -94,7 +94,7 @@ def _film(film: Film | None) -> str:
         return ""
     stills = [(f"{t:.0f} s", jpeg_uri(rgb)) for t, rgb in film.stills]
     source, poster = data_uri(film.webm, "video/webm"), stills[len(stills) // 3][1]
-    body = rendered("film", source=source, poster=poster, stills=stills)
+    body = render_template("film", source=source, poster=poster, stills=stills)
     return section("The walk", "In real time, seen from outside.", body, "card film")
 
 
@@ -111,7 +111,7 @@ def _views(data: ReportData) -> str:
             " Of a shoe camera, only the other shoe's checkerboard and its surroundings are rendered (frames: full in "
             "the scenario renders everything); each frame is the next one with the board in view, cropped to it."
         )
-    return section("Camera views", lead, rendered("views", views=views)) if views else ""
+    return section("Camera views", lead, render_template("views", views=views)) if views else ""
 
 
 def _gait(data: ReportData) -> str:
@@ -167,8 +167,8 @@ def _sensors(data: ReportData) -> str:
         for topic, (part, rate, body) in sorted(parts.items())
         if topic in recording.topics
     ]
-    found = table(("Topic", "Part", "Mounted on", "Rate, Hz", "Samples"), rows, (3, 4))
-    return section("Sensors", "The rig as the recording declares it.", found) if rows else ""
+    sensor_table = table(("Topic", "Part", "Mounted on", "Rate, Hz", "Samples"), rows, (3, 4))
+    return section("Sensors", "The rig as the recording declares it.", sensor_table) if rows else ""
 
 
 def _reproduce(data: ReportData) -> str:

@@ -70,7 +70,7 @@ class Latency:
         self._work[key].add(work_s)
         self._estimates[key] += estimated
 
-    def travelled(self, topic: str, seconds: float) -> None:
+    def add_travel(self, topic: str, seconds: float) -> None:
         """Adds the time from a sample's stamp until its arrival."""
         self._travel.setdefault(topic, Times()).add(seconds)
 

@@ -98,9 +98,11 @@ def run_live(request: LiveRequest, say: Say, emit: Say) -> Outcome:
 class _Live:
     def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
         self._request, self._say, self._emit = request, say, emit
-        own = registry.estimator(request.chain.estimator).declaration if request.chain else None
-        window_s = request.window_s if request.window_s is not None else own.window_s if own else WINDOW_S
-        self._latency = Latency(request.budget_s if request.budget_s is not None else own.budget_s if own else 0.0)
+        declaration = registry.estimator(request.chain.estimator).declaration if request.chain else None
+        default_window_s = declaration.window_s if declaration else WINDOW_S
+        default_budget_s = declaration.budget_s if declaration else 0.0
+        window_s = default_window_s if request.window_s is None else request.window_s
+        self._latency = Latency(default_budget_s if request.budget_s is None else request.budget_s)
         self._window_s, self._reorder = window_s, Reorder(window_s)
         self._given = Rig() if request.rig is None else read_rig(request.rig)
         self._rig, self._metadata = self._given, dict[str, str]()
@@ -167,7 +169,7 @@ class _Live:
         return self._chain.finish() if self._chain is not None else {}
 
     def _on_hello(self, hello: Hello) -> None:
-        self._rig, differing = _joined(self._rig, hello.calibration)
+        self._rig, differing = _merge_rigs(self._rig, hello.calibration)
         known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - known:
             self._say(f"warning: another sender describes {name} differently; the first description is used")
@@ -211,7 +213,7 @@ class _Live:
         topic = arrival.sample.topic
         self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
         if arrival.travel_ns is not None:
-            self._latency.travelled(topic, arrival.travel_ns * 1e-9)
+            self._latency.add_travel(topic, arrival.travel_ns * 1e-9)
         if self._recorder is not None:
             self._recorder.write(arrival.message, arrival.sample.t_ns)
         if self._chain is None:
@@ -256,9 +258,9 @@ class _Live:
             ):
                 if count:
                     self._warn_once(topic, what)
-        for words in receiver.refused[self._refusals_reported :]:
+        for refusal in receiver.refused[self._refusals_reported :]:
             self._refusals_reported += 1
-            self._say(f"warning: refused {words}")
+            self._say(f"warning: refused {refusal}")
 
     def _warn_once(self, topic: str, what: str, first: str = "") -> None:
         """Reports a problem of a topic once, with its first case."""
@@ -267,7 +269,7 @@ class _Live:
             self._say(f"warning: {topic}: {what}{first and f' ({first})'}")
 
 
-def _joined(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
+def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
     """Both rigs merged, where the first takes precedence, and the names whose entries differ."""
     parts: dict[str, dict[str, Any]] = {}
     differing: set[str] = set()

@@ -13,7 +13,7 @@ from stridetwin.outputs.path.figures import by_part, error_over_time, label_of, 
 from stridetwin.outputs.path.scores import SCORES
 from stridetwin.outputs.score_rows import score_table
 from stridetwin.outputs.truth import FOOTPRINTS
-from stridetwin.pages.html import boxes, number_text, rendered, section, table
+from stridetwin.pages.html import boxes, number_text, render_template, section, table
 from stridetwin.reference.norms import reference
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.terrain_truth import terrain_layout
@@ -63,7 +63,7 @@ def score_cards(results: Sequence[Result]) -> str:
         if any(r.estimate.name == name or r.estimate.name.startswith(f"{name}_") for r in results)
     ]
     lead += ["Scored against the ground truth."]
-    body = rendered("score_cards", cards=cards)
+    body = render_template("score_cards", cards=cards)
     return section("Accuracy", " ".join(lead), body, "cards") if cards else ""
 
 

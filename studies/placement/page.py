@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.pages.html import data_uri, multiples, page, rendered, section, table
+from stridetwin.pages.html import data_uri, multiples, page, render_template, section, table
 from stridetwin.pages.plot import ERROR, PALETTE, Plot
 from stridetwin.studies.placement.body_map import BodyImage
 from stridetwin.studies.placement.free import Knob
@@ -31,7 +31,7 @@ def placement_page(problem: Problem, searched: Measured, result: Mapping[str, An
     sections = [
         section("Places", lead, _table(problem, result)),
         section("Significance", "Pairs of places, compared walk by walk, corrected for their number (Holm).",
-                rendered("list", words=result["words"])),
+                render_template("list", words=result["words"])),
     ]  # fmt: skip
     if image is not None:
         tag = Markup('<div style="overflow-x:auto"><img src="{}" alt="{}" style="width:100%;min-width:640px"></div>')

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.outputs.steps.figures import steps_from_aside
 from stridetwin.outputs.steps.scores import ScoredStep
-from stridetwin.pages.html import boxes, page, preformatted, section
+from stridetwin.pages.html import boxes, page, section, text_block
 from stridetwin.pages.plot import INK, PALETTE, Plot
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.world.route import lay_out
@@ -36,7 +36,7 @@ def report(result: dict[str, Any]) -> str:
         *(section(f"Figure 22, {m}", lead_22, boxes(_figure_22(cases[0], m)), "stack") for m in METHODS),
         section("Figure 23", lead_23, boxes(averages), "stack"),
         section("Figure 24", lead_24, boxes([_figure_24(cases, m) for m in METHODS]), "plots"),
-        section("Tables 5 to 7", lead_tables, preformatted(table(result)), ""),
+        section("Tables 5 to 7", lead_tables, text_block(table(result)), ""),
     ]
     return page(
         "Slope and step height from the legs",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stridetwin.pages.html import page, preformatted, rendered, section, table
+from stridetwin.pages.html import page, render_template, section, table, text_block
 from stridetwin.pages.plot import PALETTE, Plot
 from stridetwin.studies.study_file.results import table_head, table_rows
 
@@ -24,8 +24,8 @@ def study_page(result: dict[str, Any], text: str, command: str) -> str:
             "The same as numbers.",
             table(head, table_rows(result), range(len(result["factors"]) + 1, len(head))),
         ),
-        section("Comparison", tested, rendered("list", words=result["words"])) if result["words"] else "",
-        section("The study", command, preformatted(text.splitlines())),
+        section("Comparison", tested, render_template("list", words=result["words"])) if result["words"] else "",
+        section("The study", command, text_block(text.splitlines())),
     ]
     chips = [", ".join(result["methods"]), f"{combinations} combinations", f"{len(result['seeds'])} walks of each"]
     return page("Study", result["study"], chips, sections, "Drawn by stridetwin experiment.")

@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
-from stridetwin.pages.html import page, preformatted, section
+from stridetwin.pages.html import page, section, text_block
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.terrain_zoo.kinds import KINDS
 from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion, confusion_table, lead_plot
@@ -166,8 +166,8 @@ def report(result: Row) -> str:
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
     sections = [
-        section("By kind", "Steps predicted right, ours and the published method.", preformatted(overall(result))),
-        section("Odometry", "Height and tilt of the camera's path.", preformatted(odometry(result))),
+        section("By kind", "Steps predicted right, ours and the published method.", text_block(overall(result))),
+        section("Odometry", "Height and tilt of the camera's path.", text_block(odometry(result))),
         section("Confusion matrix", "Steps by true mode and by the last mode predicted before touch-down.",
                 confusion_table(result["summary"]["confusion"])),
         section("Lead time", "Time from the final correct prediction to touch-down; 0 where it was wrong.",

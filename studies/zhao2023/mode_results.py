@@ -13,7 +13,7 @@ from scipy.stats import t as student_t
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
-from stridetwin.pages.html import boxes, page, preformatted, section
+from stridetwin.pages.html import boxes, page, section, text_block
 from stridetwin.pages.html import table as html_table
 from stridetwin.pages.plot import INK, MUTED, PALETTE, Plot
 from stridetwin.reference.norms import reference, reference_rows
@@ -297,14 +297,14 @@ def report(result: dict[str, Any]) -> str:
     lead_calibration = "Predicted probability and share of correct predictions, by tenths, with the number of steps."
     lead_confusion = "Steps by true mode and by the last mode predicted before touch-down."
     sections = [
-        section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall(result))),
+        section("Accuracy", "Ours, the published method, and the paper.", text_block(overall(result))),
         _conditions(result),
         _table_2(result),
         section("Confusion matrix", lead_confusion, confusion_table(result["summary"][ours]["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
-            boxes([preformatted(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
+            boxes([text_block(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
             "stack",
         ),
         section("Lead time", lead_lead, lead_plot(steps)),
@@ -420,5 +420,5 @@ def calibration_plot(steps: Sequence[ScoredMode]) -> str:
     )  # fmt: skip
     plot.line([0.0, 1.0], [0.0, 1.0], MUTED, dash="dash", label="calibrated")
     x, y, counts = zip(*bins) if bins else ((), (), ())
-    plot.dots(x, y, PALETTE[0], size=8, label="steps (number)", words=[str(count) for count in counts])
+    plot.dots(x, y, PALETTE[0], size=8, label="steps (number)", labels=[str(count) for count in counts])
     return plot.html()

@@ -185,10 +185,10 @@ def test_a_lag_smooths_the_same_poses(walk, capsys, tmp_path):
     np.testing.assert_array_equal(a[:, 0], b[:, 0])
     assert 0.0 < np.abs(a[:, 1:4] - b[:, 1:4]).max() < 0.1
     said = failed(capsys, "estimate", "foot_to_foot", walk / "recording.mcap", "--lag", "1", "-o", smooth)
-    assert "--lag goes with foot_ins" in said
+    assert "--lag is only valid for foot_ins" in said
     for word, names in (("--poses", "terrain_map, locomotion_mode"), ("--exoskeleton", "contact_terrain")):
         said = failed(capsys, "estimate", "foot_ins", walk / "recording.mcap", word, "nothing.txt", "-o", smooth)
-        assert f"{word} goes with {names}" in said
+        assert f"{word} is only valid for {names}" in said
 
 
 def test_score_agrees_with_run_and_holds_its_baseline(walk, capsys, tmp_path):

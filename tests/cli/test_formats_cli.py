@@ -209,4 +209,4 @@ def test_imu_goes_with_a_table_alone(capsys, sources, tmp_path):
     for words in (("foot_ins", sources["EuRoC"] if "EuRoC" in sources else next(iter(sources.values()))),):
         code, _, error = call(capsys, "estimate", *words, "-o", tmp_path / "path.txt", "--imu", "auto")
         assert code == 2
-        assert "--imu goes with foot_ins and an IMU table" in error
+        assert "--imu is only valid for foot_ins and an IMU table" in error

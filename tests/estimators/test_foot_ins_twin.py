@@ -37,7 +37,8 @@ def test_an_uncalibrated_part_keeps_its_height_and_knows_its_error(scenario: str
     chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in twin.blocks()]
     for foot in "lr":
         imu, truth = (
-            bench["joined"]([c[t] for c in chunks]) for t in (f"/foot_{foot}/imu", f"/truth/foot_{foot}/imu/odometry")
+            bench["join_blocks"]([c[t] for c in chunks])
+            for t in (f"/foot_{foot}/imu", f"/truth/foot_{foot}/imu/odometry")
         )
         path = FootIns(twin.rig, options=Options(foot=foot)).run(imu)
         ready_ns = int(path.trajectory.t_ns[path.aligned.argmax()])

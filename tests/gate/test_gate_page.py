@@ -6,7 +6,7 @@ from pathlib import Path
 from score_tables import of_rows
 
 from stridetwin.cli.console import plain_text
-from stridetwin.cli.score import printed
+from stridetwin.cli.score import format_scores
 from stridetwin.gate import bootstrap
 from stridetwin.gate.compare import Rules, compare_scores
 from tools.tutorial import blocks
@@ -29,4 +29,4 @@ def test_the_page_shows_what_score_prints(monkeypatch):
     now, baseline = of_rows(rows("now")), of_rows(rows("baseline"))
     comparison = compare_scores(now, baseline, Rules())
     (shown,) = [block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.language == "text"]
-    assert shown.rstrip("\n") == plain_text(printed(now.means, len(now.walks), comparison, []))
+    assert shown.rstrip("\n") == plain_text(format_scores(now.means, len(now.walks), comparison, []))

@@ -106,7 +106,7 @@ def test_the_published_map_writes_the_same_files_and_all_surfaces(folder, tmp_pa
 
 def test_a_backend_goes_with_estimators_that_have_it(folder, tmp_path, capsys):
     assert main(["estimate", "dvio", str(folder), "--backend", "open3d", "-o", str(tmp_path / "path.txt")]) == 2
-    assert "--backend goes with terrain_map, locomotion_mode" in capsys.readouterr().err
+    assert "--backend is only valid for terrain_map, locomotion_mode" in capsys.readouterr().err
 
 
 def test_true_poses_are_used_on_request_alone(folder, tmp_path, capsys):
@@ -120,7 +120,7 @@ def test_true_poses_are_used_on_request_alone(folder, tmp_path, capsys):
 
 def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
     assert main(["estimate", "foot_ins", str(tmp_path), "--mesh", "-o", str(tmp_path / "path.txt")]) == 2
-    assert "--mesh goes with terrain_map" in capsys.readouterr().err
+    assert "--mesh is only valid for terrain_map" in capsys.readouterr().err
 
 
 def test_a_grid_of_the_ground_has_heights_and_classes_by_direction(folder):

@@ -4,7 +4,7 @@ import pytest
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
-from stridetwin.pages.html import boxes, multiples, page, rendered, section, table
+from stridetwin.pages.html import boxes, multiples, page, render_template, section, table
 
 
 def test_text_is_escaped_and_html_is_not():
@@ -31,4 +31,4 @@ def test_boxes_leave_out_what_is_empty():
 
 def test_a_template_without_one_of_its_values_is_an_error():
     with pytest.raises(UndefinedError):
-        rendered("film", source="", stills=[])
+        render_template("film", source="", stills=[])

@@ -11,7 +11,7 @@ from stridetwin.outputs.path.report import describe_distance
 from stridetwin.pages.plot import library
 from stridetwin.reference.norms import level_norm, reference, speed_group
 from stridetwin.report.figures_gait import level_strides
-from stridetwin.report.images import colour_of_depth, make_film, rendered_part
+from stridetwin.report.images import colour_of_depth, crop_to_rendered, make_film
 from stridetwin.report.rerun_file import recording_id, write_rerun
 from stridetwin.run.recording import evaluate_recording
 from stridetwin.streams.errors import StrideTwinError
@@ -101,13 +101,13 @@ def test_depth_colours_distinguish_near_far_and_invalid():
 
 def test_a_shoe_cameras_image_is_cropped_to_what_is_rendered():
     image = np.full((120, 160), 96, np.uint8)
-    assert rendered_part(image) is None
+    assert crop_to_rendered(image) is None
     image[30:60, 50:70] = 200
-    part = rendered_part(image)
+    part = crop_to_rendered(image)
     assert part.shape == (30, 40)
     assert (part == 200).sum() == 600
     image[30:60, 50:160] = 200  # cut off by the border
-    assert rendered_part(image) is None
+    assert crop_to_rendered(image) is None
 
 
 def test_a_film_has_equal_bytes_few_bits_and_its_frames():

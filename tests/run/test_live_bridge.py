@@ -159,10 +159,10 @@ def test_what_goes_wrong_is_reported_in_one_line(seen, tmp_path, monkeypatch):
     recording, nothing = seen, lambda *_: []
     monkeypatch.setattr(live, "synthetic_samples", nothing)
     assert "nothing to do" in str(outcome("live"))
-    assert "-o goes with an estimator" in str(outcome("live", "--record", "a.mcap", "-o", "b.txt"))
-    assert "--foot goes with foot_ins" in str(outcome("live", "dvio", "--foot", "l"))
+    assert "-o is only valid with an estimator" in str(outcome("live", "--record", "a.mcap", "-o", "b.txt"))
+    assert "--foot is only valid for foot_ins" in str(outcome("live", "dvio", "--foot", "l"))
     assert "no folder" in str(outcome("live", "foot_ins", "-o", tmp_path / "none" / "path.txt"))
-    assert "--method published goes with" in str(outcome("live", "foot_ins", "--method", "published"))
+    assert "--method published is only valid for" in str(outcome("live", "foot_ins", "--method", "published"))
     assert "no topic '/x'" in str(outcome("send", recording, "--topic", "/x"))
     nobody = outcome("send", recording, "--to", f"127.0.0.1:{free_port()}", "--patience", "0.1")
     assert "no `stridetwin live` of this version listens at 127.0.0.1:" in str(nobody)
