@@ -197,12 +197,12 @@ def _described(imu: ImuCalibration) -> str:
 
 def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
     from stridetwin.sim.parts.kinds import ImuPart
-    from stridetwin.sim.parts.library import library, part
+    from stridetwin.sim.parts.library import load_part, part_files
     from stridetwin.sim.sensors.standard_rig import nominal_imu
 
-    imus = [n for n in library() if isinstance(part(n), ImuPart)]
+    imus = [n for n in part_files() if isinstance(load_part(n), ImuPart)]
     if name not in imus:
         raise StrideTwinError(f"invalid --imu {name}: expected {AUTO}, {UNKNOWN}, {', '.join(imus)}")
-    found = part(name)
+    found = load_part(name)
     assert isinstance(found, ImuPart)
     return nominal_imu(topic, found, Mount(body=body))
