@@ -25,7 +25,7 @@ from stridetwin.pages.plot import Plot
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import FLOOR, Noise
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import library, part
+from stridetwin.sim.parts.library import load_part, part_files
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.streams.rig import ImuCalibration, Mount
 from stridetwin.streams.samples import Array
@@ -40,7 +40,7 @@ COLORS = ("#0b6bcb", "#d9480f", "#2b8a3e")
 
 def parts() -> dict[str, ImuPart]:
     """The library's IMUs."""
-    return {name: p for name in library() if isinstance(p := part(name), ImuPart)}
+    return {name: p for name in part_files() if isinstance(p := load_part(name), ImuPart)}
 
 
 def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:

@@ -31,11 +31,11 @@ from stridetwin.estimators.checkerboard.pattern import Lens
 from stridetwin.estimators.checkerboard.pose import BoardObservation, board_poses
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.parts.kinds import CameraPart
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.playback import Motion
-from stridetwin.sim.rendering.cameras import Cameras, Due
-from stridetwin.sim.rendering.renderer import SensorView, mounted_pose
+from stridetwin.sim.rendering.cameras import Cameras, FrameRequest
+from stridetwin.sim.rendering.renderer import SensorView, mount_pose
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.rig import Board, CameraCalibration
@@ -88,7 +88,7 @@ class Frame:
 
 def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> Iterator[Frame]:
     """Images of both shoe cameras of one walk."""
-    camera_part = part(STANDARD["foot_camera"])
+    camera_part = load_part(STANDARD["foot_camera"])
     assert isinstance(camera_part, CameraPart)
     imager = replace(camera_part.imager, exposure_s=1e-3 * exposure_ms)
     fitting = SensorConfig(part=replace(camera_part, imager=imager), frames="full")
@@ -112,23 +112,23 @@ def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> 
             data.qpos = motion.qpos[rows[i]]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
-            _, depth = view.frame(data, mounted_pose(data, camera.mount), camera.intrinsics)
+            _, depth = view.frame(data, mount_pose(data, camera.mount), camera.intrinsics)
             T = _relative(motion, camera, board, motion.rows(item.t_ns + shutter))
             yield Frame(image=image, depth=depth, board=board, camera=camera, T_camera_board=T)
 
 
-def _due(motion: Motion, camera: CameraCalibration, board: Board, t_ns: int) -> Due:
+def _due(motion: Motion, camera: CameraCalibration, board: Board, t_ns: int) -> FrameRequest:
     """Views for the renderer."""
     row = motion.rows(np.array([t_ns]))
     tracks = [motion.carrier(carried.mount.body)[row] for carried in (camera, board)]
     twist = np.array([np.r_[track.v_body_in_world[0], track.w_body[0]] for track in tracks])
-    return Due(t_ns=t_ns, topic=camera.topic, twist=twist)
+    return FrameRequest(t_ns=t_ns, topic=camera.topic, twist=twist)
 
 
 def _relative(motion: Motion, camera: CameraCalibration, board: Board, rows: NDArray[np.int64]) -> Array:
     """(N, 4, 4) pose of a board in a camera."""
     T_world_camera, T_world_board = (
-        motion.carrier(part.mount.body)[rows].mounted(part.mount.T_body_sensor).poses() for part in (camera, board)
+        motion.carrier(part.mount.body)[rows].to_sensor(part.mount.T_body_sensor).poses() for part in (camera, board)
     )
     return np.linalg.inv(T_world_camera) @ T_world_board
 

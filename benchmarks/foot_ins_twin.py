@@ -22,7 +22,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.outputs.path.scores import Comparison, Scores, compare, score
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
@@ -44,7 +44,7 @@ def join_blocks(pieces: Sequence[Block[Any]]) -> Block[Any]:
 @lru_cache(maxsize=1)
 def feet_of_walk(scenario: str, seed: int, imu_part: str = PART) -> dict[str, tuple[Rig, Block[Imu], TruePath]]:
     """Rig, samples and truth of each foot's IMU, a part of the library, in one walk."""
-    fittings = {"foot_imu": SensorConfig(part=part(imu_part))}
+    fittings = {"foot_imu": SensorConfig(part=load_part(imu_part))}
     twin = Twin(replace(load_scenario(scenario).config, sensors=("foot_imu",), fittings=fittings), seed)
     chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in twin.blocks()]
     feet = {}

@@ -20,7 +20,7 @@ from benchmarks.real_walks import data_folder, load_markers
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
@@ -39,7 +39,7 @@ REALISTIC = (0.5, 2.0)
 
 def matched_part(real: Block[Imu]) -> ImuPart:
     """A cheap part with the rate of a recording and, like it, the full bandwidth of that rate."""
-    cheap = part("MPU-9250")
+    cheap = load_part("MPU-9250")
     assert isinstance(cheap, ImuPart)
     rate_hz = 1e9 / float(np.median(np.diff(real.t_ns)))
     return replace(

@@ -24,7 +24,7 @@ from benchmarks.real_walks import ViconWalk, data_folder, load_markers, load_vic
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.parts.library import make_ideal
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.twin import Twin
@@ -123,10 +123,10 @@ def twin_walks(twin: Twin, rate_hz: float) -> dict[str, FootWalk]:
     walks = {}
     for side in SIDES:
         worn = twin.sensor_rig.sensors[f"/foot_{side}/imu"]
-        imu, part = twin.rig.imu(worn.calibration.topic), replace(ideal(worn.part), rate_hz=rate_hz)
+        imu, part = twin.rig.imu(worn.calibration.topic), replace(make_ideal(worn.part), rate_hz=rate_hz)
         carrier = motion.carrier(imu.mount.body)
         block = ImuModel(imu, part, Noise(None)).read(carrier, t_ns)
-        truth = carrier.mounted(imu.mount.T_body_sensor)
+        truth = carrier.to_sensor(imu.mount.T_body_sensor)
         walks[side] = FootWalk(
             t=t_ns * 1e-9, rate=block.columns["angular_rate"], force=block.columns["specific_force"],
             t_truth=t_ns * 1e-9, p_truth=truth.p_body_in_world,

@@ -201,12 +201,12 @@ def _describe_imu(imu: ImuCalibration) -> str:
 
 def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
     from stridetwin.sim.parts.kinds import ImuPart
-    from stridetwin.sim.parts.library import library, part
+    from stridetwin.sim.parts.library import load_part, part_files
     from stridetwin.sim.sensors.standard_rig import nominal_imu
 
-    imus = [n for n in library() if isinstance(part(n), ImuPart)]
+    imus = [n for n in part_files() if isinstance(load_part(n), ImuPart)]
     if name not in imus:
         raise StrideTwinError(f"invalid --imu {name}: expected {AUTO}, {UNKNOWN}, {', '.join(imus)}")
-    imu_part = part(name)
+    imu_part = load_part(name)
     assert isinstance(imu_part, ImuPart)
     return nominal_imu(topic, imu_part, Mount(body=body))

@@ -16,7 +16,7 @@ from stridetwin.estimators.registry import descriptions, output_descriptions
 from stridetwin.scenarios.built_in import campaigns, catalogue, experiments, problems
 from stridetwin.sim.config import PHYSICS, TwinConfig
 from stridetwin.sim.faults.catalogue import FAULTS
-from stridetwin.sim.parts.library import kind_of, library, part
+from stridetwin.sim.parts.library import kind_of, load_part, part_files
 from stridetwin.sim.parts.sensor_config import KIND
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.json_schema import schema_file
@@ -25,7 +25,7 @@ from stridetwin.streams.yaml_file import read_yaml
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
-    parts = {name: part(name) for name in library()}
+    parts = {name: load_part(name) for name in part_files()}
     data: dict[str, Any] = {
         "scenarios": {name: read_yaml(path)["description"] for name, path in catalogue().items()},
         "campaigns": {name: read_yaml(path)["campaign"] for name, path in campaigns().items()},
@@ -40,7 +40,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
     lines: list[str | Table] = []
-    files = {"scenarios": catalogue(), "campaigns": campaigns(), "placements": problems(), "parts": library()}
+    files = {"scenarios": catalogue(), "campaigns": campaigns(), "placements": problems(), "parts": part_files()}
     data["folders"] = {title: str(next(iter(paths.values())).parent) for title, paths in files.items()}
     for title in ("scenarios", "campaigns", "placements", "outputs", "estimators", "experiments"):
         where = f" (files in {data['folders'][title]})" if title in data["folders"] else ""

@@ -24,11 +24,11 @@ from pydantic import (
 )
 
 from stridetwin.sim.config import (
-    BYSTANDERS_MAX,
     DIRECTIONS,
     DRIVES,
-    LANES_MAX,
     LIGHT_RANGE,
+    MAX_BYSTANDERS,
+    MAX_LANES,
     PATTERNS,
     PHYSICS,
     SCENERIES,
@@ -50,7 +50,7 @@ from stridetwin.sim.config import (
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.parts.kinds import Part
-from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
+from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, part_files, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
@@ -113,7 +113,7 @@ class _Lanes(FileModel):
         lanes: Lanes from left to right, each a list of segments.
     """
 
-    walk: Annotated[int, whole(1, LANES_MAX)]
+    walk: Annotated[int, whole(1, MAX_LANES)]
     lanes: Annotated[
         tuple[Annotated[tuple[Annotated[Any, OneKey(_STRAIGHT)], ...], Field(min_length=1)], ...], Field(min_length=1)
     ]
@@ -290,8 +290,8 @@ def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
     if not isinstance(node, str):
         raise refused(node, _valid(group))
     plain = node.removesuffix(IDEAL)
-    if plain in library():
-        found: Part = part(plain)
+    if plain in part_files():
+        found: Part = load_part(plain)
     elif node.endswith(_FILE_SUFFIXES):
         try:
             found, plain = read_part(folder_of(info) / node), node
@@ -305,7 +305,7 @@ def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
 
 
 def _valid(group: str, near: str = "") -> str:
-    names: Iterable[str] = [n for n in library() if kind_of(part(n)) == KIND[group]]
+    names: Iterable[str] = [n for n in part_files() if kind_of(load_part(n)) == KIND[group]]
     return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"
 
 
@@ -415,7 +415,7 @@ class ScenarioFile(FileModel):
     exo: _ExoInFile = Exo()
     texture: Annotated[str, words(TEXTURES)] = "rich"
     light: Annotated[float, number(*LIGHT_RANGE)] = 1.0
-    bystanders: Annotated[int, whole(0, BYSTANDERS_MAX)] = 0
+    bystanders: Annotated[int, whole(0, MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
     gait: Annotated[Gait, BeforeValidator(_patterned)] = Gait()
     physics: Annotated[str, words(PHYSICS)] = "kinematic"

@@ -17,15 +17,15 @@ SIDES = ("l", "r")
 PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
 SPEED_RANGE_MPS = (0.05, 2.1)
-ASYMMETRY_MAX = 0.4
+MAX_ASYMMETRY = 0.4
 STAIRS = ("step_over_step", "step_by_step", "two_at_a_time")
 GAZES = ("ahead", "terrain", "wandering")
 SWAY_RANGE_HZ = (0.05, 3.0)
-LANES_MAX = 6
+MAX_LANES = 6
 SCENERIES = ("outdoor", "room", "corridor")
 TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
-BYSTANDERS_MAX = 4
+MAX_BYSTANDERS = 4
 THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass")
 
 
@@ -227,12 +227,12 @@ class Gaze:
     sway_hz: Annotated[float, number(*SWAY_RANGE_HZ)] = 0.5
 
 
-def _short_gaze(node: object) -> object:
+def _expand_gaze(node: object) -> object:
     """A gaze by its kind alone, as a mapping."""
     return {"kind": node} if isinstance(node, str) else node
 
 
-def _share(node: object) -> object:
+def _bool_to_share(node: object) -> object:
     """`true` or `false` as a share."""
     return float(node) if isinstance(node, bool) else node
 
@@ -261,12 +261,12 @@ class Gait:
     stand_s: Annotated[float, number(0.5, 60)] = 2.0
     stairs: Annotated[str, words(STAIRS)] = "step_over_step"
     leading_foot: Annotated[str, words({"left": "l", "right": "r"})] = "r"
-    asymmetry: Annotated[float, number(-ASYMMETRY_MAX, ASYMMETRY_MAX)] = 0.0
+    asymmetry: Annotated[float, number(-MAX_ASYMMETRY, MAX_ASYMMETRY)] = 0.0
     shuffle: Annotated[
         Annotated[float, number(0, 1)],
-        BeforeValidator(_share, json_schema_input_type=bool | Annotated[float, number(0, 1)]),
+        BeforeValidator(_bool_to_share, json_schema_input_type=bool | Annotated[float, number(0, 1)]),
     ] = 0.0
-    gaze: Annotated[Gaze, BeforeValidator(_short_gaze, json_schema_input_type=Annotated[str, words(GAZES)] | Gaze)] = (
+    gaze: Annotated[Gaze, BeforeValidator(_expand_gaze, json_schema_input_type=Annotated[str, words(GAZES)] | Gaze)] = (
         field(default_factory=Gaze)
     )
 

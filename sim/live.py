@@ -74,15 +74,15 @@ class LiveTwin:
         Args:
             until_s: s.
         """
-        while self.simulation.time_s < until_s and not self.simulation.over:
+        while self.simulation.time_s < until_s and not self.simulation.is_over:
             self.simulation.step()
         until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)
         if until_ns <= self._delivered_ns:
             return []
         after_ns, self._delivered_ns = self._delivered_ns, until_ns
-        return sorted(self._sensed(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
+        return sorted(self._read_samples(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
-    def _sensed(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
+    def _read_samples(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
         window_s = max(_WINDOW_S, (until_ns - after_ns) * 1e-9 + _WINDOW_S)
         player = Replay(self._twin.model, simulation.recent(window_s + self._latency_s + MARGIN_S))
         t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in self._rates]))
@@ -90,7 +90,7 @@ class LiveTwin:
         if not len(t_ns):
             return
         motion = player.motion(t_ns)
-        images = self._cameras.ask(motion, after_ns, until_ns)
+        images = self._cameras.request(motion, after_ns, until_ns)
         loads = player.loads(loads_ns, motion)
         for block in self._suite.read(player, motion, loads, after_ns, until_ns):
             yield from block

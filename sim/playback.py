@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.heel_strike import UpperMotion
-from stridetwin.sim.gait.reference import Reference, Walk
+from stridetwin.sim.gait.reference import Reference, WalkMotion
 from stridetwin.sim.kinematics import rigid_tree
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.track import Track
-from stridetwin.sim.wearer.body import tracked
-from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, wrench
+from stridetwin.sim.wearer.body import bodies_to_track
+from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, exo_couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import cross
 
-LIFTED = 1e-3  # share of the load below which a foot counts as lifted
+LIFTED_SHARE = 1e-3  # share of the load below which a foot counts as lifted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +46,7 @@ class FootLoad:
     loaded: NDArray[np.bool_]
 
 
-def share_out(
+def split_wrench(
     force: Array, torque: Array, origin: Array, shares: dict[str, Array], planned: dict[str, Array],
     p_foot: dict[str, Array],
 ) -> tuple[dict[str, FootLoad], Array, Array]:  # fmt: skip
@@ -66,9 +66,9 @@ def share_out(
     Returns:
         Loads by foot, and the residual force (N, 3) and torque (N, 3) that they do not explain.
     """
-    kept = {f: np.where(s > LIFTED, s, 0.0) for f, s in shares.items()}
-    whole = np.sum(list(kept.values()), axis=0)
-    shares = {f: s / whole for f, s in kept.items()}
+    kept = {f: np.where(s > LIFTED_SHARE, s, 0.0) for f, s in shares.items()}
+    total_share = np.sum(list(kept.values()), axis=0)
+    shares = {f: s / total_share for f, s in kept.items()}
     middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)
     arm_z = middle[:, 2] - origin[:, 2]
     lift = np.maximum(force[:, 2], 1.0)  # in free fall there is no zero-moment point
@@ -76,17 +76,17 @@ def share_out(
     y = origin[:, 1] + (arm_z * force[:, 1] + torque[:, 0]) / lift
     shift = np.column_stack([x, y, middle[:, 2]]) - middle
     twist = torque - cross(middle + shift - origin, force)
-    loads, left_force, left_torque = {}, force.copy(), torque.copy()
+    loads, residual_force, residual_torque = {}, force.copy(), torque.copy()
     for foot, share in shares.items():
-        own = share[:, None] * force
+        foot_force = share[:, None] * force
         cop = planned[foot] + shift
         free = np.column_stack([np.zeros((len(share), 2)), share * twist[:, 2]])
         loads[foot] = FootLoad(
-            force=own, torque=cross(cop - p_foot[foot], own) + free, cop=cop, loaded=share > 0.0
+            force=foot_force, torque=cross(cop - p_foot[foot], foot_force) + free, cop=cop, loaded=share > 0.0
         )  # fmt: skip
-        left_force -= own
-        left_torque -= cross(cop - origin, own) + free
-    return loads, left_force, left_torque
+        residual_force -= foot_force
+        residual_torque -= cross(cop - origin, foot_force) + free
+    return loads, residual_force, residual_torque
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +96,7 @@ class Motion:
     Attributes:
         t_ns: (N,) increasing.
         qpos: (N, nq) in MuJoCo's layout.
-        tracks: Track by body name (`body.tracked`).
+        tracks: Track by body name (`body.bodies_to_track`).
         uppers: Track of the shoe's upper by name of the foot; empty for rigid shoes. If heel strikes reach a sensor
             case further up, also the track of that case, by name of its body.
         angle: (N,) rad by hinge name.
@@ -155,7 +155,7 @@ class Loads:
     motors: dict[str, Array] = field(default_factory=dict)
 
 
-AnyWalk = TypeVar("AnyWalk", bound=Walk)
+AnyWalk = TypeVar("AnyWalk", bound=WalkMotion)
 
 
 class Player(Generic[AnyWalk]):
@@ -170,20 +170,20 @@ class Player(Generic[AnyWalk]):
     def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
         self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._tree = Tree.of(model)
-        self._couplings = couplings(walk.size)
+        self._couplings = exo_couplings(walk.size)
         self._state: tuple[NDArray[np.int64], Array, Array] | None = None  # of the last `track`; shared by both feet
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
         walk = self._walk
-        q, v = walk.moving(t_ns * 1e-9)
+        q, v = walk.position_velocity(t_ns * 1e-9)
         names, layout = walk.coordinates.names[6:], walk.coordinates
-        tracks = self._tracks(tracked(walk.size), self._tree, t_ns, q, v)
+        tracks = self._tracks(bodies_to_track(walk.size), self._tree, t_ns, q, v)
         return Motion(
             t_ns=t_ns,
             qpos=q,
             tracks=tracks,
-            uppers={foot: upper.carried(tracks[foot]) for foot, upper in self._uppers.items()},
+            uppers={foot: upper.upper_track(tracks[foot]) for foot, upper in self._uppers.items()},
             angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
             cuff_force={c.name: _cuff_force(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
@@ -193,8 +193,8 @@ class Player(Generic[AnyWalk]):
         self, bodies: Iterable[str], tree: Tree, t_ns: NDArray[np.int64], q: Array, v: Array
     ) -> dict[str, Track]:  # fmt: skip
         """Tracks of bodies of the tree at (N,) instants with these (N, nq) positions and (N, nv) velocities."""
-        p, quat, speed, w = rigid_tree.motion(tree, q, v)
-        rows = {body: tree.row(self._model.body(body).id) for body in bodies}
+        p, quat, speed, w = rigid_tree.body_motion(tree, q, v)
+        rows = {body: tree.index_of(self._model.body(body).id) for body in bodies}
         return {
             body: Track(
                 t_ns=t_ns, p_body_in_world=p[:, i], q_world_body=quat[:, i], v_body_in_world=speed[:, i], w_body=w[:, i]
@@ -205,10 +205,10 @@ class Player(Generic[AnyWalk]):
     def track(self, body: str, t_ns: NDArray[np.int64]) -> Track:
         """Track of the carrier of a body's sensors (`Motion.carrier`) at (N,) instants; much faster than `motion`."""
         if self._state is None or not np.array_equal(self._state[0], t_ns):
-            self._state = (t_ns, *self._walk.moving(t_ns * 1e-9))
-        chain = self._tree.only([self._tree.row(self._model.body(body).id)])
+            self._state = (t_ns, *self._walk.position_velocity(t_ns * 1e-9))
+        chain = self._tree.subtree([self._tree.index_of(self._model.body(body).id)])
         track = self._tracks([body], chain, *self._state)[body]
-        return self._uppers[body].carried(track) if body in self._uppers else track
+        return self._uppers[body].upper_track(track) if body in self._uppers else track
 
 
 class Playback(Player[Reference]):
@@ -221,7 +221,7 @@ class Playback(Player[Reference]):
         rows = motion.rows(t_ns)
         total, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
         planned = reference.loads(t_ns * 1e-9)
-        feet, left_force, left_torque = share_out(
+        feet, residual_force, residual_torque = split_wrench(
             total, torque, q[:, :3],
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
@@ -229,17 +229,18 @@ class Playback(Player[Reference]):
         )  # fmt: skip
         applied = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
         for c in self._couplings:
-            exo, own = (_pose(motion.tracks[body][rows]) for body in (c.exo_body, c.body))
-            force, moment, point = wrench(c, exo, own)
+            exo, limb = (_pose(motion.tracks[body][rows]) for body in (c.exo_body, c.body))
+            force, moment, point = wrench(c, exo, limb)
             for body, sign in ((c.exo_body, 1.0), (c.body, -1.0)):
                 arm = point - motion.tracks[body].p_body_in_world[rows]
                 applied.append((body, sign * force, sign * (moment + cross(arm, force))))
-        bodies = np.array([tree.row(model.body(body).id) for body, _, _ in applied])
+        bodies = np.array([tree.index_of(model.body(body).id) for body, _, _ in applied])
         forces, moments = (np.stack([load[k] for load in applied]) for k in (1, 2))
-        needed = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
-        needed += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
+        joint_torque = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
+        joint_torque += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
         return Loads(
-            t_ns=t_ns, feet=feet, joint_torque=needed, residual_force=left_force, residual_torque=left_torque
+            t_ns=t_ns, feet=feet, joint_torque=joint_torque, residual_force=residual_force,
+            residual_torque=residual_torque,
         )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.gait.reference import Walk
+from stridetwin.sim.gait.reference import WalkMotion
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.playback import Loads, Motion
@@ -24,7 +24,7 @@ _FLAT_RAD = 0.01
 
 
 def truth(
-    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
+    walk: WalkMotion, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
 ) -> Iterator[Block[Any] | Sample]:
     """Truth at the instants of `loads`, and the footprints after `after_ns` up to `until_ns`."""
     t_ns = loads.t_ns
@@ -32,8 +32,8 @@ def truth(
     for body in ("pelvis", "foot_l", "foot_r"):
         yield _odometry(f"/truth/{body}/odometry", motion.tracks[body][rows])
     for topic, imu in rig.imus.items():
-        carrier = mount_slips.carried(topic, motion.carrier(imu.mount.body)[rows])
-        yield _odometry(f"/truth{topic}/odometry", carrier.mounted(imu.mount.T_body_sensor))
+        carrier = mount_slips.mount_track(topic, motion.carrier(imu.mount.body)[rows])
+        yield _odometry(f"/truth{topic}/odometry", carrier.to_sensor(imu.mount.T_body_sensor))
     names = walk.coordinates.names[6:]
     yield Block(
         topic="/truth/joints", kind=Joints, t_ns=t_ns,
@@ -63,13 +63,13 @@ def truth(
     yield from _footprints(walk, after_ns, until_ns)
 
 
-def of_bystanders(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:
+def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:
     """Pose of each bystander at (N,) instants: the middle of the hips, x forward."""
     for i, person in enumerate(crowd):
         yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
 
-def foot_phase(walk: Walk, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     """(N,) phase of a foot: 0 swing, 1 first contact until flat, 2 flat, 3 heel off (phases of Shim et al. 2019)."""
     steps = walk.steps[side]
     pitch = walk.pitch(side, t)
@@ -94,8 +94,8 @@ def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Blo
     return Block(topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque})
 
 
-def _footprints(walk: Walk, after_ns: int, until_ns: int) -> Iterator[Footprint]:
-    steps = sorted((s for own in walk.steps.values() for s in own), key=lambda s: s.t_touch)
+def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Footprint]:
+    steps = sorted((s for foot_steps in walk.steps.values() for s in foot_steps), key=lambda s: s.t_touch)
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:
         # the initial stance feet are reported first, one nanosecond apart: stamps increase within a topic

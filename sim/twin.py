@@ -23,18 +23,17 @@ from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
 from stridetwin.sim.faults.faults import plan_faults
 from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.heel_strike import SHOE, UpperMotion, case_parameters
-from stridetwin.sim.gait.reference import Reference, reference
+from stridetwin.sim.gait.reference import Reference, plan_reference
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.rendering.camera_processes import CameraProcesses
 from stridetwin.sim.rendering.renderer import FilmCamera
 from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
-from stridetwin.sim.sensors.standard_rig import foot_imu_place, sensor_rig
+from stridetwin.sim.sensors.standard_rig import foot_imu_position, sensor_rig
 from stridetwin.sim.sensors.suite import SensorSuite
 from stridetwin.sim.wearer.body import compile_model
-from stridetwin.sim.world.bystanders import Crowd, bystanders
-from stridetwin.sim.world.bystanders import pose as pose_crowd
+from stridetwin.sim.world.bystanders import Crowd, plan_bystanders, pose_crowd
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
@@ -50,7 +49,7 @@ class Twin:
     Args:
         config: Scenario.
         seed: Seed of the walk: steps and sensor noise.
-        plan: Plans the motion; another function than `reference` may look it up.
+        plan: Plans the motion; another function than `plan_reference` may look it up.
         plan_control: Plans the control of a forward simulation, likewise.
 
     Attributes:
@@ -69,7 +68,7 @@ class Twin:
     """
 
     def __init__(
-        self, config: TwinConfig, seed: int, *, plan: Callable[..., Reference] = reference,
+        self, config: TwinConfig, seed: int, *, plan: Callable[..., Reference] = plan_reference,
         plan_control: Callable[..., Plan] = plan_control,
     ) -> None:  # fmt: skip
         if config.physics not in PHYSICS:
@@ -87,7 +86,7 @@ class Twin:
         self.reference: Reference = plan(config, self.model, self.size, self.terrain, self._rng(_STEPS))
         self._plan_control = plan_control
         grid, paths = self.reference.grid, self.reference.paths
-        self.crowd: Crowd = bystanders(
+        self.crowd: Crowd = plan_bystanders(
             config.route.bystanders, self.terrain, grid, (paths["l"].s + paths["r"].s) / 2,
             self.reference.splines(grid)[:, :2], self._rng(_CROWD),
         )  # fmt: skip
@@ -96,7 +95,7 @@ class Twin:
         """Random numbers of one part of the walk, independent of those of the others."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=stream))
 
-    def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
+    def with_sensors(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
         """The same walk with other sensors at the same places, without planning or simulating it again.
 
         Args:
@@ -104,11 +103,11 @@ class Twin:
             fittings: As in `TwinConfig`; those that move an IMU have no effect.
         """
         _ = self.walk  # computed before the copy, so that both share it
-        other = copy(self)
-        other.config = replace(self.config, sensors=sensors, fittings=fittings)
-        other.sensor_rig = sensor_rig(other.config)
-        other.rig = other.sensor_rig.nominal(self.seed)
-        return other
+        twin = copy(self)
+        twin.config = replace(self.config, sensors=sensors, fittings=fittings)
+        twin.sensor_rig = sensor_rig(twin.config)
+        twin.rig = twin.sensor_rig.nominal(self.seed)
+        return twin
 
     @property
     def duration_s(self) -> float:
@@ -121,7 +120,7 @@ class Twin:
         if self.config.physics == "kinematic":
             return self.reference
         simulation = self.simulation()
-        while not simulation.over:
+        while not simulation.is_over:
             simulation.step()
         return simulation.walk()
 
@@ -169,13 +168,13 @@ class Twin:
 
     def _case(self) -> dict[str, UpperMotion]:
         """Vibration of the case with camera and IMU after heel strikes."""
-        worn = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
-        if worn is None or not worn.sensor_config.strike:
+        mounted = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
+        if mounted is None or not mounted.sensor_config.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
-        parameters = case_parameters(worn.sensor_config.strike)
+        parameters = case_parameters(mounted.sensor_config.strike)
         shaken = UpperMotion.of(steps, np.ones_like, np.ones_like, np.zeros(3), self._rng(_CASE), parameters)
-        return {worn.calibration.mount.body: shaken}
+        return {mounted.calibration.mount.body: shaken}
 
     def _shoes(self) -> dict[str, UpperMotion]:
         """Motion of the shoes' uppers."""
@@ -188,7 +187,7 @@ class Twin:
                 return np.linalg.norm(track.v_body_in_world, axis=1)
 
             uppers[foot] = UpperMotion.of(
-                self.walk.steps[side], partial(self.walk.pitch, side), speed, foot_imu_place(self.config, side),
+                self.walk.steps[side], partial(self.walk.pitch, side), speed, foot_imu_position(self.config, side),
                 self._rng(_SHOE, i), SHOE,
             )  # fmt: skip
         return uppers
@@ -212,7 +211,7 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
-                    requested = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
+                    requested = rendering.request(motion, after_ns, until_ns)  # before waiting for the last ones
                     for image in images:
                         yield [image]
                     images = requested
@@ -221,7 +220,7 @@ class Twin:
                         *truth.truth(
                             self.walk, self.sensor_rig.rig, motion, loads, after_ns, until_ns, self.mount_slips
                         ),
-                        *truth.of_bystanders(self.crowd, truth_ns),
+                        *truth.bystander_truth(self.crowd, truth_ns),
                     ]
                 after_ns = until_ns
             for image in images:
@@ -231,7 +230,7 @@ class Twin:
         """Third-person film: time in s and an RGB image (height, width, 3) for every frame."""
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
-        q, _ = self.walk.moving(times)
+        q, _ = self.walk.position_velocity(times)
         # the camera follows the walker on a smooth path: it neither sways nor turns with the pelvis
         rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
         x, y, _, heading = rail.T
@@ -239,7 +238,7 @@ class Twin:
             for i, (t, pose) in enumerate(zip(times.tolist(), q)):
                 data.qpos = pose
                 pose_crowd(self.model, data, self.crowd, t)
-                self.mount_slips.place(self.model, round(t * 1e9))
+                self.mount_slips.move_housings(self.model, round(t * 1e9))
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
@@ -88,7 +88,7 @@ def recorded_shoes(case: Case) -> Iterator[RecordedWalk]:
     if not (case.resume and all(file.exists() for file in files)):
         twin = Twin(case.walks()[0].config, case.seed)
         record(twin, files[0])
-        record(twin.refitted(("foot_imu",), {"foot_imu": endless_gyro()}), files[1])
+        record(twin.with_sensors(("foot_imu",), {"foot_imu": endless_gyro()}), files[1])
     yield RecordedWalk(shoes=Recording(files[0]), wide=Recording(files[1]))
     if not case.keep:
         for file in files:
@@ -97,6 +97,6 @@ def recorded_shoes(case: Case) -> Iterator[RecordedWalk]:
 
 def endless_gyro() -> SensorConfig:
     """The standard foot IMU with a gyro that never saturates."""
-    imu = part(STANDARD["foot_imu"])
+    imu = load_part(STANDARD["foot_imu"])
     assert isinstance(imu, ImuPart)
     return SensorConfig(part=replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf)))

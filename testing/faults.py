@@ -35,11 +35,11 @@ class Constant(TimedFault):
     kind = "constant"
     value: float
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with the number for every value."""
         names = (f.name for f in fields(arrival.item) if f.name not in ("topic", "t_ns"))
         values = {name: getattr(arrival.item, name) for name in names}
-        return (arrival.but(**{name: np.full_like(old, self.value)[()] for name, old in values.items()}),)
+        return (arrival.with_values(**{name: np.full_like(old, self.value)[()] for name, old in values.items()}),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +126,7 @@ FAULT_CASES = (
         name="fault_saturation", summary="values clip far below the range of the part",
         injections=(
             Injection(create=lambda topic: Saturation(topic=topic, fraction=_SHARE_OF_RANGE), windows=(_LONG,),
-                      each=None, kinds=Saturation.fits),
+                      each=None, kinds=Saturation.sample_types),
         ),
     ),
     FaultCase(
@@ -173,7 +173,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
             events = _events(injection, fault, topic, number / len(topics), len(topics), samples, _part(rig, topic))
             if events:
                 memory: dict[object, object] = {}
-                streams[topic] = [*fault.through(streams[topic], events, memory), *fault.left(memory)]
+                streams[topic] = [*fault.process(streams[topic], events, memory), *fault.flush(memory)]
                 last_ns = max(last_ns, *(e.until_ns for e in events if e.until_ns <= samples[-1].t_ns), 0)
                 last_ns = max(last_ns, *(e.from_ns for e in events))
         if not topics:

@@ -21,7 +21,7 @@ from stridetwin.estimators.base import POSES, Estimator, Options, Stream
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.record import record, twin_class
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError, install_hint
@@ -218,7 +218,7 @@ def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
 
 def _small_camera(group: str) -> SensorConfig:
     """The standard camera of a group with fewer and smaller images."""
-    standard: Any = part(STANDARD[group])
+    standard: Any = load_part(STANDARD[group])
     imager = standard.imager
     small = {name: _IMAGE_SCALE * getattr(imager, name) for name in ("width", "height", "focal")}
     return SensorConfig(part=replace(standard, imager=replace(imager, **small)), rate_hz=_CAMERA_RATES_HZ[group])
@@ -228,11 +228,11 @@ def _small_camera(group: str) -> SensorConfig:
 def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str, str]]:
     """Calibration and metadata of the twin's walk, without planning or recording it."""
     twin_class()  # says how to install the simulator
-    from stridetwin.sim.wearer.body import wearer
+    from stridetwin.sim.wearer.body import fit_wearer
 
     config = _config(cameras, mount)
     rig = sensor_rig(config).nominal(_SEED)
-    return rig, exo_geometry.metadata(wearer(config.person), rig, _SEED)
+    return rig, exo_geometry.metadata(fit_wearer(config.person), rig, _SEED)
 
 
 def _topics_of(rig: Rig) -> set[str]:

@@ -18,7 +18,7 @@ from scipy.interpolate import PchipInterpolator
 from benchmarks.gait_norms import NORM_LEG, SHOE_DROP_DEG
 from stridetwin.reference.norms import level_norm
 from stridetwin.sim.config import Person
-from stridetwin.sim.gait.foot_placement import preferred_step
+from stridetwin.sim.gait.foot_placement import level_step_length
 from stridetwin.sim.gait.style import LABELS, SIZES, Style
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
@@ -158,17 +158,24 @@ def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: i
     prior[0] = x[0] = double_support(pace)
 
     def strides(y: Array, paths: list[Array | None], corrections: int) -> list[Cycle]:
-        steps = [float(preferred_step(pace * np.sqrt(NOMINAL_GRAVITY_MPS2 * body.leg_m), body.size)) for body in bodies]
+        steps = [
+            float(level_step_length(pace * np.sqrt(NOMINAL_GRAVITY_MPS2 * body.leg_m), body.size)) for body in bodies
+        ]
         return [
             steady_cycle(
-                body, Style.of_vector(y), m, m / (pace * np.sqrt(NOMINAL_GRAVITY_MPS2 * body.leg_m)), path, corrections
+                body,
+                Style.from_vector(y),
+                m,
+                m / (pace * np.sqrt(NOMINAL_GRAVITY_MPS2 * body.leg_m)),
+                path,
+                corrections,
             )
             for body, m, path in zip(bodies, steps, paths)
         ]
 
     def cost(y: Array, paths: list[Array | None], corrections: int) -> tuple[Array, list[Array | None]]:
         cycles = strides(y, paths, corrections)
-        rows = [residuals(cycle, Style.of_vector(y), pace) for cycle in cycles]
+        rows = [residuals(cycle, Style.from_vector(y), pace) for cycle in cycles]
         return np.concatenate([*rows, 0.9 * (y - prior) / sigma]), [cycle.over_ground for cycle in cycles]
 
     unknown: list[Array | None] = [None] * len(bodies)
@@ -207,7 +214,7 @@ def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: i
 
 def _bounded(x: Array) -> Array:
     """Style vector within the planner's limits: shares between 0 and 1, the centre of pressure under the sole."""
-    style = Style.of_vector(x)
+    style = Style.from_vector(x)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     for label, (a, b) in {"transfer": (0.75, 1.0), "flat_after": (0.06, 0.3), "heel_off_before": (0.25, 0.65)}.items():
         low[LABELS.index(label)], high[LABELS.index(label)] = a, b
@@ -216,7 +223,7 @@ def _bounded(x: Array) -> Array:
             low[i], high[i] = -0.27, 1.42
         if label.startswith("rise"):
             low[i], high[i] = 0.0, 0.97
-    assert len(style.vector()) == len(x)
+    assert len(style.to_vector()) == len(x)
     return np.clip(x, low, high)
 
 
@@ -235,7 +242,7 @@ def main() -> None:
     parser.add_argument("--sweeps", type=int, default=2)
     args = parser.parse_args()
     bodies = [Walker(person) for person in BODIES]
-    ends, (slow, fast) = list(START), (style.vector() for style in START.values())
+    ends, (slow, fast) = list(START), (style.to_vector() for style in START.values())
     found = np.array([slow + (pace - ends[0]) / (ends[1] - ends[0]) * (fast - slow) for pace in PACES])
     for _ in range(args.sweeps):
         for k, pace in enumerate(PACES):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Dynamics, Exo, Gait, Level, Person, Route, Stairs, TwinConfig
-from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mounted_pose
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mount_pose
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array
 
@@ -142,7 +142,7 @@ def look(twin: Twin, data: mujoco.MjData, view: str) -> Array:
     """One camera's view, a quarter of the image wide."""
     camera = twin.rig.cameras["/head/color" if view == "depth" else view]
     with SensorView(twin.model, camera.width, camera.height) as renderer:
-        rgb, depth = renderer.frame(data, mounted_pose(data, camera.mount), camera.intrinsics)
+        rgb, depth = renderer.frame(data, mount_pose(data, camera.mount), camera.intrinsics)
     if view == "depth":
         near = np.where(depth > 0, np.clip(1.0 - depth / 6.0, 0.0, 1.0), 0.0)
         rgb = cv2.cvtColor(cv2.applyColorMap((255 * near).astype(np.uint8), cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)

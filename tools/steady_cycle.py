@@ -14,10 +14,10 @@ from stridetwin.sim.config import SIDES, Gaze, Person
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
 from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep, Rhythm
 from stridetwin.sim.gait.leg_ik import solve_leg
-from stridetwin.sim.gait.load import load_shares, pressure_centres, travel
+from stridetwin.sim.gait.load import cop_travel, load_shares, pressure_centres
 from stridetwin.sim.gait.pelvis import level_height
-from stridetwin.sim.gait.posture import Posture, posture
-from stridetwin.sim.gait.reference import coordinates, legs, zero_moment_point
+from stridetwin.sim.gait.posture import Posture, plan_posture
+from stridetwin.sim.gait.reference import solve_legs, stack_coordinates, zero_moment_point
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
@@ -92,13 +92,16 @@ def steady_cycle(
     wide_paths = {side: foot_path(steps[side], size, wide, _flat) for side in SIDES}
     wide_shares = load_shares(steps, wide)
     rhythm = Rhythm.of(steps)
-    pose = _cut_posture(posture(rhythm, wide_paths, walker.leg_m, wide, _GROUND, Gaze(), np.random.default_rng(0)), mid)
+    pose = _cut_posture(
+        plan_posture(rhythm, wide_paths, walker.leg_m, wide, _GROUND, Gaze(), np.random.default_rng(0)), mid
+    )
     mean, wave, _ = level_height(rhythm, wide, walker.leg_m)
     height = (mean + wave)[mid]
     paths = {side: _cut_path(wide_paths[side], mid) for side in SIDES}
     shares = {side: wide_shares[side][mid] for side in SIDES}
     centres = {
-        side: pressure_centres(steps[side], size.shoe, t, travel(steps[side], t), paths[side].pitch) for side in SIDES
+        side: pressure_centres(steps[side], size.shoe, t, cop_travel(steps[side], t), paths[side].pitch)
+        for side in SIDES
     }
     wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)[:, :2]
     drift = np.outer(t, [step_m / step_s, 0.0])
@@ -108,8 +111,8 @@ def steady_cycle(
     R_pelvis = from_euler(pose.pelvis)
     for round_ in range(rounds + 1):
         p_pelvis = np.column_stack([np.vstack([path, path[:1]]) + drift, height])
-        legs_ = legs(size, p_pelvis, R_pelvis, paths)
-        x = coordinates(layout, p_pelvis, pose, legs_, {}, paths)
+        legs_ = solve_legs(size, p_pelvis, R_pelvis, paths)
+        x = stack_coordinates(layout, p_pelvis, pose, legs_, {}, paths)
         x[:, :2] -= drift
         x, dx, ddx = _periodic_derivatives(x[:-1], dt)
         x[:, :2] += drift

@@ -15,7 +15,7 @@ from benchmarks.speed.timing import Stopwatch, Summary
 from stridetwin.scenarios.record import record, without_cameras
 from stridetwin.scenarios.scenario_file import Scenario, load_scenario
 from stridetwin.sim.config import Exo, Level, Person, Route, Stairs, TwinConfig
-from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mounted_pose
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mount_pose
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.body import add_wearer, compile_model
@@ -88,7 +88,7 @@ def render() -> Summary:
     summary = {}
     for topic in ("/head/color", "/foot_r/camera"):
         camera = rig.cameras[topic]
-        pose = mounted_pose(data, camera.mount)
+        pose = mount_pose(data, camera.mount)
         with SensorView(model, camera.width, camera.height) as view:
             draw = view.frame if camera.depth_topic else view.color
             summary[topic] = _draw_figures(lambda f=draw, p=pose, c=camera: f(data, p, c.intrinsics))

@@ -76,20 +76,20 @@ def subtract_bias(
         if address[c] < 0:
             continue
         point = vec3(pos[c])
-        for which in range(2):
-            b = body[geoms[c, which]]
+        for end in range(2):
+            b = body[geoms[c, end]]
             if b == 0:
                 continue
             v, w = velocity(state, b, point)
             arm = minus(point, vec3(state.centre))
             bias, _ = bias_acceleration(state.cdof_dot, chain[b], state.qvel, v, w, arm)
-            sign = 1.0 if which == 1 else -1.0
+            sign = 1.0 if end == 1 else -1.0
             for row in range(3):
                 for axis in range(3):
                     aref[address[c] + row] -= sign * frame[c, 3 * row + axis] * bias[axis]
 
 
-def sole_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
+def sole_point_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
     """(ngeom,) number of the sole point that a geom is, 0 to 15, the left foot's first; -1 for all others."""
     point = np.full(model.ngeom, -1, dtype=np.int64)
     for k, side in enumerate(SIDES):
@@ -105,7 +105,7 @@ def sense_floor(
     """Which points may bear force, and where the floor is.
 
     Args:
-        point: (ngeom,) numbers of the sole points (`sole_numbers`).
+        point: (ngeom,) numbers of the sole points (`sole_point_numbers`).
         contacts: The engine's contacts.
         feet: Plan of the feet.
         before: (2, points) which points might bear force in the previous control step.

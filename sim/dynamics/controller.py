@@ -105,9 +105,9 @@ class Gains:
         root, tilt: Weights of the root's position and attitude.
         joint, lumbar, leg, toe, arm: Weights of neck and exoskeleton joints, lumbar, leg, toe and arm joints.
         foot: Feet and contacts.
-        torque_max: Joint torque limit, N m.
+        max_torque: Joint torque limit, N m.
         assist_n, assist_nm: Standard deviations of the assist's force and torque, where there is assist.
-        assist_max: Limit of its force, as a share of the body weight.
+        max_assist: Limit of its force, as a share of the body weight.
     """
 
     joint_rate: float = 20.0
@@ -121,10 +121,10 @@ class Gains:
     toe: float = 0.1
     arm: float = 0.004
     foot: FootGains = field(default_factory=FootGains)
-    torque_max: float = 400.0
+    max_torque: float = 400.0
     assist_n: float = 20.0
     assist_nm: float = 1.6
-    assist_max: float = 0.08
+    max_assist: float = 0.08
 
 
 class Controller:
@@ -136,16 +136,16 @@ class Controller:
         layout: Coordinates of the model.
         gains: Tracking and weights.
         assist: A soft wrench may help at the root.
-        believed: What the controller takes every mass to be, as a share of the model's.
+        mass_ratio: What the controller takes every mass to be, as a share of the model's.
     """
 
     def __init__(
         self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: bool,
-        believed: float,
+        mass_ratio: float,
     ) -> None:  # fmt: skip
-        self._model, self._gains, self._believed = model, gains, believed
-        weight = believed * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
-        self._help_max = gains.assist_max * weight
+        self._model, self._gains, self._mass_ratio = model, gains, mass_ratio
+        weight = mass_ratio * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
+        self._max_help = gains.max_assist * weight
         names = layout.names[6:]
         motor = np.array([not name.startswith("exo_") for name in names])
         driven, free = np.concatenate([np.arange(6), layout.dof[motor]]), layout.dof[~motor]
@@ -191,26 +191,28 @@ class Controller:
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
-        h, target = _targets(
-            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed,
+        h, target = _compute_targets(
+            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._mass_ratio,
             _Forces(data.qfrc_bias, data.qfrc_passive, known), self._toes,
         )  # fmt: skip
-        torque = _step(
-            self._believed * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
+        torque = _solve_step(
+            self._mass_ratio * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
         )  # fmt: skip
-        return _limited(torque, self._body.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
+        return _limit_torques(
+            torque, self._body.driven, self._toes, self._error, plan.v[i], self._max_help, gains.max_torque
+        )
 
 
 @_called
-def _targets(
-    rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, forces: _Forces,
+def _compute_targets(
+    rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, mass_ratio: float, forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
     """Bias less the known forces, and the target accelerations; both (nv,)."""
     h, target = np.empty(len(a)), np.empty(len(a))
     for j in range(len(a)):
         target[j] = a[j] + rate[j] * (rate[j] * error[j] + 2.0 * (v[j] - qvel[j]))
-        h[j] = believed * forces.bias[j] - forces.passive[j] - forces.known[j]
+        h[j] = mass_ratio * forces.bias[j] - forces.passive[j] - forces.known[j]
     for j in range(3):
         target[j] += rate[j] * (rate[j] * root[0, j] + 2.0 * root[1, j]) + root[2, j]
     for toe in toes:
@@ -219,9 +221,9 @@ def _targets(
 
 
 @_called
-def _limited(
-    torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, help_max: float,
-    torque_max: float,
+def _limit_torques(
+    torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, max_help: float,
+    max_torque: float,
 ) -> Array:  # fmt: skip
     """Generalised forces (nv,) within their limits, with what holds the toes to their plan."""
     full = np.zeros(len(error))
@@ -229,22 +231,22 @@ def _limited(
         full[driven[i]] = torque[i]
     for toe in toes:
         full[toe] += TOE_STIFFNESS * error[toe] + TOE_DAMPING * v[toe]
-    share = min(1.0, help_max / max(math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
+    share = min(1.0, max_help / max(math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
     for j in range(len(full)):
-        full[j] = share * full[j] if j < 6 else min(max(full[j], -torque_max), torque_max)
+        full[j] = share * full[j] if j < 6 else min(max(full[j], -max_torque), max_torque)
     return full
 
 
 @_called
-def _step(
+def _solve_step(
     M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
-    moved: Array, gains: FootGains,
+    foot_shift: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
     n, per_foot = len(body.driven), body.bodies.shape[1]
     axes, axes_dot = state.cdof[body.driven], state.cdof_dot[body.driven]
     speed, target = state.qvel[body.driven], target[body.driven]
-    tasks, wanted, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))
     m, k = 0, 0
@@ -261,8 +263,8 @@ def _step(
             jacobian(axes, chain, arm, tasks, m, -1)
             jacobian(axes, chain, arm, contacts, 3 * k, -1)
             bias, _ = bias_acceleration(axes_dot, chain, speed, v, w, arm)
-            _want(minus(times(-gains.contact_damping, v), bias), gains.contact, wanted, weights, m)
-            _cone(feet.R_sole[side], gains.friction, edges[k])
+            _set_target(minus(times(-gains.contact_damping, v), bias), gains.contact, targets, weights, m)
+            _set_friction_cone(feet.R_sole[side], gains.friction, edges[k])
             cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
             for e in range(4):
                 last[k, e] = body.force[side, i, e]
@@ -281,23 +283,23 @@ def _step(
         rate = gains.pivot_rate if in_contact else gains.swing_rate
         behind = plus(times(rate * rate, rotation), times(2 * rate, minus(vec3(feet.w_foot[side]), w)))
         alpha = minus(plus(vec3(feet.dw_foot[side]), behind), rotation_bias)
-        held = gains.swing
+        weight = gains.swing
         if in_contact:
-            rolling = min(_between(feet.R_sole[side], feet.R_foot[side]) / gains.pivot_rad, 1.0)
-            held = gains.stance + rolling * (gains.pivot - gains.stance)
-        _want(alpha, held, wanted, weights, m)
+            rolling = min(_angle_between(feet.R_sole[side], feet.R_foot[side]) / gains.pivot_rad, 1.0)
+            weight = gains.stance + rolling * (gains.pivot - gains.stance)
+        _set_target(alpha, weight, targets, weights, m)
         m += 3
         if not in_contact:
-            off = minus(plus(vec3(feet.p_foot[side]), vec3(moved[side, 0])), p)
-            slow = minus(plus(vec3(feet.v_foot[side]), vec3(moved[side, 1])), v)
+            off = minus(plus(vec3(feet.p_foot[side]), vec3(foot_shift[side, 0])), p)
+            slow = minus(plus(vec3(feet.v_foot[side]), vec3(foot_shift[side, 1])), v)
             behind = plus(times(rate * rate, off), times(2 * rate, slow))
-            planned = plus(vec3(feet.a_foot[side]), vec3(moved[side, 2]))
+            planned = plus(vec3(feet.a_foot[side]), vec3(foot_shift[side, 2]))
             jacobian(axes, chain, arm, tasks, m, -1)
-            _want(minus(plus(planned, behind), bias), gains.swing, wanted, weights, m)
+            _set_target(minus(plus(planned, behind), bias), gains.swing, targets, weights, m)
             m += 3
     A, bias_driven = eliminate(M, h, body.driven, body.free)
     _, torque, now, _ = solve(
-        A, bias_driven, target, body.weight, Tasks(tasks[:m], wanted[:m], weights[:m]),
+        A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]),
         ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), body.assist,
     )  # fmt: skip
     k = 0
@@ -310,14 +312,14 @@ def _step(
 
 
 @numba.njit(**INSIDE)
-def _want(acceleration: Vec3, weight: float, wanted: Array, weights: Array, m: int) -> None:
+def _set_target(acceleration: Vec3, weight: float, targets: Array, weights: Array, m: int) -> None:
     """Stores three rows of tasks from row m on."""
-    wanted[m], wanted[m + 1], wanted[m + 2] = acceleration
+    targets[m], targets[m + 1], targets[m + 2] = acceleration
     weights[m] = weights[m + 1] = weights[m + 2] = weight
 
 
 @numba.njit(**INSIDE)
-def _cone(R_sole: Array, friction: float, edges: Array) -> None:
+def _set_friction_cone(R_sole: Array, friction: float, edges: Array) -> None:
     """Writes the four edges of a friction cone on the ground with these axes into (4, 3)."""
     for e in range(4):
         sign = friction if e % 2 == 0 else -friction
@@ -326,6 +328,6 @@ def _cone(R_sole: Array, friction: float, edges: Array) -> None:
 
 
 @numba.njit(**INSIDE)
-def _between(A: Array, B: Array) -> float:
+def _angle_between(A: Array, B: Array) -> float:
     """Angle between the third columns of two rotations that are nearly parallel, rad."""
     return math.sqrt((A[0, 2] - B[0, 2]) ** 2 + (A[1, 2] - B[1, 2]) ** 2 + (A[2, 2] - B[2, 2]) ** 2)

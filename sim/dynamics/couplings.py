@@ -53,16 +53,16 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
     cdof, cvel = state.cdof, state.cvel
     applied = np.zeros(len(cdof))
     for c in range(len(bodies)):
-        exo, own = bodies[c, 0], bodies[c, 1]
+        exo, limb = bodies[c, 0], bodies[c, 1]
         R_exo = axes_of(state, exo)
         to_exo = transposed(R_exo)
-        point = plus(vec3(state.xpos[own]), matvec(axes_of(state, own), vec3(points[c, 1])))
+        point = plus(vec3(state.xpos[limb]), matvec(axes_of(state, limb), vec3(points[c, 1])))
         arm = minus(point, vec3(state.centre))
         displacement = minus(matvec(to_exo, minus(point, vec3(state.xpos[exo]))), vec3(points[c, 0]))
-        w = minus(vec3(cvel[own]), vec3(cvel[exo]))
-        dv = cvel[own, 3] - cvel[exo, 3], cvel[own, 4] - cvel[exo, 4], cvel[own, 5] - cvel[exo, 5]
+        w = minus(vec3(cvel[limb]), vec3(cvel[exo]))
+        dv = cvel[limb, 3] - cvel[exo, 3], cvel[limb, 4] - cvel[exo, 4], cvel[limb, 5] - cvel[exo, 5]
         rate = matvec(to_exo, plus(dv, cross(w, arm)))
-        R = matmul(to_exo, axes_of(state, own))
+        R = matmul(to_exo, axes_of(state, limb))
         rotation = times(0.5, (R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]))
         # half of tr(R) 1 - R: the rate of `rotation` per angular velocity
         t = R[0][0] + R[1][1] + R[2][2]

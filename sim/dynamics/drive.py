@@ -77,22 +77,22 @@ class Drive:
         self._angle = np.array([hinge.qposadr[0] for hinge in hinges], dtype=int)
         self._dof = np.array([hinge.dofadr[0] for hinge in hinges], dtype=int)
         self._law = DelayedFeedback(list(mounted)) if mounted and law is None else law
-        self._most = np.array([module.torque_max_nm for module in mounted.values()])
-        self._fastest = np.array([module.speed_max_radps for module in mounted.values()])
+        self._max_torque = np.array([module.torque_max_nm for module in mounted.values()])
+        self._max_speed = np.array([module.speed_max_radps for module in mounted.values()])
         rotor, friction = (_ROTOR, _FRICTION) if law is None else (_ROTOR_EXTERNAL, _FRICTION_EXTERNAL)
         self._compensated = rotor * np.array([module.reflected_inertia for module in mounted.values()])
         self._dry = friction * np.array([module.friction_nm for module in mounted.values()])
         self._viscous = friction * np.array([module.viscous_nms for module in mounted.values()])
-        self._help, self._coming = np.zeros(len(mounted)), np.zeros(len(mounted))
+        self._help, self._next_help = np.zeros(len(mounted)), np.zeros(len(mounted))
         self._speed, self._acceleration = np.zeros(len(mounted)), np.zeros(len(mounted))
         self._calls, self._nv = 0, model.nv
 
     def torques(self, data: mujoco.MjData) -> Array:
         """(nv,) N m of the motors until the next call, `DRIVER_S` later."""
-        given = np.zeros(self._nv)
+        torques = np.zeros(self._nv)
         if self._law is not None and len(self._dof):
             if self._calls % round(PERIOD_S / DRIVER_S) == 0:
-                self._help, self._coming = self._coming, self._law(data.qpos[self._angle])
+                self._help, self._next_help = self._next_help, self._law(data.qpos[self._angle])
             speed = data.qvel[self._dof]
             if self._calls:
                 measured = (speed - self._speed) / DRIVER_S
@@ -101,6 +101,8 @@ class Drive:
             self._calls += 1
             friction = self._dry * np.tanh(speed / FRICTION_SPEED_RADPS) + self._viscous * speed
             torque = self._help + self._compensated * self._acceleration + friction
-            torque[(np.abs(speed) > self._fastest) & (torque * speed > 0.0)] = 0.0  # at this speed they can only brake
-            given[self._dof] = np.clip(torque, -self._most, self._most)
-        return given
+            torque[(np.abs(speed) > self._max_speed) & (torque * speed > 0.0)] = (
+                0.0  # at this speed they can only brake
+            )
+            torques[self._dof] = np.clip(torque, -self._max_torque, self._max_torque)
+        return torques

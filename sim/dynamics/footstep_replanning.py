@@ -92,7 +92,7 @@ class StepReplan(NamedTuple):
 @_called
 def advance(
     shifts: StepReplan, dt: float, planned: PlannedFeet, com: Array, measured: Array, pressing: NDArray[np.bool_],
-    misplaced: Array,
+    landing_offset: Array,
 ) -> None:  # fmt: skip
     """Advances the shifts by one control step.
 
@@ -103,7 +103,7 @@ def advance(
         com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
         measured: (2,) m, height of the floor above the plane of each footprint; NaN for a foot without contact.
         pressing: (2,) whether a foot presses on the floor.
-        misplaced: (2, 2) m, offset of each foot's landing from its foothold.
+        landing_offset: (2, 2) m, offset of each foot's landing from its foothold.
     """
     foot, root, floor = shifts
     swinging, until_landing, R_way = planned.swinging, planned.until_landing, planned.R_way
@@ -113,8 +113,8 @@ def advance(
         elif swinging[k]:
             floor[k] = floor[1 - k]
     for k in range(2):
-        goes, ahead, left = swinging[k] and until_landing[k] > _COMMITTED_S, 0.0, 0.0
-        if goes:
+        is_following, ahead, left = swinging[k] and until_landing[k] > _COMMITTED_S, 0.0, 0.0
+        if is_following:
             # the present deviation grows until landing, minus what the centre of pressure corrects until then
             growth = math.exp(OMEGA * until_landing[k])
             for axis in range(2):
@@ -126,18 +126,18 @@ def advance(
             reach = _ON_EDGES_M if planned.near_edge[k] else _FORWARD_M
             inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
             ahead, left = min(max(ahead, -reach), reach), min(max(left, inner), outer)
-        x = R_way[0, 0] * ahead + R_way[0, 1] * left + misplaced[k, 0]
-        y = R_way[1, 0] * ahead + R_way[1, 1] * left + misplaced[k, 1]
+        x = R_way[0, 0] * ahead + R_way[0, 1] * left + landing_offset[k, 0]
+        y = R_way[1, 0] * ahead + R_way[1, 1] * left + landing_offset[k, 1]
         normal = planned.R_sole[k, 0, 2], planned.R_sole[k, 1, 2], planned.R_sole[k, 2, 2]
-        wanted = x, y, floor[k] - (normal[0] * x + normal[1] * y) / normal[2]
+        target = x, y, floor[k] - (normal[0] * x + normal[1] * y) / normal[2]
         for axis in range(3):
             rate = foot[k, 1, axis]
-            pull = _FOLLOW * _FOLLOW * (wanted[axis] - foot[k, 0, axis]) if goes else 0.0
-            pull -= 2.0 * _FOLLOW * rate
-            rate += dt * pull
+            acceleration = _FOLLOW * _FOLLOW * (target[axis] - foot[k, 0, axis]) if is_following else 0.0
+            acceleration -= 2.0 * _FOLLOW * rate
+            rate += dt * acceleration
             if axis == 2 and not swinging[k] and not pressing[k]:
-                rate, pull = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
-            foot[k, 2, axis], foot[k, 1, axis] = pull, rate
+                rate, acceleration = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
+            foot[k, 2, axis], foot[k, 1, axis] = acceleration, rate
             foot[k, 0, axis] += dt * rate
     for axis in range(3):
         under = planned.share[0] * foot[0, 0, axis] + planned.share[1] * foot[1, 0, axis]

@@ -82,10 +82,10 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             swinging[air, k] = True
             until_landing[air, k] = after.t_touch - t[air]
             near_edge[air, k] = after.mode in ("SA", "SD") or after.departure != "push"
-        own = reference.steps[side]
-        at = np.searchsorted([step.t_off for step in own], t)
-        R_sole[:, k] = np.array([step.R_world_sole for step in own])[at]
-        p_sole[:, k] = np.array([step.p_foot_in_world for step in own])[at]
+        foot_steps = reference.steps[side]
+        at = np.searchsorted([step.t_off for step in foot_steps], t)
+        R_sole[:, k] = np.array([step.R_world_sole for step in foot_steps])[at]
+        p_sole[:, k] = np.array([step.p_foot_in_world for step in foot_steps])[at]
         pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
         for step in reference.steps[side]:
             on = (t >= step.t_touch) & (t <= step.t_off)
@@ -99,10 +99,10 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
     feet = PlannedFeet(
         share=loads[:, [0, 4]], touching=touching, force_weight=force_weight, R_sole=R_sole, p_sole=p_sole,
         swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,
-        a_foot=_rate(dp), R_foot=R, w_foot=w, dw_foot=_rate(w),
+        a_foot=_time_derivative(dp), R_foot=R, w_foot=w, dw_foot=_time_derivative(w),
     )  # fmt: skip
     return Plan(t=t, q=q, v=v, a=a, com=com, feet=feet)
 
 
-def _rate(x: Array) -> Array:
+def _time_derivative(x: Array) -> Array:
     return np.asarray(np.gradient(x, CONTROL_S, axis=0), dtype=float)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES, Dynamics, Exo
-from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_numbers, subtract_bias
+from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_point_numbers, subtract_bias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
@@ -24,8 +24,8 @@ from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import State, chain_of
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import cross, minus, plus, put, times, vec3
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.kinematics.quaternions import cross, minus, plus, store_vec3, times, vec3
+from stridetwin.sim.wearer.exo_couplings import exo_couplings
 from stridetwin.streams.compiled import cached
 from stridetwin.streams.samples import Array
 
@@ -35,7 +35,7 @@ STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins
 MARGIN_S = 2.0 * STEP_S
 """Future steps can still change the splines this long before them."""
-_EVERY = round(CONTROL_S / STEP_S)
+_STEPS_PER_CONTROL = round(CONTROL_S / STEP_S)
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
@@ -60,18 +60,18 @@ class Simulation:
         rng: np.random.Generator, law: ControlLaw | None = None,
     ) -> None:  # fmt: skip
         self._plan = plan
-        self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
+        self._push_forces, self._landing_offsets = push_forces(dynamics, plan), misstep_offsets(dynamics, plan)
         self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
-        self._model = model = _physics(disturbed(model, dynamics))
+        self._model = model = _set_physics_options(apply_disturbances(model, dynamics))
         self._data = data = mujoco.MjData(model)
         self._state = State.of(data)
         self._control = Controller(
             model, reference.size, reference.coordinates, Gains(), assist=dynamics.assist,
-            believed=1.0 / (1.0 + dynamics.mass_error),
+            mass_ratio=1.0 / (1.0 + dynamics.mass_error),
         )  # fmt: skip
-        self._coupled = CouplingSet.of(model, couplings(reference.size))
+        self._coupled = CouplingSet.of(model, exo_couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
-        self._soles = sole_numbers(model)
+        self._soles = sole_point_numbers(model)
         self._record = _Record(self._steps, model, self._soles)
         self._welded, self._drive = model.body_weldid[model.geom_bodyid], Drive(model, exo, law)
         self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])
@@ -83,7 +83,7 @@ class Simulation:
         self.fell_at: float | None = None
 
     @property
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         """Whether the walk has ended or the walker has fallen."""
         return self.fell_at is not None or self._step >= self._steps
 
@@ -99,16 +99,16 @@ class Simulation:
         known = coupling_forces(self._coupled, self._state)
         motors = self._drive.torques(data)
         known += motors
-        i = min(max(step, 0) // _EVERY, len(plan.t) - 1)
-        if step % _EVERY == 0:
+        i = min(max(step, 0) // _STEPS_PER_CONTROL, len(plan.t) - 1)
+        if step % _STEPS_PER_CONTROL == 0:
             self._control_step(i, known)
         data.qfrc_applied = self._torque + known
         if step >= 0:
-            self._record.before(step, data, self._torque + motors)
+            self._record.record_state(step, data, self._torque + motors)
         subtract_bias(self._welded, self._chains, Contacts.of(data), self._state, data.efc_aref)
         mujoco.mj_step2(model, data)
         if step >= 0:
-            self._record.after(step, data)
+            self._record.record_contacts(step, data)
         if data.qpos[2] < plan.q[i, 2] + self._shift.root[0, 2] - _FALLEN_M:
             self.fell_at = step * STEP_S
         self._step = step + 1
@@ -121,11 +121,11 @@ class Simulation:
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         pressing = np.logical_or.reduce(self._touching, axis=1)
-        advance(self._shift, CONTROL_S, feet, com, floor, pressing, self._misplace[i])
+        advance(self._shift, CONTROL_S, feet, com, floor, pressing, self._landing_offsets[i])
         self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
-        self._pushed[:2] = self._push[i]
+        self._pushed[:2] = self._push_forces[i]
 
     def recent(self, seconds: float) -> SimulatedWalk:
         """The most recent part of the walk; its last `MARGIN_S` may still change."""
@@ -137,7 +137,7 @@ class Simulation:
         return SimulatedWalk.of(self._reference, *self._record.rows(0, self._step), self.fell_at)
 
 
-def disturbed(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
+def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
     """Copy of the model with the true body mass and floor height."""
     model = copy.copy(model)
     model.body_mass *= 1.0 + dynamics.mass_error
@@ -152,7 +152,7 @@ def disturbed(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
     return model
 
 
-def pushing(dynamics: Dynamics, plan: Plan) -> Array:
+def push_forces(dynamics: Dynamics, plan: Plan) -> Array:
     """(N, 2) horizontal force on the pelvis at each instant of a plan, N, world."""
     force = np.zeros((len(plan.t), 2))
     for push in dynamics.pushes:
@@ -161,9 +161,9 @@ def pushing(dynamics: Dynamics, plan: Plan) -> Array:
     return force
 
 
-def misplaced(dynamics: Dynamics, plan: Plan) -> Array:
+def misstep_offsets(dynamics: Dynamics, plan: Plan) -> Array:
     """(N, 2, 2) m, world, offset of each foot's landing from its foothold, at each instant of a plan."""
-    off = np.zeros((len(plan.t), len(SIDES), 2))
+    offsets = np.zeros((len(plan.t), len(SIDES), 2))
     for misstep in dynamics.missteps:
         landing = plan.t[:, None] + plan.feet.until_landing
         landing[~plan.feet.swinging | (landing < misstep.at_s)] = np.inf
@@ -172,11 +172,11 @@ def misplaced(dynamics: Dynamics, plan: Plan) -> Array:
             continue  # the last foot has already landed
         foot = int(landing.min(axis=0).argmin())
         during = np.isclose(landing[:, foot], first)
-        off[during, foot] += plan.feet.R_way[during] @ [misstep.forward_m, misstep.left_m]
-    return off
+        offsets[during, foot] += plan.feet.R_way[during] @ [misstep.forward_m, misstep.left_m]
+    return offsets
 
 
-def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
+def _set_physics_options(model: mujoco.MjModel) -> mujoco.MjModel:
     model.opt.timestep = STEP_S
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -201,13 +201,13 @@ class _Record:
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
         self._side = np.where(soles < 0, -1, soles // PER_FOOT)
 
-    def before(self, i: int, data: mujoco.MjData, torque: Array) -> None:
+    def record_state(self, i: int, data: mujoco.MjData, torque: Array) -> None:
         """Records the state that step i starts from."""
         self._q[i], self._torque[i] = data.qpos, torque
 
-    def after(self, i: int, data: mujoco.MjData) -> None:
+    def record_contacts(self, i: int, data: mujoco.MjData) -> None:
         """Records the contacts at the start of step i; they are known once the step is done."""
-        _foot_loads(
+        _record_foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )  # fmt: skip
 
@@ -218,7 +218,7 @@ class _Record:
 
 
 @_called
-def _foot_loads(
+def _record_foot_loads(
     side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
     loads: FootRecord,
 ) -> None:  # fmt: skip
@@ -226,7 +226,7 @@ def _foot_loads(
     geoms, pos, frame, _, address = contacts
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):
-        put(vec3(xpos[feet[s]]), p_feet[s])
+        store_vec3(vec3(xpos[feet[s]]), p_feet[s])
         for k in range(9):
             R_feet[s, k // 3, k % 3] = xmat[feet[s], k]
     lift = np.zeros(2)
@@ -237,15 +237,17 @@ def _foot_loads(
         s = side[geoms[c, 0]] if first else side[geoms[c, 1]]
         if s < 0:
             continue
-        own, point, normal_force = (0.0, 0.0, 0.0), vec3(pos[c]), efc_force[address[c]]
+        contact_force, point, normal_force = (0.0, 0.0, 0.0), vec3(pos[c]), efc_force[address[c]]
         for axis in range(3):
             f = efc_force[address[c] + axis]
-            own = plus(own, times(f, (frame[c, 3 * axis], frame[c, 3 * axis + 1], frame[c, 3 * axis + 2])))
-        own = times(-1.0 if first else 1.0, own)
-        put(plus(vec3(force[s]), own), force[s])
-        put(plus(vec3(moment[s]), cross(minus(point, vec3(p_feet[s])), own)), moment[s])
-        put(plus(vec3(cop[s]), times(normal_force, point)), cop[s])
+            contact_force = plus(
+                contact_force, times(f, (frame[c, 3 * axis], frame[c, 3 * axis + 1], frame[c, 3 * axis + 2]))
+            )
+        contact_force = times(-1.0 if first else 1.0, contact_force)
+        store_vec3(plus(vec3(force[s]), contact_force), force[s])
+        store_vec3(plus(vec3(moment[s]), cross(minus(point, vec3(p_feet[s])), contact_force)), moment[s])
+        store_vec3(plus(vec3(cop[s]), times(normal_force, point)), cop[s])
         lift[s] += normal_force
     for s in range(2):
         if lift[s] > 0.0:
-            put(times(1.0 / lift[s], vec3(cop[s])), cop[s])
+            store_vec3(times(1.0 / lift[s], vec3(cop[s])), cop[s])

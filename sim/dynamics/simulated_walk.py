@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.gait.reference import Reference, Walk
+from stridetwin.sim.gait.reference import Reference, WalkMotion
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler
@@ -43,7 +43,7 @@ class FootRecord(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SimulatedWalk(Walk):
+class SimulatedWalk(WalkMotion):
     """Result of the simulation; it ends where the walker fell.
 
     The coordinates of the physics steps are the control points of cubic B-splines, so that position, velocity and
@@ -71,7 +71,7 @@ class SimulatedWalk(Walk):
         end = float(t[-1])
         steps = {
             side: [
-                _as_it_happened(step, t, loads.force[:, k, 2], loads.p[:, k], loads.R[:, k])
+                _simulate_footstep(step, t, loads.force[:, k, 2], loads.p[:, k], loads.R[:, k])
                 for step in reference.steps[side] if step.t_touch < end
             ]
             for k, side in enumerate(SIDES)
@@ -84,12 +84,12 @@ class SimulatedWalk(Walk):
         """A part of the walk, with the planned footsteps and no pitch of the feet."""
         return cls(
             duration_s=float(t[-1]), size=reference.size, steps=reference.steps, coordinates=reference.coordinates,
-            splines=through(t, reference.coordinates.from_mujoco(q)), fell_at=None, t=t, torque=torque, loads=loads,
-            _pitch=np.zeros((len(t), len(SIDES))),
+            splines=control_spline(t, reference.coordinates.from_mujoco(q)), fell_at=None, t=t, torque=torque,
+            loads=loads, _pitch=np.zeros((len(t), len(SIDES))),
         )  # fmt: skip
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """As `Walk`."""
+        """As `WalkMotion`."""
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
     def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -114,38 +114,38 @@ class SimulatedWalk(Walk):
         return torque[:, self.coordinates.dof], torque[:, :3], np.einsum("nij,nj->ni", R, torque[:, 3:6])
 
 
-def through(t: Array, x: Array) -> BSpline:
+def control_spline(t: Array, x: Array) -> BSpline:
     """Cubic splines with (N, n) control points at (N,) even times."""
     control = np.concatenate([x[:1], x[:1], x, x[-1:], x[-1:]])
     return BSpline(t[0] + (t[1] - t[0]) * (np.arange(len(control) + 4) - 4.0), control, 3)
 
 
-def _as_it_happened(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:
+def _simulate_footstep(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:
     """A planned footstep with the simulated times of load and the simulated footprint."""
     loaded = lift > _LOADED_N
-    touch = _nearest(t, np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1, step.t_touch)
-    off = _nearest(t, np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1, step.t_off)
+    touch = _nearest_event_time(t, np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1, step.t_touch)
+    off = _nearest_event_time(t, np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1, step.t_off)
     during = np.flatnonzero((t >= touch) & (t <= off))
     if not len(during):
         return step
     # the foot is flat where the sole's normal agrees best with the ground's
     flat = during[np.argmax(np.einsum("nij,ij->n", R_foot[during][:, :, 2:], step.R_world_sole[:, 2:]))]
-    R_world_sole = _on_ground(R_foot[flat], step.R_world_sole[:, 2])
+    R_world_sole = _project_on_ground(R_foot[flat], step.R_world_sole[:, 2])
     return replace(step, t_touch=touch, t_off=off, p_foot_in_world=p_foot[flat], R_world_sole=R_world_sole)
 
 
-def _on_ground(R_world_foot: Array, normal: Array) -> Array:
+def _project_on_ground(R_world_foot: Array, normal: Array) -> Array:
     """(3, 3) rotation of a foot projected onto its ground: a loaded rubber sole is tilted by up to 0.3°."""
     forward = R_world_foot[:, 0] - (R_world_foot[:, 0] @ normal) * normal
     forward /= np.linalg.norm(forward)
     return np.column_stack([forward, np.cross(normal, forward), normal])
 
 
-def _nearest(t: Array, events: NDArray[np.int64], planned: float) -> float:
+def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> float:
     if not np.isfinite(planned) or not len(events):
         return planned
-    found = float(t[events[np.abs(t[events] - planned).argmin()]])
-    return found if abs(found - planned) < _EARLY_OR_LATE_S else planned
+    nearest = float(t[events[np.abs(t[events] - planned).argmin()]])
+    return nearest if abs(nearest - planned) < _EARLY_OR_LATE_S else planned
 
 
 def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:

@@ -70,7 +70,7 @@ def cholesky(H: Array) -> None:
 
 
 @numba.njit(**INSIDE)
-def forward(L: Array, X: Array) -> None:
+def forward_substitute(L: Array, X: Array) -> None:
     """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
     for i in range(len(L)):
         for j in range(i):
@@ -84,12 +84,12 @@ def forward(L: Array, X: Array) -> None:
 def solve_positive(H: Array, X: Array) -> None:
     """Overwrites X (n, m) by H⁻¹ X, H (n, n) symmetric and positive definite, and H by its Cholesky factor."""
     cholesky(H)
-    forward(H, X)
-    backward(H, X)
+    forward_substitute(H, X)
+    backward_substitute(H, X)
 
 
 @numba.njit(**INSIDE)
-def backward(L: Array, X: Array) -> None:
+def backward_substitute(L: Array, X: Array) -> None:
     """Overwrites X (n, m) by L⁻ᵀ X."""
     for i in range(len(L) - 1, -1, -1):
         for j in range(i + 1, len(L)):
@@ -164,7 +164,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
     E, X = M[free][:, free], np.empty((b, a + 1))
     X[:, :a], X[:, a] = M[free][:, driven], h[free]
     cholesky(E)
-    forward(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
+    forward_substitute(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
     for k in range(b):
         for i in range(a):
             for j in range(a):
@@ -190,32 +190,32 @@ def solve(
     n, k = len(h), len(points.weight)
     # (n, 7) below: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. The tasks affect only
     # root and legs; elsewhere the Hessian is the diagonal of the weights
-    back, reached = np.empty((n, 7)), _reached(rows)
-    back[:, 6], back[:, :6] = weight * target, M[:6].T
+    solution, columns = np.empty((n, 7)), _nonzero_columns(rows)
+    solution[:, 6], solution[:, :6] = weight * target, M[:6].T
     for t in range(len(rows)):
         for i in range(n):
-            back[i, 6] += rows[t, i] * tasks.weight[t] * tasks.target[t]
-    H, X = np.diag(weight[reached]), back[reached]
+            solution[i, 6] += rows[t, i] * tasks.weight[t] * tasks.target[t]
+    H, X = np.diag(weight[columns]), solution[columns]
     for t in range(len(rows)):
-        for a in range(len(reached)):
-            weighted = tasks.weight[t] * rows[t, reached[a]]
+        for a in range(len(columns)):
+            weighted = tasks.weight[t] * rows[t, columns[a]]
             for b in range(a + 1):
-                H[a, b] += weighted * rows[t, reached[b]]
+                H[a, b] += weighted * rows[t, columns[b]]
     solve_positive(H, X)
-    back /= weight.reshape(-1, 1)
-    back[reached] = X
+    solution /= weight.reshape(-1, 1)
+    solution[columns] = X
 
-    S, lacking = np.empty((6, 6)), np.empty(6)
+    S, root_deficit = np.empty((6, 6)), np.empty(6)
     for i in range(6):
-        lacking[i] = h[i]
+        root_deficit[i] = h[i]
         for j in range(6):
             S[i, j] = assist[i] * assist[i] if i == j else 0.0
         for m in range(n):
-            lacking[i] += M[i, m] * back[m, 6]
+            root_deficit[i] += M[i, m] * solution[m, 6]
             for j in range(6):
-                S[i, j] += M[i, m] * back[m, j]
+                S[i, j] += M[i, m] * solution[m, j]
     cholesky(S)
-    force, joint_force = _bearable(S, lacking, points), np.zeros(n)
+    force, joint_force = _solve_contact_forces(S, root_deficit, points), np.zeros(n)
     for i in range(3 * k):
         along = 0.0
         for e in range(4):
@@ -225,30 +225,30 @@ def solve(
 
     multiplier = np.empty((6, 1))
     for i in range(6):
-        multiplier[i, 0] = joint_force[i] - lacking[i]
-    forward(S, multiplier)
-    backward(S, multiplier)
-    qacc, torque, rest = back[:, 6].copy(), h - joint_force, np.empty(6)
+        multiplier[i, 0] = joint_force[i] - root_deficit[i]
+    forward_substitute(S, multiplier)
+    backward_substitute(S, multiplier)
+    qacc, torque, residual = solution[:, 6].copy(), h - joint_force, np.empty(6)
     for j in range(6):
-        qacc += back[:, j] * multiplier[j, 0]
+        qacc += solution[:, j] * multiplier[j, 0]
     for i in range(n):
         for m in range(n):
             torque[i] += M[i, m] * qacc[m]
     for i in range(6):
-        helped = assist[i] * assist[i] * multiplier[i, 0]
-        rest[i] = torque[i] + helped
-        torque[i] = -helped
-    return qacc, torque, force, rest
+        assisted = assist[i] * assist[i] * multiplier[i, 0]
+        residual[i] = torque[i] + assisted
+        torque[i] = -assisted
+    return qacc, torque, force, residual
 
 
 @numba.njit(**INSIDE)
-def _reached(rows: Array) -> NDArray[np.int64]:
+def _nonzero_columns(rows: Array) -> NDArray[np.int64]:
     """Numbers of the columns that are not 0."""
     return np.flatnonzero(np.abs(rows).sum(axis=0))
 
 
 @numba.njit(**INSIDE)
-def _bearable(L: Array, lacking: Array, points: ContactPoints) -> Array:
+def _solve_contact_forces(L: Array, root_deficit: Array, points: ContactPoints) -> Array:
     """(k, 4) forces along the edges that provide what the root lacks, L the Cholesky factor of S."""
     k = len(points.weight)
     X, r, p = np.zeros((6, 4 * k + 1)), np.empty(4 * k), np.empty(4 * k)
@@ -259,7 +259,7 @@ def _bearable(L: Array, lacking: Array, points: ContactPoints) -> Array:
         for m in range(6):
             for axis in range(3):
                 X[m, j] += points.rows[3 * i + axis, m] * points.edges[i, e, axis]
-    X[:, 4 * k] = lacking
-    forward(L, X)
+    X[:, 4 * k] = root_deficit
+    forward_substitute(L, X)
     f, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, p)
     return f.reshape(k, 4)

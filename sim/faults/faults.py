@@ -96,7 +96,7 @@ class Arrival:
         """Topic of the item."""
         return self.item.topic
 
-    def but(self, **values: Any) -> Arrival:
+    def with_values(self, **values: Any) -> Arrival:
         """A copy with other values in its sample."""
         return replace(self, item=replace(self.item, **values))
 
@@ -106,49 +106,49 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
     lines: dict[str, list[tuple[Fault, EventsOfTopic, Memory]]] = {}
     truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
-        for topic, own in events.items() if fault.on_samples else ():
+        for topic, topic_events in events.items() if fault.on_samples else ():
             memory: Memory = {}
-            lines.setdefault(topic, []).append((fault, own, memory))
-            truth_readers.setdefault(fault.truth_topic(own[0]), []).append(memory)
+            lines.setdefault(topic, []).append((fault, topic_events, memory))
+            truth_readers.setdefault(fault.truth_topic(topic_events[0]), []).append(memory)
     for item in items:
         for memory in truth_readers.get(item.topic, ()):
             memory.setdefault("truth", []).extend(item if isinstance(item, Block) else [item])
         if item.topic not in lines:
             yield Arrival(item=item)
             continue
-        stream: Iterable[Arrival] = _apart(item)
-        for fault, own, memory in lines[item.topic]:
-            stream = fault.through(stream, own, memory)
-        yield from _together(stream)
+        stream: Iterable[Arrival] = _split_block(item)
+        for fault, topic_events, memory in lines[item.topic]:
+            stream = fault.process(stream, topic_events, memory)
+        yield from _merge_samples(stream)
     for line in lines.values():
         stream = ()
-        for fault, own, memory in line:
-            stream = _last(stream, fault, own, memory)
-        yield from _together(stream)
+        for fault, topic_events, memory in line:
+            stream = _process_last(stream, fault, topic_events, memory)
+        yield from _merge_samples(stream)
 
 
-def _last(stream: Iterable[Arrival], fault: Fault, events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+def _process_last(stream: Iterable[Arrival], fault: Fault, events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
     """Output of a fault for the last chunk of a stream."""
-    yield from fault.through(stream, events, memory)
-    yield from fault.left(memory)
+    yield from fault.process(stream, events, memory)
+    yield from fault.flush(memory)
 
 
-def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
+def _split_block(item: Block[Any] | Sample) -> Iterator[Arrival]:
     for sample in item if isinstance(item, Block) else (item,):
         yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
 
 
-def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
+def _merge_samples(stream: Iterable[Arrival]) -> Iterator[Arrival]:
     """Combines samples of one topic to a block, but keeps images one by one."""
-    some = list(stream)
-    if some and isinstance(some[0].item, IMAGES):
-        yield from some
-    elif some:
+    arrivals = list(stream)
+    if arrivals and isinstance(arrivals[0].item, IMAGES):
+        yield from arrivals
+    elif arrivals:
         # imported late, so that a scenario is read without it
         from stridetwin.streams.recording.ros_samples import block_of
 
-        block = block_of([a.item for a in some if isinstance(a.item, Sample)])
-        yield Arrival(item=block, log_ns=np.array([a.log_ns for a in some], np.int64))
+        block = block_of([a.item for a in arrivals if isinstance(a.item, Sample)])
+        yield Arrival(item=block, log_ns=np.array([a.log_ns for a in arrivals], np.int64))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +161,7 @@ class Fault:
     """
 
     kind: ClassVar[str]  # in files: the name of the class, as in loose_strap
-    fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
+    sample_types: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
     on_samples: ClassVar[bool] = True  # otherwise it acts elsewhere
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
     topic: Annotated[str, text()]
@@ -171,13 +171,13 @@ class Fault:
         cls.kind = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     @property
-    def own_name(self) -> str:
+    def full_name(self) -> str:
         """Its name, or the default name."""
         return self.name or f"{self.kind} {self.topic}"
 
-    def suits(self, stream: Stream) -> bool:
+    def applies_to(self, stream: Stream) -> bool:
         """Whether it applies to a stream, if its topic matches."""
-        return stream.kind in self.fits
+        return stream.kind in self.sample_types
 
     def calibrate(self, sensor: Calibration) -> Calibration:
         """The nominal calibration of one of its sensors, given the one without this fault."""
@@ -187,17 +187,17 @@ class Fault:
         """Stream of the truth that it needs, which `arrivals` collects in its memory under `truth`; "" for none."""
         return ""
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """Output for a chunk of one topic's stream."""
         for arrival in stream:
-            event = at(events, arrival)
-            yield from (arrival,) if event is None else self.corrupted(arrival, event)
+            event = active_event(events, arrival)
+            yield from (arrival,) if event is None else self.corrupt(arrival, event)
 
-    def left(self, memory: Memory) -> Iterable[Arrival]:
+    def flush(self, memory: Memory) -> Iterable[Arrival]:
         """Items still in transit when the stream has ended."""
         return ()
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """Output for one sample during an event."""
         return (arrival,)
 
@@ -217,7 +217,7 @@ class TimedFault(Fault):
     rate_per_min: Annotated[float | None, number(0.001, 600)] = None
 
 
-def at(events: EventsOfTopic, arrival: Arrival) -> Event | None:
+def active_event(events: EventsOfTopic, arrival: Arrival) -> Event | None:
     """The event that is active at the measurement time of a sample."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
@@ -237,7 +237,7 @@ class LooseStrap(TimedFault):
 
     common_to = "body"
     on_samples = False
-    fits = (Imu, Image, Depth, Ahrs, Range)
+    sample_types = (Imu, Image, Depth, Ahrs, Range)
     angle_rad: Annotated[float, number(0, 90, key="angle_deg", scale=DEG)] = math.radians(10)
     shift_m: Annotated[float, number(0, 100, key="shift_mm", scale=MM)] = 0.01
 
@@ -260,7 +260,7 @@ class Stream:
     housing: str
 
 
-def _streams(rig: Rig) -> Iterator[Stream]:
+def _streams_of_rig(rig: Rig) -> Iterator[Stream]:
     case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
     case |= {t.replace("/ahrs", "/imu"): t for t, other in rig.others.items() if other.kind == "ahrs"}
     for t, c in rig.imus.items():
@@ -275,8 +275,8 @@ def _streams(rig: Rig) -> Iterator[Stream]:
         yield Stream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
 
 
-def _affected(fault: Fault, rig: Rig) -> list[Stream]:
-    streams = [s for s in _streams(rig) if fault.suits(s)]
+def _find_streams(fault: Fault, rig: Rig) -> list[Stream]:
+    streams = [s for s in _streams_of_rig(rig) if fault.applies_to(s)]
     named = [s for s in streams if fnmatchcase(s.topic, fault.topic)]
     if isinstance(fault, LooseStrap):
         cases = {s.housing for s in named}
@@ -292,12 +292,12 @@ def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
     """
     names: list[str] = []
     for i, fault in enumerate(faults):
-        if not _affected(fault, rig):
-            valid = ", ".join(sorted(s.topic for s in _streams(rig) if fault.suits(s)))
+        if not _find_streams(fault, rig):
+            valid = ", ".join(sorted(s.topic for s in _streams_of_rig(rig) if fault.applies_to(s)))
             raise ConfigError(source, f"faults[{i}].topic", fault.topic, f"{valid or 'none here'} ({fault.kind}), or *")
-        if fault.own_name in names:
-            raise ConfigError(source, f"faults[{i}].name", fault.own_name, "a name of its own for each fault")
-        names.append(fault.own_name)
+        if fault.full_name in names:
+            raise ConfigError(source, f"faults[{i}].name", fault.full_name, "a name of its own for each fault")
+        names.append(fault.full_name)
 
 
 def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> None:
@@ -323,12 +323,12 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
     planned: list[tuple[Fault, Events]] = []
     for fault in faults:
         events: dict[str, EventsOfTopic] = {}
-        for stream in _affected(fault, rig):
-            place = getattr(stream, fault.common_to)
-            key = (_FAULTS, zlib.crc32(fault.own_name.encode()), zlib.crc32(place.encode()))
-            own = tuple(_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
-            if own:
-                events[stream.topic] = own
+        for stream in _find_streams(fault, rig):
+            shared_by = getattr(stream, fault.common_to)
+            key = (_FAULTS, zlib.crc32(fault.full_name.encode()), zlib.crc32(shared_by.encode()))
+            stream_events = tuple(_generate_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
+            if stream_events:
+                events[stream.topic] = stream_events
         planned.append((fault, events))
     return planned
 
@@ -367,8 +367,10 @@ class FaultPlan:
             yield from arrival.item if isinstance(arrival.item, Block) else (arrival.item,)
 
 
-def _events(fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_ns: int, rig: Rig) -> Iterator[Event]:
-    for count, (from_s, until_s) in enumerate(_spans(fault, seed, key)):
+def _generate_events(
+    fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_ns: int, rig: Rig
+) -> Iterator[Event]:
+    for count, (from_s, until_s) in enumerate(_draw_spans(fault, seed, key)):
         from_ns = round(from_s * 1e9)
         if from_ns >= end_ns:
             return
@@ -381,7 +383,7 @@ def _events(fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_n
         )  # fmt: skip
 
 
-def _spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
+def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
     """Begin and end of each event, s; the end is None for the rest of the walk."""
     if not isinstance(fault, TimedFault):
         yield 0.0, None

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, at
+from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, active_event
 from stridetwin.streams.fields import number, whole
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image, Odometry
@@ -32,28 +32,28 @@ _LONGEST_M = 6.0  # beyond which the mirror image has no depth
 class _ImageFault(TimedFault):
     """Something between a scene and its images that does not change during an event."""
 
-    fits = IMAGES
+    sample_types = IMAGES
     common_to = "housing"
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`; images with empty views share their pixels before and after."""
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.process`; images with empty views share their pixels before and after."""
         for arrival in stream:
-            event = at(events, arrival)
+            event = active_event(events, arrival)
             if event is None:
                 yield arrival
                 continue
-            name, image = image_of(arrival)
+            name, image = image_field(arrival)
             if image.flags.writeable:
-                yield arrival.but(**{name: self.seen(image, event)})
+                yield arrival.with_values(**{name: self.degrade(image, event)})
                 continue
             if memory.get("event") is not event or memory["clean"] is not image:
-                corrupted = self.seen(image, event)
+                corrupted = self.degrade(image, event)
                 corrupted.setflags(write=False)
                 memory.update(event=event, clean=image, corrupted=corrupted)
-            yield arrival.but(**{name: memory["corrupted"]})
+            yield arrival.with_values(**{name: memory["corrupted"]})
 
     @abstractmethod
-    def seen(self, image: NDArray, event: Event) -> NDArray:
+    def degrade(self, image: NDArray, event: Event) -> NDArray:
         """A new image, or depth image (float32), with the occlusion applied."""
 
 
@@ -67,7 +67,7 @@ class Occlusion(_ImageFault):
 
     share: Annotated[float, number(0.01, 1)] = 0.3
 
-    def seen(self, image: NDArray, event: Event) -> NDArray:
+    def degrade(self, image: NDArray, event: Event) -> NDArray:
         """The image, partly covered."""
         side = int(event.rng().integers(4))
         covered = image.copy()
@@ -89,14 +89,14 @@ class LensDirt(_ImageFault):
     spots: Annotated[int, whole(1, 50)] = 6
     size: Annotated[float, number(0.01, 0.5)] = 0.08
 
-    def seen(self, image: NDArray, event: Event) -> NDArray:
+    def degrade(self, image: NDArray, event: Event) -> NDArray:
         """The image through the dirty lens."""
         height, width = image.shape[:2]
-        dirt, corrupted = _dirt(event, self.spots, self.size, height, width), image.copy()
+        dirt, corrupted = _draw_dirt(event, self.spots, self.size, height, width), image.copy()
         if is_depth(image):
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
-            blurred = _blurred(image, _coarse(self.size, height), self.size * height / 2)
+            blurred = _blur_coarse(image, _blur_scale(self.size, height), self.size * height / 2)
             each = math.prod(image.shape[2:])
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
@@ -104,7 +104,7 @@ class LensDirt(_ImageFault):
         return corrupted
 
 
-def image_of(arrival: Arrival) -> tuple[str, NDArray]:
+def image_field(arrival: Arrival) -> tuple[str, NDArray]:
     """Name and value of the image in a sample of a camera."""
     item = arrival.item
     if isinstance(item, Image):
@@ -137,12 +137,12 @@ class _Dirt(NamedTuple):
     width: int
 
 
-def _coarse(size: float, height: int) -> int:
+def _blur_scale(size: float, height: int) -> int:
     """Ratio of image pixels to blurred pixels: a coarse grid that is still fine relative to the blur."""
     return max(1, int(size * height / 6))
 
 
-def _blurred(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
+def _blur_coarse(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
     """A widely blurred image, on a coarser grid with one additional pixel all around."""
     height, width = image.shape[:2]
     small = cv2.resize(image, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
@@ -151,7 +151,7 @@ def _blurred(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.
 
 
 @lru_cache(maxsize=16)
-def _dirt(event: Event, spots: int, size: float, height: int, width: int) -> _Dirt:
+def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -> _Dirt:
     rng = event.rng()
     v, u = np.mgrid[:height, :width].astype(np.float32)
     clear = np.ones((height, width), np.float32)
@@ -161,7 +161,7 @@ def _dirt(event: Event, spots: int, size: float, height: int, width: int) -> _Di
         clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
     places = np.flatnonzero(clear < 1)
     clear = clear.reshape(-1)[places]
-    rows, columns = (-(-n // _coarse(size, height)) for n in (height, width))
+    rows, columns = (-(-n // _blur_scale(size, height)) for n in (height, width))
     y, x = (places // width + 0.5) * (rows / height) + 0.5, (places % width + 0.5) * (columns / width) + 0.5
     down, across = y % 1, x % 1
     shares = np.stack([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across], axis=1)
@@ -183,19 +183,19 @@ class DepthNoise(TimedFault):
         noise_correlation_px: Its correlation length.
     """
 
-    fits = (Depth,)
+    sample_types = (Depth,)
     noise_per_m: Annotated[float, number(0, 0.2)] = 0.01
     noise_correlation_px: Annotated[float, number(1, 32)] = 4.0
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The depth image with added noise; pixels without depth stay without."""
-        depth = image_of(arrival)[1]
+        depth = image_field(arrival)[1]
         height, width = depth.shape
         grid = (round(height / self.noise_correlation_px) + 1, round(width / self.noise_correlation_px) + 1)
         coarse = event.rng(arrival.taken_ns).standard_normal(grid, np.float32)
         noise = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         noisy = depth + np.float32(self.noise_per_m) / noise.std() * depth**2 * noise
-        return (arrival.but(depth=np.maximum(noisy, 0.0).astype(np.float32)),)
+        return (arrival.with_values(depth=np.maximum(noisy, 0.0).astype(np.float32)),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,16 +207,16 @@ class HighView(TimedFault):
         range_m: Range.
     """
 
-    fits = (Depth,)
+    sample_types = (Depth,)
     share: Annotated[float, number(0.01, 1)] = 0.2
     range_m: Annotated[float, number(0.1, 50)] = 4.5
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The depth image without its lower rows."""
-        depth = image_of(arrival)[1].copy()
+        depth = image_field(arrival)[1].copy()
         ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
         depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
-        return (arrival.but(depth=depth),)
+        return (arrival.with_values(depth=depth),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,27 +230,27 @@ class PasserBy(TimedFault):
     """
 
     common_to = "housing"
-    fits = IMAGES
+    sample_types = IMAGES
     share: Annotated[float, number(0.01, 0.9)] = 0.3
     distance_m: Annotated[float, number(0.3, 20)] = 1.2
     motion_hz: Annotated[float, number(0.01, 5)] = 0.15
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The image with the person in it."""
-        name, image = image_of(arrival)
+        name, image = image_field(arrival)
         height, width, *channels = image.shape
         aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
         out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2
-        clothes = np.roll(_clothes(event, image.shape), aside, axis=1)
+        clothes = np.roll(_draw_clothes(event, image.shape), aside, axis=1)
         person = (self.distance_m + _ROUND_M * out).astype(np.float32) if is_depth(image) else clothes
         cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))
-        return (arrival.but(**{name: np.where(cover, person, image)}),)
+        return (arrival.with_values(**{name: np.where(cover, person, image)}),)
 
 
 @lru_cache(maxsize=16)
-def _clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _draw_clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Coloured patches on coloured fields."""
     height, width, *channels = shape
     cells = ((8, 8), (height // 6 + 1, width // 6 + 1))
@@ -272,7 +272,7 @@ class MirrorFloor(TimedFault):
         blotch_m: Size of a blotch.
     """
 
-    fits = (Depth,)
+    sample_types = (Depth,)
     holes: Annotated[float, number(0, 0.5)] = 0.3
     mirrored: Annotated[float, number(0, 0.5)] = 0.12
     ceiling_m: Annotated[float, number(1, 20)] = 2.4
@@ -282,16 +282,16 @@ class MirrorFloor(TimedFault):
         """The true path of the camera's IMU."""
         return f"/truth{_camera(event).imu_topic}/odometry"
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`; images without a true pose pass unchanged."""
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.process`; images without a true pose pass unchanged."""
         for arrival in stream:
-            event, truth = at(events, arrival), memory.get("truth")
+            event, truth = active_event(events, arrival), memory.get("truth")
             if event is None or not truth:
                 yield arrival
                 continue
             del truth[:-_MEMORY]
             pose = min(truth, key=lambda s: abs(s.t_ns - arrival.taken_ns))
-            yield arrival.but(depth=self._mirror(image_of(arrival)[1], pose, event))
+            yield arrival.with_values(depth=self._mirror(image_field(arrival)[1], pose, event))
 
     def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
         camera = _camera(event)
@@ -302,7 +302,7 @@ class MirrorFloor(TimedFault):
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
         xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
-        ranks = _shine(event)
+        ranks = _draw_shine_ranks(event)
         cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(ranks)
         rank, on_floor = ranks[cells[..., 0], cells[..., 1]], np.abs(depth - floor) < _FLAT * floor
         mirrored = depth * (eye[2] + self.ceiling_m) / eye[2]
@@ -322,7 +322,7 @@ def _rays(camera: CameraCalibration) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _shine(event: Event) -> Array:
+def _draw_shine_ranks(event: Event) -> Array:
     """(256, 256) rank, 0-1, of each cell of the floor among all; neighbours are alike."""
     shine = cv2.GaussianBlur(event.rng().standard_normal((256, 256)), (0, 0), 1.0)
     return (shine.ravel().argsort().argsort() / shine.size).reshape(shine.shape)

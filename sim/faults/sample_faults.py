@@ -23,7 +23,7 @@ from stridetwin.sim.faults.faults import (
     Memory,
     Stream,
     TimedFault,
-    at,
+    active_event,
 )
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.fields import DEG, MM, flag, number, words
@@ -49,7 +49,7 @@ class Dropout(TimedFault):
     common_to = "housing"
     share: Annotated[float, number(0.001, 1)] = 1.0
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample, or nothing."""
         is_lost = self.share == 1.0 or event.rng(arrival.taken_ns).random() < self.share
         return () if is_lost else (arrival,)
@@ -59,16 +59,16 @@ class Dropout(TimedFault):
 class Exchange(Fault):
     """Samples that arrive under the topic of the other side for the whole walk: left and right are exchanged."""
 
-    def suits(self, stream: Stream) -> bool:
+    def applies_to(self, stream: Stream) -> bool:
         """Whether the stream belongs to a side."""
-        return stream.kind in self.fits and _other_side(stream.topic) != stream.topic
+        return stream.kind in self.sample_types and _opposite_topic(stream.topic) != stream.topic
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample under the other topic."""
-        return (arrival.but(topic=_other_side(arrival.topic)),)
+        return (arrival.with_values(topic=_opposite_topic(arrival.topic)),)
 
 
-def _other_side(topic: str) -> str:
+def _opposite_topic(topic: str) -> str:
     return re.sub("_([lr])(?=/)", lambda side: "_r" if side[1] == "l" else "_l", topic)
 
 
@@ -76,10 +76,10 @@ def _other_side(topic: str) -> str:
 class Freeze(TimedFault):
     """Repeats the last value before the event, with new stamps."""
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`; a stream that begins frozen repeats its first value."""
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.process`; a stream that begins frozen repeats its first value."""
         for arrival in stream:
-            if at(events, arrival) is None:
+            if active_event(events, arrival) is None:
                 memory["last"] = arrival.item
                 yield arrival
             else:
@@ -90,7 +90,7 @@ class Freeze(TimedFault):
 class Repeat(TimedFault):
     """Each sample twice, with the same stamp."""
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample, twice."""
         return arrival, arrival
 
@@ -99,12 +99,12 @@ class Repeat(TimedFault):
 class Nan(TimedFault):
     """NaN values."""
 
-    fits = NUMBERS
+    sample_types = NUMBERS
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with NaN for every value."""
         values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
-        return (arrival.but(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
+        return (arrival.with_values(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,10 +117,10 @@ class Late(TimedFault):
 
     delay_s: Annotated[float, number(0.001, 60)] = 0.25
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`: stamps do not change, arrival times do."""
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.process`: stamps do not change, arrival times do."""
         for arrival in stream:
-            late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
+            late = 0 if active_event(events, arrival) is None else round(self.delay_s * 1e9)
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
             yield arrival if log_ns == arrival.log_ns else replace(arrival, log_ns=log_ns)
 
@@ -129,19 +129,19 @@ class Late(TimedFault):
 class OutOfOrder(TimedFault):
     """Samples that arrive out of order: of every two, the later arrives first."""
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`; an overtaken sample arrives together with the one that overtook it."""
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.process`; an overtaken sample arrives together with the one that overtook it."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
             if overtaken is not None:
                 yield arrival
                 yield replace(overtaken, log_ns=arrival.log_ns)
-            elif at(events, arrival) is not None:
+            elif active_event(events, arrival) is not None:
                 memory["held"] = arrival
             else:
                 yield arrival
 
-    def left(self, memory: Memory) -> Iterable[Arrival]:
+    def flush(self, memory: Memory) -> Iterable[Arrival]:
         """A sample that was never overtaken."""
         return tuple(memory.values())
 
@@ -156,9 +156,9 @@ class ClockJump(TimedFault):
 
     jump_s: Annotated[float, number(-3600, 3600)]
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with an offset in its stamp."""
-        return (arrival.but(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
+        return (arrival.with_values(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,22 +171,22 @@ class Saturation(TimedFault):
         accelerometer_mps2: Clipping level of an IMU's specific force.
     """
 
-    fits = (Imu, Insole, Interaction)
+    sample_types = (Imu, Insole, Interaction)
     fraction: Annotated[float, number(0.001, 1)] = 0.5
     gyroscope_rad_s: _RateRange = None
     accelerometer_mps2: _ForceRange = None
 
-    def suits(self, stream: Stream) -> bool:
+    def applies_to(self, stream: Stream) -> bool:
         """Whether the full scale of the part is known."""
-        return stream.kind in self.fits and bool(full_scales(stream.part))
+        return stream.kind in self.sample_types and bool(full_scales(stream.part))
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with clipped values."""
         scales = full_scales(event.part)
         levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
         limits = {n: level for n, level in levels.items() if n in scales and level is not None}
         limits = limits or {n: self.fraction * scale for n, scale in scales.items()}
-        return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
+        return (arrival.with_values(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,30 +201,32 @@ class Offset(TimedFault):
         drift_s: Time for which the offset drifts; it then stays.
     """
 
-    fits = (Insole, Encoder, Ahrs)
+    sample_types = (Insole, Encoder, Ahrs)
     offset_n: Annotated[float, number(-1000, 1000)] = 0.0
     drift_n_per_s: Annotated[float, number(-1000, 1000)] = 0.0
     offset_rad: Annotated[float, number(-180, 180, key="offset_deg", scale=DEG)] = 0.0
     drift_rad_s: Annotated[float, number(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
     drift_s: Annotated[float, number(0, 36_000)] = 36_000.0
 
-    def suits(self, stream: Stream) -> bool:
+    def applies_to(self, stream: Stream) -> bool:
         """Whether all offsets have the unit of the stream."""
-        others = (self.offset_rad, self.drift_rad_s) if stream.kind is Insole else (self.offset_n, self.drift_n_per_s)
-        return stream.kind in self.fits and not any(others)
+        wrong_offsets = (
+            (self.offset_rad, self.drift_rad_s) if stream.kind is Insole else (self.offset_n, self.drift_n_per_s)
+        )
+        return stream.kind in self.sample_types and not any(wrong_offsets)
 
-    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with the offset."""
         item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
         if isinstance(item, Insole):
-            return (arrival.but(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
+            return (arrival.with_values(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
         angle = self.offset_rad + self.drift_rad_s * since_s
         if isinstance(item, Ahrs):
             from scipy.spatial.transform import Rotation  # slow to import, seldom used
 
             q = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(item.q_world_sensor, scalar_first=True)
-            return (arrival.but(q_world_sensor=q.as_quat(scalar_first=True)),)
-        return (arrival.but(angle=item.angle + angle),) if isinstance(item, Encoder) else (arrival,)
+            return (arrival.with_values(q_world_sensor=q.as_quat(scalar_first=True)),)
+        return (arrival.with_values(angle=item.angle + angle),) if isinstance(item, Encoder) else (arrival,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,7 +240,7 @@ class Restart(TimedFault):
         translation_m: Translation from the old frame to the new one, after the rotation.
     """
 
-    fits = (Odometry,)
+    sample_types = (Odometry,)
     on_samples = False
     yaw_rad: Annotated[float, number(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
     translation_m: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
@@ -253,19 +255,19 @@ class DeadCell(TimedFault):
         stuck: Whether it keeps its value from the start of the event; otherwise it reads 0.
     """
 
-    fits = (Insole,)
+    sample_types = (Insole,)
     cell: Annotated[str, words((*CELLS, "all"))] = "heel"
     stuck: Annotated[bool, flag()] = False
 
-    def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.through`."""
+    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+        """As `Fault.process`."""
         cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
         for arrival in stream:
-            event = at(events, arrival)
+            event = active_event(events, arrival)
             if event is not None and isinstance(arrival.item, Insole):
                 force: Array = arrival.item.force.copy()
                 force[cells] = memory.setdefault(event, force[cells]) if self.stuck else 0.0
-                arrival = arrival.but(force=force)
+                arrival = arrival.with_values(force=force)
             yield arrival
 
 
@@ -285,7 +287,7 @@ class Miscalibration(Fault):
     """
 
     on_samples = False
-    fits = (Imu, Image, Range, Insole, Ahrs, Encoder)
+    sample_types = (Imu, Image, Range, Insole, Ahrs, Encoder)
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle], Field(alias="rotation_deg")] = (0.0, 0.0, 0.0)
     translation_m: Annotated[tuple[_Shift, _Shift, _Shift], Field(alias="translation_mm")] = (0.0, 0.0, 0.0)
     clock_offset_s: Annotated[float, number(-1, 1)] = 0.0
@@ -294,14 +296,14 @@ class Miscalibration(Fault):
     thigh_m: Annotated[float, number(-200, 200, key="thigh_mm", scale=MM)] = 0.0
     shank_m: Annotated[float, number(-200, 200, key="shank_mm", scale=MM)] = 0.0
 
-    def suits(self, stream: Stream) -> bool:
+    def applies_to(self, stream: Stream) -> bool:
         """Whether a sensor has all that is off."""
         is_off = {
             Image: self.clock_offset_s,
             Imu: self.gyroscope_rad_s or self.accelerometer_mps2,
             Encoder: self.thigh_m or self.shank_m,
         }
-        return stream.kind in self.fits and all(stream.kind is kind for kind, error in is_off.items() if error)
+        return stream.kind in self.sample_types and all(stream.kind is kind for kind, error in is_off.items() if error)
 
     def calibrate(self, sensor: Calibration) -> Calibration:
         """The calibration with the error."""

@@ -1,9 +1,10 @@
 """Motion of the exoskeleton's legs with the wearer: first without weight on their couplings, then with it.
 
 Each leg of the frame hangs on the pelvis by joints with stops and is coupled to the wearer at the thigh cuff, the
-shank cuff and the heel (`exoskeleton.couplings`). `fit_leg` finds the angles of least elastic energy of a weightless
-leg. `settle` adds the effect of its weight, inertia, rotors and friction: the motion relative to that fit, linearised
-at every instant and integrated in time. So the couplings support the leg as they would in a forward simulation.
+shank cuff and the heel (`exo_couplings`). `fit_leg` finds the angles of least elastic energy of a weightless leg.
+`solve_leg_dynamics` adds the effect of its weight, inertia, rotors and friction: the motion relative to that fit,
+linearised at every instant and integrated in time. So the couplings support the leg as they would in a forward
+simulation.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.wearer.exo_couplings import check_held, couplings, leg_frame
+from stridetwin.sim.wearer.exo_couplings import check_cuff_stiffness, exo_couplings, leg_frame
 from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, RANGE_RAD, ExoLinks, outward
 from stridetwin.streams.samples import Array
 
@@ -31,7 +32,7 @@ _STOP_ITERATIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Limbs:
+class LegPose:
     """Pose of one of the wearer's legs, to which the couplings attach, in the pelvis' frame at N instants.
 
     Attributes:
@@ -43,11 +44,13 @@ class Limbs:
     R: dict[str, Array]
 
 
-def limbs(size: Wearer, side: str, R_pelvis_thigh: Array, R_pelvis_shank: Array, p_foot: Array, R_foot: Array) -> Limbs:
+def leg_pose(
+    size: Wearer, side: str, R_pelvis_thigh: Array, R_pelvis_shank: Array, p_foot: Array, R_foot: Array
+) -> LegPose:
     """Pose of a leg from the rotations of its segments and the foot's pose, all in the pelvis' frame."""
     p_hip = np.broadcast_to([0.0, outward(side) * size.body.hip_half_width_m, 0.0], p_foot.shape)
     p_knee = p_hip + R_pelvis_thigh @ np.array([0.0, 0.0, -size.body.thigh_m])
-    return Limbs(
+    return LegPose(
         p={"thigh": p_hip, "shank": p_knee, "foot": p_foot},
         R={"thigh": R_pelvis_thigh, "shank": R_pelvis_shank, "foot": R_foot},
     )
@@ -72,58 +75,59 @@ class ExoLeg:
     def __init__(self, size: Wearer, side: str) -> None:
         self.frame = frame = leg_frame(size, side)
         self.is_standard = isinstance(size.exo, ExoLinks)
-        own = [c for c in couplings(size) if c.name.endswith(f"_{side}")]
-        self._held = [c.body[:-2] for c in own]
+        cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]
+        self._coupled_bodies = [c.body[:-2] for c in cuffs]
         self.kernel = exo_fit_kernel.Leg(
-            offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in own]),
-            p_in_exo=np.array([c.p_in_exo for c in own]), p_in_body=np.array([c.p_in_body for c in own]),
-            stiffness=np.array([c.law[[0, 2]] for c in own]), damping=np.array([c.law[[1, 3]] for c in own]),
+            offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in cuffs]),
+            p_in_exo=np.array([c.p_in_exo for c in cuffs]), p_in_body=np.array([c.p_in_body for c in cuffs]),
+            stiffness=np.array([c.law[[0, 2]] for c in cuffs]), damping=np.array([c.law[[1, 3]] for c in cuffs]),
             stops=frame.stops, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
         )  # fmt: skip
 
-    def strains(self, q: Array, wearer: Limbs) -> tuple[Array, Array]:
+    def strains(self, q: Array, wearer: LegPose) -> tuple[Array, Array]:
         """(N, 6 C) strains of the couplings (displacement, rotation) and their (N, 6 C, J) Jacobian at (N, J) rad."""
-        return exo_fit_kernel.strains(self.kernel, q, *self.held(wearer))
+        return exo_fit_kernel.strains(self.kernel, q, *self.attachment_poses(wearer))
 
-    def held(self, wearer: Limbs) -> tuple[Array, Array]:
+    def attachment_poses(self, wearer: LegPose) -> tuple[Array, Array]:
         """(N, C, 3) m, origins, and (N, C, 3, 3) rotations of the wearer's bodies to which the couplings attach."""
-        return np.stack([wearer.p[b] for b in self._held], 1), np.stack([wearer.R[b] for b in self._held], 1)
+        p, R = ([poses[body] for body in self._coupled_bodies] for poses in (wearer.p, wearer.R))
+        return np.stack(p, 1), np.stack(R, 1)
 
 
 def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
     """Rejects a custom exoskeleton whose cuffs do not hold it, or hold it too stiffly for its weight.
 
     Raises:
-        ConfigError: As for `own_exo.check_held`.
+        ConfigError: As for `exo_couplings.check_cuff_stiffness`.
     """
     if not isinstance(size.exo, OwnExo):
         return
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    whole = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, whole)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
     up = np.eye(3)[None]
     for side in SIDES:
         leg = ExoLeg(size, side)
         foot = np.array([[-size.ankle_x, size.body.hip_half_width_m * outward(side),
                           -size.body.thigh_m - size.body.shank_m - size.body.ankle_height_m]])  # fmt: skip
-        value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), limbs(size, side, up, up, foot, up))
+        value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), leg_pose(size, side, up, up, foot, up))
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
         stiffness, damping = (
             exo_fit_kernel.project(leg.kernel, law, jacobian, value)[1][0]
             for law in (leg.kernel.stiffness, leg.kernel.damping)
         )
-        check_held(size.exo, side, whole[np.ix_(dofs, dofs)], stiffness, damping)
+        check_cuff_stiffness(size.exo, side, mass[np.ix_(dofs, dofs)], stiffness, damping)
 
 
-def fit_leg(leg: ExoLeg, wearer: Limbs) -> Array:
+def fit_leg(leg: ExoLeg, wearer: LegPose) -> Array:
     """(N, J) angles of a weightless leg: least energy of couplings and stops, by Newton's method."""
-    q = _guess(wearer) if leg.is_standard else np.zeros((len(wearer.p["foot"]), len(leg.frame.joints)))
-    exo_fit_kernel.fit(leg.kernel, q, *leg.held(wearer), _ITERATIONS)
+    q = _initial_angles(wearer) if leg.is_standard else np.zeros((len(wearer.p["foot"]), len(leg.frame.joints)))
+    exo_fit_kernel.fit(leg.kernel, q, *leg.attachment_poses(wearer), _ITERATIONS)
     return q
 
 
-def _guess(wearer: Limbs) -> Array:
+def _initial_angles(wearer: LegPose) -> Array:
     """(N, 6) initial angles of the leg of Shim et al., from the wearer's leg."""
     R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]
     R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]
@@ -134,8 +138,8 @@ def _guess(wearer: Limbs) -> Array:
     return np.clip(q, RANGE_RAD[:, 0], RANGE_RAD[:, 1])
 
 
-def settle(
-    legs: dict[str, ExoLeg], start: dict[str, Array], wearers: dict[str, Limbs], model: mujoco.MjModel,
+def solve_leg_dynamics(
+    legs: dict[str, ExoLeg], start: dict[str, Array], wearers: dict[str, LegPose], model: mujoco.MjModel,
     layout: Coordinates, splines: BSpline, t: Array, rounds: int,
 ) -> dict[str, Array]:  # fmt: skip
     """Angles of both legs with their weight, inertia, rotors and friction.
@@ -157,32 +161,34 @@ def settle(
         (N, J) rad by side.
     """
     dt = float(t[1] - t[0])
-    whole = Tree.of(model)
+    full_tree = Tree.of(model)
     names = [legs[side].frame.bodies for side in SIDES]
-    tree = whole.only([whole.row(model.body(name).id) for own in names for name in own])
-    chains = np.array([[tree.row(model.body(name).id) for name in own] for own in names])
+    tree = full_tree.subtree([full_tree.index_of(model.body(name).id) for bodies in names for name in bodies])
+    chains = np.array([[tree.index_of(model.body(name).id) for name in bodies] for bodies in names])
     hinges = np.array([[model.joint(name).id for name in legs[side].frame.joints] for side in SIDES])
     diagonal = np.arange(hinges.shape[1])
     qpos, dofs = model.jnt_qposadr[hinges], model.jnt_dofadr[hinges]
     viscous, friction = model.dof_damping[dofs], model.dof_frictionloss[dofs] / FRICTION_SPEED_RADPS
-    q, v, a = layout.at(splines, t)
-    held = {side: legs[side].held(wearers[side]) for side in SIDES}
+    q, v, a = layout.evaluate(splines, t)
+    attachments = {side: legs[side].attachment_poses(wearers[side]) for side in SIDES}
     angles = np.stack([start[side] for side in SIDES], 1)
     for _ in range(rounds):
-        moved = make_interp_spline(t, angles, k=5)
-        q[:, qpos], v[:, dofs], a[:, dofs] = angles, moved(t, 1), moved(t, 2)
+        angle_splines = make_interp_spline(t, angles, k=5)
+        q[:, qpos], v[:, dofs], a[:, dofs] = angles, angle_splines(t, 1), angle_splines(t, 2)
         mass, load = chain_loads(tree, chains, q, v, a, model.opt.gravity)
         for k, side in enumerate(SIDES):
             leg, speed = legs[side].kernel, v[:, dofs[k]]
-            value, jacobian = exo_fit_kernel.strains(leg, angles[:, k], *held[side])
-            gradient, stiff = exo_fit_kernel.project(leg, leg.stiffness, jacobian, value)
-            damped, damp = exo_fit_kernel.project(leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1))
-            slowed = np.tanh(speed / FRICTION_SPEED_RADPS)
-            drag = viscous[k] * speed + FRICTION_SPEED_RADPS * friction[k] * slowed
-            damp[:, diagonal, diagonal] += viscous[k] + friction[k] * (1.0 - slowed**2)
-            force = -(gradient + damped + load[:, k] + model.dof_armature[dofs[k]] * a[:, dofs[k]] + drag)
+            value, jacobian = exo_fit_kernel.strains(leg, angles[:, k], *attachments[side])
+            gradient, stiffness = exo_fit_kernel.project(leg, leg.stiffness, jacobian, value)
+            damping_torque, damping = exo_fit_kernel.project(
+                leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1)
+            )
+            friction_share = np.tanh(speed / FRICTION_SPEED_RADPS)
+            drag = viscous[k] * speed + FRICTION_SPEED_RADPS * friction[k] * friction_share
+            damping[:, diagonal, diagonal] += viscous[k] + friction[k] * (1.0 - friction_share**2)
+            force = -(gradient + damping_torque + load[:, k] + model.dof_armature[dofs[k]] * a[:, dofs[k]] + drag)
             mass[:, k, diagonal, diagonal] += model.dof_armature[dofs[k]]
-            angles[:, k] += exo_fit_kernel.march(
-                leg, mass[:, k], damp, stiff, force, angles[:, k], dt, _STOP_ITERATIONS
+            angles[:, k] += exo_fit_kernel.integrate(
+                leg, mass[:, k], damping, stiffness, force, angles[:, k], dt, _STOP_ITERATIONS
             )  # fmt: skip
     return {side: angles[:, k] for k, side in enumerate(SIDES)}

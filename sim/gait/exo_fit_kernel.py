@@ -20,8 +20,8 @@ from stridetwin.sim.kinematics.quaternions import (
     matvec,
     minus,
     plus,
-    put,
-    put_at,
+    store_vec3,
+    store_vec3_at,
     times,
     transposed,
     vec3,
@@ -35,7 +35,7 @@ _called = cached(__file__, quaternions.__file__, llvm_level=1)
 _FAR = 40.0  # widths from a stop, where its torque is below rounding
 # Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
 # width of a stop.
-_FITTED_RAD, _MET_RAD = 1e-4, 1e-6
+_FIT_TOLERANCE_RAD, _STEP_TOLERANCE_RAD = 1e-4, 1e-6
 
 
 class Leg(NamedTuple):
@@ -74,7 +74,7 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
     value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
     pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     for i in range(n):
-        _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, rotations, axes)
+        _compute_strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, rotations, axes)
     return value, jacobian
 
 
@@ -87,23 +87,23 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
     dofs = len(leg.axes)
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
     pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
-    step, hessian, moved, guess = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs), np.empty(dofs)
+    step, hessian, last_step, guess = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs), np.empty(dofs)
     for i in range(len(q)):
         guess[:] = q[i]
-        q[i] += moved
+        q[i] += last_step
         for _ in range(iterations):
-            _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
-            _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
+            _compute_strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
+            _project_one(leg.last, leg.stiffness, jacobian, value, step, hessian)
             for j in range(dofs):
                 torque, slope = stop_torque(leg, j, q[i, j])
                 step[j] += torque
                 hessian[j, j] += slope
             _solve(hessian, step)
             q[i] -= step
-            if _largest(step) < _FITTED_RAD:
+            if _max_abs(step) < _FIT_TOLERANCE_RAD:
                 break
-        moved[:] = q[i]
-        moved -= guess
+        last_step[:] = q[i]
+        last_step -= guess
 
 
 @_called
@@ -112,24 +112,24 @@ def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array,
     n, dofs = len(value), len(leg.axes)
     torque, matrix = np.empty((n, dofs)), np.empty((n, dofs, dofs))
     for i in range(n):
-        _project(leg.last, law, jacobian[i], value[i], torque[i], matrix[i])
+        _project_one(leg.last, law, jacobian[i], value[i], torque[i], matrix[i])
     return torque, matrix
 
 
 @_called
-def march(
+def integrate(
     leg: Leg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
 ) -> Array:
-    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in balance (`exo_fit.settle`).
+    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in balance (`solve_leg_dynamics`).
 
     Newmark's method with constant average acceleration; each step by Newton's method on the stops.
     """
     n, dofs = force.shape
     path, x, v, a = np.empty((n, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
     matrix, right, new = np.empty((dofs, dofs)), np.empty(dofs), np.zeros(dofs)
-    rest, jacobian = np.empty(dofs), np.empty((dofs, dofs))
+    residual, jacobian = np.empty(dofs), np.empty((dofs, dofs))
     per, per2 = 2.0 / dt, 4.0 / dt**2
-    _meet_stops(leg, stiff[0], force[0], angles[0], x, rest, jacobian, iterations)
+    _solve_with_stops(leg, stiff[0], force[0], angles[0], x, residual, jacobian, iterations)
     path[0] = x
     for i in range(1, n):
         for j in range(dofs):
@@ -139,7 +139,7 @@ def march(
                 right[j] += mass[i, j, k] * (per2 * x[k] + 2.0 * per * v[k] + a[k])
                 right[j] += damp[i, j, k] * (per * x[k] + v[k])
             new[j] = x[j] + dt * (v[j] + 0.5 * dt * a[j])
-        _meet_stops(leg, matrix, right, angles[i], new, rest, jacobian, iterations)
+        _solve_with_stops(leg, matrix, right, angles[i], new, residual, jacobian, iterations)
         for j in range(dofs):
             a_new = per2 * (new[j] - x[j]) - 2.0 * per * v[j] - a[j]
             v[j] += 0.5 * dt * (a[j] + a_new)
@@ -163,27 +163,27 @@ def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
 
 
 @numba.njit(**INSIDE)
-def _meet_stops(
-    leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, rest: Array, jacobian: Array, iterations: int
+def _solve_with_stops(
+    leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, residual: Array, jacobian: Array, iterations: int
 ) -> None:  # fmt: skip
-    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method; `rest`, `jacobian`: buffers."""
+    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method, with two buffers."""
     dofs = len(x)
     for _ in range(iterations):
         for j in range(dofs):
             torque, slope = stop_torque(leg, j, angles[j] + x[j])
-            rest[j] = right[j] - torque
+            residual[j] = right[j] - torque
             for k in range(dofs):
                 jacobian[j, k] = matrix[j, k]
-                rest[j] -= matrix[j, k] * x[k]
+                residual[j] -= matrix[j, k] * x[k]
             jacobian[j, j] += slope
-        _solve(jacobian, rest)
-        x += rest
-        if _largest(rest) < _MET_RAD:
+        _solve(jacobian, residual)
+        x += residual
+        if _max_abs(residual) < _STEP_TOLERANCE_RAD:
             break
 
 
 @numba.njit(**INSIDE)
-def _largest(step: Array) -> float:
+def _max_abs(step: Array) -> float:
     """Largest magnitude of (J,) steps."""
     largest = 0.0
     for size in step:
@@ -192,27 +192,27 @@ def _largest(step: Array) -> float:
 
 
 @numba.njit(**INSIDE)
-def _strain(
+def _compute_strain(
     leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array, axes: Array
 ) -> None:
     """One instant of `strains`, and the pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for j in range(len(leg.axes)):
         at = plus(at, matvec(M, vec3(leg.offsets[j])))
-        own = vec3(leg.axes[j])
-        put(at, pivots[j])
-        put(matvec(M, own), axes[j])
-        M = matmul(M, _about(own, q[j]))
+        axis_in_body = vec3(leg.axes[j])
+        store_vec3(at, pivots[j])
+        store_vec3(matvec(M, axis_in_body), axes[j])
+        M = matmul(M, _axis_rotation(axis_in_body, q[j]))
         for k in range(3):
-            put(M[k], rotations[j, k])
+            store_vec3(M[k], rotations[j, k])
     for c in range(len(leg.last)):
         last = leg.last[c]
         to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
         point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
         displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
         x, y, z = matmul(to_body, M)
-        put_at(displacement, value, 6 * c)
-        put_at(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value, 6 * c + 3)
+        store_vec3_at(displacement, value, 6 * c)
+        store_vec3_at(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value, 6 * c + 3)
         trace = x[0] + y[1] + z[2]
         for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
             axis = vec3(axes[j])
@@ -225,30 +225,30 @@ def _strain(
 
 
 @numba.njit(**INSIDE)
-def _about(axis: Vec3, angle: float) -> Mat3:
+def _axis_rotation(axis: Vec3, angle: float) -> Mat3:
     """Rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = axis
     cos, sin = math.cos(angle), math.sin(angle)
-    rest = 1.0 - cos
+    versine = 1.0 - cos
     return (
-        (cos + rest * x * x, rest * x * y - sin * z, rest * x * z + sin * y),
-        (rest * x * y + sin * z, cos + rest * y * y, rest * y * z - sin * x),
-        (rest * x * z - sin * y, rest * y * z + sin * x, cos + rest * z * z),
+        (cos + versine * x * x, versine * x * y - sin * z, versine * x * z + sin * y),
+        (versine * x * y + sin * z, cos + versine * y * y, versine * y * z - sin * x),
+        (versine * x * z - sin * y, versine * y * z + sin * x, cos + versine * z * z),
     )
 
 
 @numba.njit(**INSIDE)
-def _project(
+def _project_one(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
 ) -> None:  # fmt: skip
     """One instant of `project`."""
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
         for part in range(2):
-            own, first = mat3(law[c, part]), 6 * c + 3 * part
+            gains, first = mat3(law[c, part]), 6 * c + 3 * part
             strain = vec3_at(value, first)
             for j in range(last[c] + 1):
-                weighted = matvec(own, _column(jacobian, first, j))
+                weighted = matvec(gains, _column(jacobian, first, j))
                 torque[j] += dot(weighted, strain)
                 for k in range(j + 1):
                     matrix[j, k] += dot(weighted, _column(jacobian, first, k))

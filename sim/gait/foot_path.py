@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
-from stridetwin.sim.gait.foot_pitch import pitch_of, step_time
+from stridetwin.sim.gait.foot_pitch import plan_pitch, step_time
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.smooth import bump, ease, quintic, soft_ease
@@ -31,39 +31,39 @@ _REST = 3  # samples at each end that are at rest: position, velocity and accele
 _AT_REST: Any = [(1, 0.0), (2, 0.0)]  # SciPy's stubs do not allow pairs
 
 
-def smoothest_above(rise: float, least: Array) -> tuple[BSpline, float]:
-    """Height that changes by `rise` from rest to rest with the least jerk and nowhere falls below `least`.
+def min_jerk_height(rise: float, lower_bound: Array) -> tuple[BSpline, float]:
+    """Height that changes by `rise` from rest to rest with the least jerk and nowhere falls below `lower_bound`.
 
     Without a limit it is the minimum-jerk step (Flash & Hogan 1985); where that would be too low, it touches the limit
     with a bounded acceleration. Solved as a bounded least-squares problem in the samples of the height.
 
     Args:
         rise: End minus start, m.
-        least: (N,) m above the start, at N uniform instants from the start to the end; -inf for no limit.
+        lower_bound: (N,) m above the start, at N uniform instants from the start to the end; -inf for no limit.
 
     Returns:
         Height over the start, m, as a spline on [0, 1], and the mean square of its third derivative by that parameter.
     """
-    n = len(least)
+    n = len(lower_bound)
     inner = slice(_REST, n - _REST)
-    third, Q, free = _least_jerk(n)
+    third, Q, free = _min_jerk_system(n)
     z = np.zeros(n)
     z[-_REST:] = rise
     z[inner] = free @ (Q.T @ (-third @ z))
-    limited = np.isfinite(least[inner])
-    short = (least - z)[inner][limited]
-    if (short > 0.0).any():
+    has_limit = np.isfinite(lower_bound[inner])
+    shortfall = (lower_bound - z)[inner][has_limit]
+    if (shortfall > 0.0).any():
         # the least change of the residual that lifts the height by its shortfall (Lawson & Hanson 1974, ch. 23)
         goal = np.append(np.zeros(free.shape[1]), 1.0)
-        system = np.vstack([free[limited].T, short])
-        left = system @ nnls(system, goal)[0] - goal
-        z[inner] -= free @ (left[:-1] / left[-1])
+        system = np.vstack([free[has_limit].T, shortfall])
+        residual = system @ nnls(system, goal)[0] - goal
+        z[inner] -= free @ (residual[:-1] / residual[-1])
     spline = make_interp_spline(np.linspace(0.0, 1.0, n), z, k=5, bc_type=(_AT_REST, _AT_REST))
     return spline, float(np.mean((third @ z) ** 2)) * (n - 1) ** 6
 
 
 @cache
-def _least_jerk(n: int) -> tuple[Array, Array, Array]:
+def _min_jerk_system(n: int) -> tuple[Array, Array, Array]:
     """Third difference of n samples, and the Q and inverse R of the samples that are not at rest."""
     third = np.diff(np.eye(n), 3, axis=0)
     Q, R = np.linalg.qr(third[:, _REST : n - _REST])
@@ -120,19 +120,19 @@ def foot_path(
     steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]
 ) -> FootPath:  # fmt: skip
     """Path of one foot at (N,) increasing s, from its footsteps in order and the ground's height at (..., 2) points."""
-    pitch = pitch_of(steps, t[-1])
+    pitch = plan_pitch(steps, t[-1])
     theta = pitch(t)
     n = len(t)
     p, R = np.empty((n, 3)), np.empty((n, 3, 3))
     toe, s, heading = np.empty(n), np.empty(n), np.empty(n)
     for i, step in enumerate(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
-        p[on], R[on], toe[on] = _stance(step, size.shoe, theta[on])
+        p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on])
         s[on], heading[on] = step.s, step.heading
         if i + 1 < len(steps):
             to = steps[i + 1]
             air = (t > step.t_off) & (t < to.t_touch)
-            p[air], R[air], toe[air] = _swing(step, to, size, t[air], theta[air], pitch, height)
+            p[air], R[air], toe[air] = _swing_poses(step, to, size, t[air], theta[air], pitch, height)
             share = ease((t[air] - step.t_off) / (to.t_touch - step.t_off))
             s[air] = step.s + share * (to.s - step.s)
             heading[air] = step.heading + share * (to.heading - step.heading)
@@ -165,11 +165,11 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
         beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
         smooth = gaussian_filter1d(beyond, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
         theta[on] += inside * _RISE_GAIN * smooth
-        p[on], R[on], toe[on] = _stance(step, shoe, theta[on])
+        p[on], R[on], toe[on] = _stance_poses(step, shoe, theta[on])
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
 
-def _stance(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
+def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
     base, tilt = step.R_world_sole, rot_y(theta)
     pivot = np.where(theta[:, None] < 0.0, *_pivots(shoe))
     local = pivot - np.einsum("nij,nj->ni", tilt, pivot)
@@ -181,7 +181,7 @@ def _pivots(shoe: Shoe) -> tuple[Array, Array]:
     return np.array([shoe.heel_back_x, 0.0, 0.0]), np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
 
 
-def _swing(
+def _swing_poses(
     a: Footstep, b: Footstep, size: Wearer, t: Array, theta: Array, pitch: Callable[[Array], Array],
     height: Callable[[Array], Array],
 ) -> tuple[Array, Array, Array]:  # fmt: skip
@@ -191,27 +191,29 @@ def _swing(
     toes = _toe_ends(a, b, pitch)
     R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
     fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + _FINE * (b.t_touch - a.t_off)))
-    sole = _sole(size.shoe, fine_R, quintic(_FINE, *toes))
+    sole = _sole_points(size.shoe, fine_R, quintic(_FINE, *toes))
     near = (_NEAR_EDGE_DOWN_M if a.departure == "lower" else _NEAR_EDGE_M) * np.array(
         [np.cos(b.heading), np.sin(b.heading)]
     )
 
-    def missing(forward: tuple[float, float]) -> Array:
-        return _missing(_swing_without_lift(a, b, size, _FINE, fine_R, forward), sole, height, near, b.clearance_m)
+    def shortfall(forward: tuple[float, float]) -> Array:
+        return _clearance_shortfall(
+            _swing_positions(a, b, size, _FINE, fine_R, forward), sole, height, near, b.clearance_m
+        )
 
-    forward, lift_m = _DIRECT, _bump_needed(missing(_DIRECT)) if a.departure == "push" else np.inf
+    forward, lift_m = _DIRECT, _bump_amplitude(shortfall(_DIRECT)) if a.departure == "push" else np.inf
     if lift_m <= _MAX_BUMP_M:
         lift = bump(s) * lift_m
     else:
         rise = float(b.p_foot_in_world[2] - a.p_foot_in_world[2])
-        far = float(np.linalg.norm(b.p_foot_in_world[:2] - a.p_foot_in_world[:2]))
+        distance_m = float(np.linalg.norm(b.p_foot_in_world[:2] - a.p_foot_in_world[:2]))
         best = np.inf
         for window in _FORWARD.get(a.departure, _OVER):
-            over, jerk = smoothest_above(rise, missing(window) + rise * _FINE_EASE)
-            jerk += _jerk(far, window)
+            height_spline, jerk = min_jerk_height(rise, shortfall(window) + rise * _FINE_EASE)
+            jerk += _mean_square_jerk(distance_m, window)
             if jerk < best:
-                best, forward, lift = jerk, window, over(s) - rise * soft_ease(s)
-    p = _swing_without_lift(a, b, size, s, R, forward)
+                best, forward, lift = jerk, window, height_spline(s) - rise * soft_ease(s)
+    p = _swing_positions(a, b, size, s, R, forward)
     p[:, 2] += lift
     return p, R, toe
 
@@ -232,7 +234,7 @@ def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
     return between(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
 
 
-def _swing_without_lift(
+def _swing_positions(
     a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]
 ) -> Array:  # fmt: skip
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
@@ -258,7 +260,7 @@ def _swing_shape(style: Style, s: Array, base: Array) -> Array:
     return local @ base.T
 
 
-def _sole(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
+def _sole_points(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
     """(N, points, 3) of points of the sole from the foot to its part, and within that part, in world axes."""
     rear = [np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
     _, hinge = _pivots(shoe)
@@ -269,7 +271,7 @@ def _sole(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
     return to_part, np.stack([*[none] * len(rear), *(R_toe @ x for x in tip)], 1)
 
 
-def _missing(
+def _clearance_shortfall(
     p: Array, sole: tuple[Array, Array], height: Callable[[Array], Array], near: Array, clearance: float
 ) -> Array:
     """(N,) m, how much higher the foot at (N, 3) must be at `_FINE` to keep `clearance` above the ground.
@@ -278,16 +280,16 @@ def _missing(
     """
     points = p[:, None] + sole[0] + sole[1]  # (N, points, 3)
     ground = np.max(height(points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]), axis=0)
-    wanted = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
-    return np.where(_FINE_BUMP > 0.03, (ground + wanted - points[..., 2]).max(1), -np.inf)
+    clearances = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
+    return np.where(_FINE_BUMP > 0.03, (ground + clearances - points[..., 2]).max(1), -np.inf)
 
 
-def _bump_needed(missing: Array) -> float:
+def _bump_amplitude(shortfall: Array) -> float:
     """Amplitude of the bump that lifts the foot by the missing height at `_FINE`."""
-    asked = np.isfinite(missing)
-    return float(max(0.0, np.max(missing[asked] / _FINE_BUMP[asked])))
+    has_limit = np.isfinite(shortfall)
+    return float(max(0.0, np.max(shortfall[has_limit] / _FINE_BUMP[has_limit])))
 
 
-def _jerk(far: float, window: tuple[float, float]) -> float:
-    """Mean square third derivative, by the share of swing, of a smooth path of `far` m within a window of the swing."""
-    return 720.0 * far**2 / (window[1] - window[0]) ** 5
+def _mean_square_jerk(distance_m: float, window: tuple[float, float]) -> float:
+    """Mean square third derivative, by the share of swing, of a smooth path over `distance_m` in a window of it."""
+    return 720.0 * distance_m**2 / (window[1] - window[0]) ** 5

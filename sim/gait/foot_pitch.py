@@ -96,7 +96,7 @@ _TOE_OFFS = {
 }  # fmt: skip
 
 
-def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:
+def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:
     """Pitch of one foot against the ground, rad, toes down positive, as a smooth function of (N,) s.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.style import leg_length, pace, shuffled_share, walk_growth
+from stridetwin.sim.gait.style import leg_length, pace, shuffle_step_share, walk_growth
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M
 from stridetwin.streams.errors import ConfigError
@@ -57,7 +57,7 @@ def widening(way: Way, s0: float, s1: float) -> float:
     return _WIDER_M * min(turn_share(way, s0, s1), 1.0)
 
 
-def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
+def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
     """Arc lengths from start to stop and the steps made until there, for steps of `step(s)` m on a straight way.
 
     In curves the steps are shorter, as the square root of the speed, and no step turns farther than people do.
@@ -115,20 +115,20 @@ class Tempo:
         most = np.sqrt(np.min(self.most**2 + 2 * _MAX_ACCELERATION_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
-    def on_stairs(self, s: float) -> float:
+    def stair_speed(self, s: float) -> float:
         """Speed on the level, m/s, with the same cadence as the walker has on stairs there."""
         return min(self.gait.speed_mps * float(np.interp(s, self.grid, self.share)), _MAX_STAIR_MPS)
 
-    def step(self, s: Array | float) -> Array:
+    def step_length(self, s: Array | float) -> Array:
         """(...) m, step length on a straight level way at (...) arc lengths."""
-        return preferred_step(self.speed(s), self.size) * shuffled_share(self.gait.shuffle)
+        return level_step_length(self.speed(s), self.size) * shuffle_step_share(self.gait.shuffle)
 
     def duration(self, s: float) -> float:
         """Duration of that step, s."""
-        return max(float(self.step(s) / self.speed(s)), _MIN_SHUFFLE_STEP_S * self.gait.shuffle)
+        return max(float(self.step_length(s) / self.speed(s)), _MIN_SHUFFLE_STEP_S * self.gait.shuffle)
 
 
-def preferred_step(speed_mps: Array | float, size: Wearer) -> Array:
+def level_step_length(speed_mps: Array | float, size: Wearer) -> Array:
     """Preferred step length on level ground, m, at (...) m/s; sources in `style.walk_growth`."""
     return _STEP_AT_PACE_1 * walk_growth(np.asarray(speed_mps) * pace(1.0, size)) * leg_length(size)
 
@@ -175,35 +175,37 @@ class Foothold:
     treads: int = 1
 
 
-def limp(gait: Gait, foot: str) -> float:
+def limp_factor(gait: Gait, foot: str) -> float:
     """Relative excess of a foot's step length and step time over the mean."""
     return 1.0 + (gait.asymmetry if foot == "l" else -gait.asymmetry)
 
 
-def footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Foothold]:
+def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Foothold]:
     """Footholds in order, right foot first, from s = 0 to the end of the route, where the feet end side by side.
 
     Raises:
         ConfigError: A strip too short for a foot.
     """
-    found: list[Foothold] = []
-    passed = _passed_over(layout.profile, size) if gait.stairs == "two_at_a_time" else [False] * len(layout.profile)
+    holds: list[Foothold] = []
+    skipped = (
+        _find_skipped_strips(layout.profile, size) if gait.stairs == "two_at_a_time" else [False] * len(layout.profile)
+    )
     for k in range(len(layout.profile)):
-        if passed[k]:
+        if skipped[k]:
             continue
-        new = _on_strip(layout, k, size, gait, tempo, rng, len(found))
-        if k and passed[k - 1]:
+        new = _plan_on_strip(layout, k, size, gait, tempo, rng, len(holds))
+        if k and skipped[k - 1]:
             new[0] = replace(new[0], treads=2)
-        found += new
-    last = found[-1]
-    return [*found, Foothold(foot=_foot(len(found)), s=last.s, strip=last.strip)]
+        holds += new
+    last = holds[-1]
+    return [*holds, Foothold(foot=_foot_of_step(len(holds)), s=last.s, strip=last.strip)]
 
 
-def _foot(i: int) -> str:
+def _foot_of_step(i: int) -> str:
     return "r" if i % 2 == 0 else "l"
 
 
-def _on_strip(
+def _plan_on_strip(
     layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
 ) -> list[Foothold]:  # fmt: skip
     """Footholds on strip k (none for the two feet that stand at the start); `first` counts those before."""
@@ -215,19 +217,19 @@ def _on_strip(
         return []
     both = gait.stairs == "step_by_step"
     if strip.terrain == "stair" and strip.s1 - strip.s0 < max(
-        _MAX_ONE_PACE_TREAD * float(tempo.step(strip.s0)), heel + toe + _MIN_SECOND_FOOTPRINT_M
+        _MAX_ONE_PACE_TREAD * float(tempo.step_length(strip.s0)), heel + toe + _MIN_SECOND_FOOTPRINT_M
     ):
         rising, bend = strip.z0 > profile[k - 1].z1, float(layout.way.curvature(0.5 * (strip.s0 + strip.s1)))
-        feet = [_foot(first + i) for i in range(2 if both else 1)]
-        s = _on_tread(strip, rising, heel, toe, min(_narrower(f, bend) for f in feet))
+        feet = [_foot_of_step(first + i) for i in range(2 if both else 1)]
+        s = _position_on_tread(strip, rising, heel, toe, min(_inner_depth_share(f, bend) for f in feet))
         return [Foothold(foot=f, s=s, strip=strip) for f in feet]
 
     def step(s: Array) -> Array:
         share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * max(abs(strip.slope) - STEEP_RAD, 0)
-        return tempo.step(s) * (share if strip.terrain == "ramp" else 1.0)
+        return tempo.step_length(s) * (share if strip.terrain == "ramp" else 1.0)
 
     def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
-        return max((float(tempo.step(s)) - heel - toe) / 2, _EDGE_M)
+        return max((float(tempo.step_length(s)) - heel - toe) / 2, _EDGE_M)
 
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
@@ -238,8 +240,8 @@ def _on_strip(
         stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
     else:
         stop = end - toe - across(strip.s1)
-    joined = [start] if both and riser_before else []  # the other foot is placed beside the leading one
-    led = gait.leading_foot if both and riser_after else None
+    beside = [start] if both and riser_before else []  # the other foot is placed beside the leading one
+    leading_foot = gait.leading_foot if both and riser_after else None
     if stop < start - 1e-9:
         middle = (strip.s0 + end - toe + heel) / 2
         if end - strip.s0 < heel + toe + 2 * _EDGE_M:
@@ -247,21 +249,21 @@ def _on_strip(
                 "terrain", f"{strip.terrain} at s = {strip.s0:.2f} m", f"{strip.s1 - strip.s0:.2f} m long",
                 f"at least {heel + toe + 2 * _EDGE_M:.2f} m, the length of a shoe",
             )  # fmt: skip
-        count = len(joined) + 1
-        if led is not None and _foot(first + count) != led:
+        count = len(beside) + 1
+        if leading_foot is not None and _foot_of_step(first + count) != leading_foot:
             count += 1
-        return [Foothold(foot=_foot(first + i), s=middle, strip=strip) for i in range(count)]
+        return [Foothold(foot=_foot_of_step(first + i), s=middle, strip=strip) for i in range(count)]
     lead = _FIRST_STEP if first_strip else 0.0
-    along, paces = paced(layout.way, start, stop, step)
+    along, paces = count_steps(layout.way, start, stop, step)
     if first_strip:
         count = max(1, round(paces[-1] + 1 - lead))
     else:
         count = max(1, round(paces[-1])) + 1 if paces[-1] > _MIN_EXTRA_STEP else 1
-    if led is not None and _foot(first + len(joined) + count) != led:
+    if leading_foot is not None and _foot_of_step(first + len(beside) + count) != leading_foot:
         count += 1
-    feet = [_foot(first + len(joined) + i) for i in range(count)]
-    pauses = _pauses(count, strip, gait, rng)
-    weights = np.array([limp(gait, foot) for foot in feet]) * np.where(pauses > 0, _STEP_INTO_PAUSE, 1.0)
+    feet = [_foot_of_step(first + len(beside) + i) for i in range(count)]
+    pauses = _draw_pauses(count, strip, gait, rng)
+    weights = np.array([limp_factor(gait, foot) for foot in feet]) * np.where(pauses > 0, _STEP_INTO_PAUSE, 1.0)
     weights[0] *= lead
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
@@ -269,18 +271,18 @@ def _on_strip(
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:
         lengths = np.gradient(s)[1:-1]
-        most = _MAX_LENGTH_ERROR
-        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -most, most) * lengths
-    before = [Foothold(foot=_foot(first), s=x, strip=strip) for x in joined]
+        max_error = _MAX_LENGTH_ERROR
+        s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -max_error, max_error) * lengths
+    before = [Foothold(foot=_foot_of_step(first), s=x, strip=strip) for x in beside]
     return before + [Foothold(foot=f, s=float(x), strip=strip, pause_s=p) for f, x, p in zip(feet, s, pauses.tolist())]
 
 
-def _narrower(foot: str, curvature: float) -> float:
+def _inner_depth_share(foot: str, curvature: float) -> float:
     """Depth of a tread at the inner edge of a foot, relative to the middle of the way, where the stair winds."""
     return 1.0 - max(curvature if foot == "l" else -curvature, 0.0) * _INNER_EDGE_M
 
 
-def _on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
+def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
     """Arc length of a foot that stays clear of the riser, the one in front going up, the one behind going down.
 
     A foot longer than the tread overhangs the free edge.
@@ -292,19 +294,19 @@ def _on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: flo
     return strip.s0 + max(free, _HEEL_BEHIND_DOWN_M) + heel
 
 
-def _passed_over(profile: Sequence[Strip], size: Wearer) -> list[bool]:
+def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
     """Whether a walker who takes two treads at a time on the way up places no foot on a strip, for each."""
-    leg, passed = leg_length(size), [False] * len(profile)
+    leg, skipped = leg_length(size), [False] * len(profile)
     for k in range(1, len(profile) - 1):
         before, strip, beyond = profile[k - 1 : k + 2]
         up = before.z1 < strip.z0 and strip.z1 < beyond.z0
         low = beyond.z0 <= before.z1 + _MAX_TWO_TREADS_RISE * leg
         short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg
-        passed[k] = strip.terrain == "stair" and not passed[k - 1] and up and low and short
-    return passed
+        skipped[k] = strip.terrain == "stair" and not skipped[k - 1] and up and low and short
+    return skipped
 
 
-def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:
+def _draw_pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:
     """(count,) s of standing at each foothold of a strip: now and then on the level, away from edges."""
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:

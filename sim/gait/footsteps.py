@@ -12,19 +12,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from stridetwin.sim.config import ASYMMETRY_MAX, GAZES, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
+from stridetwin.sim.config import GAZES, MAX_ASYMMETRY, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
 from stridetwin.sim.gait.foot_placement import (
     STEEP_RAD,
     Foothold,
     Tempo,
-    footholds,
-    limp,
+    limp_factor,
+    plan_footholds,
     speed_share,
     turn_share,
     widening,
 )
-from stridetwin.sim.gait.style import Style, level_style, pace, prolonged, shuffled, style_at
-from stridetwin.sim.kinematics.smooth import smoothed
+from stridetwin.sim.gait.style import Style, apply_shuffle, level_style, pace, prolong, style_at
+from stridetwin.sim.kinematics.smooth import smooth_gaussian
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
@@ -33,8 +33,8 @@ from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.way import Way
 
 GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
-GAZE_YAW_MAX_RAD = 0.7
-SWAY_MAX_RAD, SWAY_MAX_RADPS = 0.7, 5.0
+MAX_GAZE_YAW_RAD = 0.7
+MAX_SWAY_RAD, MAX_SWAY_RADPS = 0.7, 5.0
 
 
 # Timing and places of steps; chosen by hand, except for what the styles prescribe.
@@ -81,7 +81,7 @@ def check_gait(gait: Gait) -> None:
     """
     slow, fast = SPEED_RANGE_MPS
     up, down = GAZE_PITCH_RANGE_RAD
-    gaze, aside = gait.gaze, GAZE_YAW_MAX_RAD
+    gaze, aside = gait.gaze, MAX_GAZE_YAW_RAD
     sways = {"yaw": gaze.sway_yaw_rad, "pitch": gaze.sway_pitch_rad}
     seldom, often = SWAY_RANGE_HZ
     fastest = 2 * math.pi * gaze.sway_hz * max(sways.values())
@@ -90,51 +90,51 @@ def check_gait(gait: Gait) -> None:
         ("speed_mps", gait.speed_mps, slow <= gait.speed_mps <= fast, f"{slow}-{fast} m/s"),
         ("stairs", gait.stairs, gait.stairs in STAIRS, ", ".join(STAIRS)),
         ("leading_foot", gait.leading_foot, gait.leading_foot in ("l", "r"), "l, r"),
-        ("asymmetry", gait.asymmetry, abs(gait.asymmetry) <= ASYMMETRY_MAX, f"{-ASYMMETRY_MAX} to {ASYMMETRY_MAX}"),
+        ("asymmetry", gait.asymmetry, abs(gait.asymmetry) <= MAX_ASYMMETRY, f"{-MAX_ASYMMETRY} to {MAX_ASYMMETRY}"),
         ("shuffle", gait.shuffle, 0.0 <= gait.shuffle <= 1.0, "0-1"),
         ("gaze.kind", gaze.kind, gaze.kind in GAZES, ", ".join(GAZES)),
         ("gaze.pitch_rad", gaze.pitch_rad, up <= gaze.pitch_rad <= down, f"{up} to {down} rad, down positive"),
         ("gaze.yaw_rad", gaze.yaw_rad, abs(gaze.yaw_rad) <= aside, f"{-aside} to {aside} rad, left positive"),
         *(
-            (f"gaze.sway_{axis}_rad", sway, 0.0 <= sway <= SWAY_MAX_RAD, f"0-{SWAY_MAX_RAD} rad")
+            (f"gaze.sway_{axis}_rad", sway, 0.0 <= sway <= MAX_SWAY_RAD, f"0-{MAX_SWAY_RAD} rad")
             for axis, sway in sways.items()
         ),
         ("gaze.sway_hz", gaze.sway_hz, seldom <= gaze.sway_hz <= often, f"{seldom}-{often} Hz"),
         (
-            "gaze.sway_hz", gaze.sway_hz, fastest <= SWAY_MAX_RADPS,
-            f"2 pi times rate and amplitude, the highest angular rate, of up to {SWAY_MAX_RADPS:g} rad/s",
+            "gaze.sway_hz", gaze.sway_hz, fastest <= MAX_SWAY_RADPS,
+            f"2 pi times rate and amplitude, the highest angular rate, of up to {MAX_SWAY_RADPS:g} rad/s",
         ),
     ):  # fmt: skip
         if not valid:
             raise ConfigError("gait", field, value, range_in_words)
 
 
-def timing(
+def plan_timing(
     way: Way, holds: Sequence[Foothold], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> tuple[Array, list[Style]]:  # fmt: skip
     """(N,) time from the previous touch-down to each touch-down, s, and the style of each step."""
-    rises = _rises(holds)
-    even = _durations(way, holds, rises, gait, tempo, rng)
-    styles = [shuffled(style, gait.shuffle) for style in _styles(holds, rises, even, size)]
-    durations = even * [limp(gait, hold.foot) for hold in holds]
+    rises = _riser_heights(holds)
+    even = _step_durations(way, holds, rises, gait, tempo, rng)
+    styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, even, size)]
+    durations = even * [limp_factor(gait, hold.foot) for hold in holds]
     pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
-    styles = [prolonged(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
+    styles = [prolong(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
     return durations + pauses, styles
 
 
-def _rises(holds: Sequence[Foothold]) -> list[float]:
+def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
     """Height of the riser of each step, m, including steps that bring one foot beside the other; 0 for none."""
     rises = [0.0]
     for i in range(1, len(holds)):
         hold, before = holds[i], holds[i - 1]
         if before.s == hold.s and before.strip is hold.strip and i > 1:
             before = holds[i - 2]
-        rise = 0.0 if hold.s - before.s >= 1.0 else _riser(before.strip, hold.strip)
+        rise = 0.0 if hold.s - before.s >= 1.0 else _riser_height(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
 
 
-def _durations(
+def _step_durations(
     way: Way, holds: Sequence[Foothold], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> Array:  # fmt: skip
     """Durations of the steps of an even gait, s."""
@@ -144,18 +144,20 @@ def _durations(
         middle = (s + previous) / 2
         level_step = tempo.duration(middle)
         if rise:
-            speed, high, own = tempo.on_stairs(s), abs(rise), _UPSTAIRS_TIME if rise > 0.0 else _DOWNSTAIRS_TIME
+            speed, high = tempo.stair_speed(s), abs(rise)
+            time_factor = _UPSTAIRS_TIME if rise > 0.0 else _DOWNSTAIRS_TIME
             if hold.treads > 1:
-                speed, high, own = max(speed, _MIN_TWO_TREADS_MPS), high / hold.treads, own * _TWO_TREADS_TIME
-            duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * own * max(high / _HIGH_RISER_M, 1.0)
+                speed, high = max(speed, _MIN_TWO_TREADS_MPS), high / hold.treads
+                time_factor *= _TWO_TREADS_TIME
+            duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * time_factor * max(high / _HIGH_RISER_M, 1.0)
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
-            ratio = max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s))
+            ratio = max((s - previous) / (float(tempo.step_length(middle)) * slower), turn_share(way, previous, s))
             ratio = np.clip(ratio, *_LENGTH_RANGE)
             ramp = hold.strip.terrain == "ramp"
             steep = max(abs(hold.strip.slope) - STEEP_RAD, 0.0) if ramp else 0.0
-            own = (_RAMP_TIME if ramp else 1.0) * (1.0 + _STEEP_TIME_BY_SLOPE * steep) / slower
-            duration = level_step * own * (1.0 - _TIME_BY_LENGTH + _TIME_BY_LENGTH * ratio)
+            time_factor = (_RAMP_TIME if ramp else 1.0) * (1.0 + _STEEP_TIME_BY_SLOPE * steep) / slower
+            duration = level_step * time_factor * (1.0 - _TIME_BY_LENGTH + _TIME_BY_LENGTH * ratio)
         if i == 0 or i == len(holds) - 1:
             duration = max(duration, _MIN_FIRST_AND_LAST_TIME * level_step)
         error = np.clip(rng.normal(0.0, gait.step_sd), -_MAX_TIME_ERROR, _MAX_TIME_ERROR)
@@ -165,7 +167,7 @@ def _durations(
     return np.convolve(np.pad(durations, 1, mode="edge"), _SHARED_TIME, mode="valid")
 
 
-def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
+def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
     """Style of each step, by its own speed."""
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
@@ -178,7 +180,7 @@ def _styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array,
         if before < 0.0:
             style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))
         swing = duration * (1.0 - float(style.double_support))
-        styles.append(prolonged(style, max(swing / _MAX_STAIR_SWING_S, 1.0)) if rise else style)
+        styles.append(prolong(style, max(swing / _MAX_STAIR_SWING_S, 1.0)) if rise else style)
     return styles
 
 
@@ -223,7 +225,7 @@ class Footstep:
     clearance_m: float = CLEARANCE_M
 
 
-def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
+def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
     """Footsteps along the way from s = 0 to the end of the route, and the walk's duration in s.
 
     The walk starts and ends on both feet. Each sole lies wholly on one strip: step lengths are adapted before an edge.
@@ -234,8 +236,8 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
     """
     check_gait(gait)
     tempo = Tempo.along(layout, size, gait, rng)
-    holds = footholds(layout, size, gait, tempo, rng)
-    durations, styles = timing(layout.way, holds, size, gait, tempo, rng)
+    holds = plan_footholds(layout, size, gait, tempo, rng)
+    durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
@@ -244,10 +246,10 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
     for i, row in enumerate(rows):
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
         t_off = np.inf if following is None else off[following - 2]
-        before, own_before = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
+        before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]
-        steps.append(_footstep(layout.way, row, before, own_before, ahead, after, t_off, rng, gait))
+        steps.append(_footstep(layout.way, row, before, before_of_foot, ahead, after, t_off, rng, gait))
     return steps, float(touch[-1] + SETTLE_S + gait.stand_s)
 
 
@@ -265,17 +267,19 @@ class _Row:
 
 
 def _footstep(
-    way: Way, row: _Row, before: _Row, own_before: _Row, ahead: _Row, after: _Row, t_off: float,
+    way: Way, row: _Row, before: _Row, before_of_foot: _Row, ahead: _Row, after: _Row, t_off: float,
     rng: np.random.Generator, gait: Gait,
 ) -> Footstep:  # fmt: skip
     slope, heading = row.strip.slope, float(way.heading(row.s))
-    risen, next_risen = _riser(before.strip, row.strip), _riser(row.strip, after.strip)
-    joined = _riser(own_before.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
-    mode = "SA" if risen >= _STAIR_MODE_M else "SD" if risen <= -_STAIR_MODE_M else "LG"
+    rise_before, rise_after = _riser_height(before.strip, row.strip), _riser_height(row.strip, after.strip)
+    rise_of_foot = (
+        _riser_height(before_of_foot.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
+    )
+    mode = "SA" if rise_before >= _STAIR_MODE_M else "SD" if rise_before <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
-    flat = risen > _RISER_M or joined != 0.0 or slope > STEEP_RAD + 0.05
-    flat |= gait.shuffle > _FLAT_SHUFFLE and risen >= -_RISER_M
+    flat = rise_before > _RISER_M or rise_of_foot != 0.0 or slope > STEEP_RAD + 0.05
+    flat |= gait.shuffle > _FLAT_SHUFFLE and rise_before >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)
     left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)
@@ -284,14 +288,14 @@ def _footstep(
         foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
         R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)), s=row.s, heading=heading, slope=slope,
         rise=row.z - before.z, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
-        arrival="flat" if flat else "forefoot" if risen < -_RISER_M else "heel",
-        departure="climb" if next_risen > _RISER_M else "lower" if next_risen < -_RISER_M else "push",
+        arrival="flat" if flat else "forefoot" if rise_before < -_RISER_M else "heel",
+        departure="climb" if rise_after > _RISER_M else "lower" if rise_after < -_RISER_M else "push",
         t_touch=row.t_touch, t_off=t_off, style=row.style,
         clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
     )  # fmt: skip
 
 
-def _riser(a: Strip, b: Strip) -> float:
+def _riser_height(a: Strip, b: Strip) -> float:
     """Height of the risers between two footprints on these strips, m; 0 without one."""
     return 0.0 if a is b else b.z0 - a.z1
 
@@ -313,10 +317,10 @@ class Rhythm:
     @classmethod
     def of(cls, steps: Mapping[str, Sequence[Footstep]]) -> Rhythm:
         """Rhythm of the footsteps of both feet."""
-        everyone = [s for own in steps.values() for s in own]
-        order = sorted((s for s in everyone if np.isfinite(s.t_touch)), key=lambda s: s.t_touch)
+        all_steps = [s for steps_of_foot in steps.values() for s in steps_of_foot]
+        order = sorted((s for s in all_steps if np.isfinite(s.t_touch)), key=lambda s: s.t_touch)
         end = np.array([s.t_touch for s in order])
-        first_off = min(s.t_off for s in everyone)
+        first_off = min(s.t_off for s in all_steps)
         share = float(order[0].style.double_support)
         begin = np.concatenate([[(first_off - share * end[0]) / (1.0 - share)], end[:-1]])
         return cls(steps=order, begin=begin, end=end)
@@ -327,15 +331,19 @@ class Rhythm:
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)
-        return smoothed(PchipInterpolator(knots, count)(np.clip(t, knots[0], knots[-1])), _SMOOTHING_S, t[1] - t[0])
+        return smooth_gaussian(
+            PchipInterpolator(knots, count)(np.clip(t, knots[0], knots[-1])), _SMOOTHING_S, t[1] - t[0]
+        )
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""
         middle = (self.begin + self.end) / 2
         at = np.concatenate([[self.begin[0] - WEIGHT_SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
-        return smoothed(np.interp(t, at, np.concatenate([[before], values, [after]])), _SMOOTHING_S, t[1] - t[0])
+        return smooth_gaussian(np.interp(t, at, np.concatenate([[before], values, [after]])), _SMOOTHING_S, t[1] - t[0])
 
-    def styled(self, t: Array, name: str, rest: float, index: int | None = None) -> Array:
+    def blend_style(self, t: Array, name: str, standing_value: float, index: int | None = None) -> Array:
         """(N,) a field of the steps' styles, blended as in `blend`."""
         values = [getattr(step.style, name) for step in self.steps]
-        return self.blend(t, np.array([v if index is None else v[index] for v in values]), rest, rest)
+        return self.blend(
+            t, np.array([v if index is None else v[index] for v in values]), standing_value, standing_value
+        )

@@ -176,14 +176,14 @@ class UpperMotion:
         `pitch` of the sole relative to the ground, rad, and `speed` of the foot, m/s, are functions of (N,) s. The
         pivot, (3,) m in the foot's frame, is the position of the sensors, where the parameters were recorded.
         """
-        landed = [step for step in steps if np.isfinite(step.t_touch)]
-        speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
+        landings = [step for step in steps if np.isfinite(step.t_touch)]
+        speeds = speed(np.array([step.t_touch for step in landings]) - BEFORE_S)
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.mode_hz), 6))
         shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * parameters.blow_s  # the ground first pushes up
         omega = 2 * np.pi * parameters.mode_hz[:, None]
         unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
         strikes, rocks = [], []
-        for step, impact in zip(landed, speeds):
+        for step, impact in zip(landings, speeds):
             strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
             )
@@ -201,8 +201,8 @@ class UpperMotion:
                 phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
             ),
             _rocks=_Rocks(
-                begin=np.array([step.t_touch for step in landed]),
-                end=np.array([min(step.t_off, step.t_touch + parameters.rock_s) for step in landed]),
+                begin=np.array([step.t_touch for step in landings]),
+                end=np.array([min(step.t_off, step.t_touch + parameters.rock_s) for step in landings]),
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
             ),
         )  # fmt: skip
@@ -219,9 +219,9 @@ class UpperMotion:
         _add_vibrations(t, rows, self._vibrations, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
-    def carried(self, foot: Track) -> Track:
+    def upper_track(self, foot: Track) -> Track:
         """Track of the upper, whose frame coincides with the foot's at rest."""
-        return foot.displaced(self.pivot, *self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64)))
+        return foot.displace(self.pivot, *self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64)))
 
 
 @_called

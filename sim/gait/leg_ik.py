@@ -46,11 +46,11 @@ def reach(size: Wearer, knee_flexion: Array | float) -> Array:
 
 def solve_leg(
     size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array,
-    R_world_foot: Array, knee_min: float,
+    R_world_foot: Array, min_knee: float,
 ) -> LegAngles:  # fmt: skip
     """Joint angles that bring the foot of a side (`l` or `r`) to its poses, (N, 3) and (N, 3, 3).
 
-    The pelvis' origin is the midpoint of the hip centres. The knee is flexed by `knee_min` rad at least; `stretch` is
+    The pelvis' origin is the midpoint of the hip centres. The knee is flexed by `min_knee` rad at least; `stretch` is
     the distance to a foot that is out of reach.
     """
     sign = 1.0 if side == "l" else -1.0
@@ -60,7 +60,7 @@ def solve_leg(
     inversion = np.arctan2(r[:, 1], r[:, 2])
     a, b = size.body.thigh_m, size.body.shank_m
     distance = np.linalg.norm(r, axis=1)
-    within = np.minimum(distance, reach(size, knee_min))
+    within = np.minimum(distance, reach(size, min_knee))
     knee = np.arccos(np.clip((within**2 - a * a - b * b) / (2 * a * b), -1.0, 1.0))
     lean_of_leg = np.arctan2(-a * np.sin(knee), b + a * np.cos(knee))
     dorsiflexion = np.arctan2(r[:, 0], np.hypot(r[:, 1], r[:, 2])) - lean_of_leg

@@ -42,33 +42,33 @@ _MAX_DROP_M = 0.03  # ground that is lower by more belongs to another tread
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
     """Share of the load on each foot, (N,), summing to 1; cubic transitions during double support."""
     raw = {foot: np.zeros_like(t) for foot in steps}
-    for foot, own in steps.items():
-        other = [s for f in steps if f != foot for s in steps[f]]
-        for step in own:
-            other_off = min((s.t_off for s in other if s.t_off > step.t_touch), default=np.inf)
-            following = max((s for s in other if s.t_touch < step.t_off), key=lambda s: s.t_touch)
+    for foot, foot_steps in steps.items():
+        other_steps = [s for f in steps if f != foot for s in steps[f]]
+        for step in foot_steps:
+            other_off = min((s.t_off for s in other_steps if s.t_off > step.t_touch), default=np.inf)
+            following = max((s for s in other_steps if s.t_touch < step.t_off), key=lambda s: s.t_touch)
             up, down = np.ones_like(t), np.ones_like(t)
             if np.isfinite(step.t_touch):
-                up = _taken(step, (t - step.t_touch) / max(other_off - step.t_touch, 1e-6))
+                up = _load_share(step, (t - step.t_touch) / max(other_off - step.t_touch, 1e-6))
             if np.isfinite(step.t_off):
-                down = 1 - _taken(following, 1 - (step.t_off - t) / max(step.t_off - following.t_touch, 1e-6))
+                down = 1 - _load_share(following, 1 - (step.t_off - t) / max(step.t_off - following.t_touch, 1e-6))
             raw[foot] = np.where((t >= step.t_touch) & (t <= step.t_off), up * down, raw[foot])
     total = sum(raw.values())
     return {foot: r / total for foot, r in raw.items()}
 
 
-def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
+def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
     """Shares with quiet stance at both ends: half on each foot, then a transition to the stance foot."""
-    first = min(s.t_off for own in steps.values() for s in own)
-    last = max(s.t_touch for own in steps.values() for s in own)
+    first = min(s.t_off for foot_steps in steps.values() for s in foot_steps)
+    last = max(s.t_touch for foot_steps in steps.values() for s in foot_steps)
     stand = np.maximum(ease((first - t) / WEIGHT_SHIFT_S), ease((t - last) / SETTLE_S))
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
 
-def travel(steps: Sequence[Footstep], t: Array) -> Array:
+def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
     """(N,) planned centre of pressure under one foot by (N,) time alone, as a share of the toe hinge's x."""
     x = np.empty(len(t))
-    for step, on in _by_step(steps, t):
+    for step, on in _rows_of_steps(steps, t):
         knots = np.array(_FOREFOOT_KNOTS if step.arrival == "forefoot" else _FLAT_KNOTS)
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
@@ -85,7 +85,7 @@ def travel(steps: Sequence[Footstep], t: Array) -> Array:
 
 
 def pressure_centres(
-    steps: Sequence[Footstep], shoe: Shoe, t: Array, wanted: Array, pitch: Array, height: Callable[[Array], Array]
+    steps: Sequence[Footstep], shoe: Shoe, t: Array, travels: Array, pitch: Array, height: Callable[[Array], Array]
 ) -> Array:
     """(N, 3) planned centre of pressure of one foot in the world; in swing, that at the start of the next stance.
 
@@ -93,21 +93,21 @@ def pressure_centres(
         steps: The footsteps of this foot, in order.
         shoe: Sole of this foot.
         t: (N,) s.
-        wanted: (N,) by time alone (`travel`).
+        travels: (N,) by time alone (`cop_travel`).
         pitch: (N,) rad, of the foot relative to its ground, toes down positive: only the parts of the sole on the
             ground can press.
         height: Height of the ground, m, at (2,) m: toes whose tip overhangs an edge press at their hinge alone.
     """
     p = np.empty((len(t), 3))
-    for step, on in _by_step(steps, t):
-        x = _on_what_touches(wanted[on], t[on], step, pitch[on], shoe)
-        if _tip_hangs(step, shoe, height):
+    for step, on in _rows_of_steps(steps, t):
+        x = _limit_to_contact(travels[on], t[on], step, pitch[on], shoe)
+        if _tip_overhangs(step, shoe, height):
             x = np.minimum(x, 1.0)
         p[on] = step.p_foot_in_world + (x * shoe.toe_hinge_x)[:, None] * step.R_world_sole[:, 0]
     return p
 
 
-def _by_step(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, slice]]:
+def _rows_of_steps(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, slice]]:
     """Each footstep and the rows of (N,) increasing times from its touch-down to the next one's."""
     begin = np.searchsorted(t, [step.t_touch for step in steps])
     begin[0] = 0
@@ -115,13 +115,13 @@ def _by_step(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, sl
         yield step, slice(int(a), int(b))
 
 
-def _tip_hangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array]) -> bool:
+def _tip_overhangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array]) -> bool:
     """Whether a shoe longer than the tread overhangs its edge."""
     tip = step.p_foot_in_world + step.R_world_sole[:, 0] * (shoe.flat_tip_x + _MIN_TIP_ON_TREAD_M)
     return float(tip[2] - height(tip[:2])) > _MAX_DROP_M
 
 
-def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:
+def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:
     """Keeps the centre of pressure at the heel's edge while the toes are up, in front of the ball while the heel is."""
     stance = np.flatnonzero((t >= step.t_touch) & (t <= step.t_off))
     if not len(stance):
@@ -129,24 +129,24 @@ def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sho
     tilt = np.abs(pitch)
     flat = stance[tilt[stance] <= max(_FLAT_RAD, tilt[stance].min())]
     if flat[0] > stance[0]:
-        landed = _when_flat(t, tilt, flat[0] - 1, flat[0])
+        flat_from = _flat_time(t, tilt, flat[0] - 1, flat[0])
         first = np.maximum(x, 1.0 + _BALL_MARGIN)
         if step.arrival == "heel":
             first = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
-        x = first + (x - first) * ease((t - landed) / _PASSING_S)
+        x = first + (x - first) * ease((t - flat_from) / _PASSING_S)
     if flat[-1] < stance[-1]:
-        lifted = _when_flat(t, tilt, flat[-1] + 1, flat[-1])
-        x = x + (np.maximum(x, 1.0 + _BALL_MARGIN) - x) * ease((t - lifted) / _PASSING_S + 1.0)
+        flat_until = _flat_time(t, tilt, flat[-1] + 1, flat[-1])
+        x = x + (np.maximum(x, 1.0 + _BALL_MARGIN) - x) * ease((t - flat_until) / _PASSING_S + 1.0)
     return x
 
 
-def _when_flat(t: Array, tilt: Array, i: int, flat: int) -> float:
+def _flat_time(t: Array, tilt: Array, i: int, flat: int) -> float:
     """Time between a tilted and a flat row at which the tilt falls below the limit of flatness."""
     share = (tilt[i] - _FLAT_RAD) / max(tilt[i] - tilt[flat], 1e-9)
     return float(t[i] + min(share, 1.0) * (t[flat] - t[i]))
 
 
-def _taken(step: Footstep, s: Array) -> Array:
+def _load_share(step: Footstep, s: Array) -> Array:
     """Share of the load on the foot of `step` after a share s of double support.
 
     A cubic, not the smoother quintic: people load the heel at once, and a foot that hardly presses at touch-down

@@ -33,38 +33,38 @@ _SMOOTHNESS = 2e-3  # s³, weight of the third derivative of the height
 _ABOVE_REACH_WEIGHT = 5e3  # weight of a height beyond the legs' reach relative to the distance from the goal
 
 
-def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
+def solve_cart_table(zmp: Array, kappa: Array, dt: float) -> Array:
     """Path c with the given zero-moment point c - kappa c'' (linear inverted pendulum, Kajita 2003).
 
     Args:
-        wanted: (N, k) zero-moment point, m; at rest at both ends.
+        zmp: (N, k) zero-moment point, m; at rest at both ends.
         kappa: (N,) (z_com - z_zmp) / (g + z_com''), s².
         dt: Time between rows, s.
     """
-    n = len(wanted)
+    n = len(zmp)
     k = kappa / dt**2
     bands = np.zeros((3, n))
     bands[1] = 1 + 2 * k
     bands[0, 1:], bands[2, :-1] = -k[:-1], -k[1:]
     bands[1, 0], bands[0, 1], bands[1, -1], bands[2, -2] = 1.0, 0.0, 1.0, 0.0
-    return solve_banded((1, 1), bands, wanted)
+    return solve_banded((1, 1), bands, zmp)
 
 
-def highest(
-    size: Wearer, p_pelvis_in_world: Array, R_world_pelvis: Array, paths: Mapping[str, FootPath], knee_min: Array
+def max_pelvis_height(
+    size: Wearer, p_pelvis_in_world: Array, R_world_pelvis: Array, paths: Mapping[str, FootPath], min_knee: Array
 ) -> Array:
-    """(N,) height of the pelvis at which one of the legs is as straight as (N,) `knee_min` allows."""
+    """(N,) height of the pelvis at which one of the legs is as straight as (N,) `min_knee` allows."""
     limits = []
     for side in SIDES:
         sign = 1.0 if side == "l" else -1.0
         hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
         ankle = ankle_in_world(size, paths[side].p_foot_in_world, paths[side].R_world_foot)
         away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)
-        limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, knee_min) ** 2 - away, 0.04)))
+        limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, min_knee) ** 2 - away, 0.04)))
     return np.minimum(*limits)
 
 
-def least_knee(rhythm: Rhythm, t: Array) -> Array:
+def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad at (N,) uniform s, least knee flexion that determines the height of the pelvis."""
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
     of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}
@@ -85,7 +85,8 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
     footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
-    mean = rhythm.blend(t, footprints, 0.0, footprints[-1]) + leg_m * rhythm.styled(t, "height", _STANDING_HEIGHT, 0)
+    above_ground = rhythm.blend_style(t, "height", _STANDING_HEIGHT, 0)
+    mean = rhythm.blend(t, footprints, 0.0, footprints[-1]) + leg_m * above_ground
     psi = 2 * np.pi * rhythm.phase(t)
     wave = np.zeros_like(t)
     for k in (1, 2, 3):
@@ -95,7 +96,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     return mean, wave, rhythm.blend(t, level, 1.0, 1.0)
 
 
-def height_near(goal: Array, limit: Array, dt: float) -> Array:
+def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
     """Smoothest height close to a goal and below a limit, (N,) m: least squares with a third-derivative penalty."""
     n = len(limit)
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3

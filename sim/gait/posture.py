@@ -14,7 +14,7 @@ import numpy as np
 from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
-from stridetwin.sim.kinematics.smooth import ease, smoothed
+from stridetwin.sim.kinematics.smooth import ease, smooth_gaussian
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler
 from stridetwin.streams.terrain_truth import Strip, profile_height
@@ -45,7 +45,7 @@ _CHEST_SMOOTHING_S = 0.30  # SD of the filter of the chest's share
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
+class GazeMotion:
     """Rotations on a time grid, (N,) rad.
 
     Attributes:
@@ -61,41 +61,42 @@ class Look:
     chest_yaw: Array
 
 
-def look(
+def plan_gaze(
     gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
-) -> Look:  # fmt: skip
-    """Rotations of head and chest at (N,) m along the way, with (N,) mean slope nearby; the rest as for `posture`."""
+) -> GazeMotion:  # fmt: skip
+    """Rotations of head and chest at (N,) m along the way, with (N,) mean slope nearby; others as in `plan_posture`."""
     dt = float(t[1] - t[0])
     usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
-        pitch = usual - _LEVEL_PITCH_RAD + smoothed(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
+        toward_ground = smooth_gaussian(_ground_gaze_pitch(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
+        pitch = usual - _LEVEL_PITCH_RAD + toward_ground
     elif gaze.kind == "wandering":
-        away, yaw = _wander(t, rng)
+        away, yaw = _draw_gaze_shifts(t, rng)
         pitch = usual + away
     if gaze == Gaze():
-        return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
+        return GazeMotion(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
     phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
     pitch = pitch - gaze.sway_pitch_rad * share * np.cos(phase)
     yaw = yaw + gaze.sway_yaw_rad * share * np.sin(phase)
     pitch, yaw = (_MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
                   for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
-    return Look(
+    return GazeMotion(
         head_pitch=pitch,
         head_yaw=yaw,
-        chest_pitch=_CHEST_PITCH_SHARE * smoothed(pitch - usual, _CHEST_SMOOTHING_S, dt),
-        chest_yaw=_CHEST_YAW_SHARE * smoothed(yaw, _CHEST_SMOOTHING_S, dt),
+        chest_pitch=_CHEST_PITCH_SHARE * smooth_gaussian(pitch - usual, _CHEST_SMOOTHING_S, dt),
+        chest_yaw=_CHEST_YAW_SHARE * smooth_gaussian(yaw, _CHEST_SMOOTHING_S, dt),
     )
 
 
-def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
+def _ground_gaze_pitch(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
     """(N,) pitch of a head that looks at the ground where the walker will be in `_LOOK_AHEAD_S`."""
-    ahead = np.maximum(_ahead_of_time(s, _LOOK_AHEAD_S, dt) - s, _MIN_LOOK_AHEAD_M)
+    ahead = np.maximum(_advance_in_time(s, _LOOK_AHEAD_S, dt) - s, _MIN_LOOK_AHEAD_M)
     below = _EYE_HEIGHT_LEGS * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
     return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
 
 
-def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+def _draw_gaze_shifts(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """(N,) pitch and (N,) yaw offsets: quick movements between directions that are held for a while."""
     angles = [np.zeros_like(t), np.zeros_like(t)]
     now, last = t[0], np.zeros(2)
@@ -149,7 +150,7 @@ class Posture:
     joints: dict[str, Array]
 
 
-def posture(
+def plan_posture(
     rhythm: Rhythm, paths: dict[str, FootPath], leg_m: float, t: Array, profile: Sequence[Strip], gaze: Gaze,
     rng: np.random.Generator,
 ) -> Posture:  # fmt: skip
@@ -165,25 +166,25 @@ def posture(
         rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
-    heading = smoothed((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
+    heading = smooth_gaussian((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
-    stride = smoothed(ahead, _SWING_SMOOTHING_S, dt)
+    stride = smooth_gaussian(ahead, _SWING_SMOOTHING_S, dt)
     # a side of the pelvis is highest early in its stance
     list_to_left = np.cos(np.pi * (rhythm.phase(t) - float(rhythm.steps[0].foot == "l") - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
     # mean slope of the ground from just behind the feet to the point of gaze
     rise = profile_height(profile, s + _SLOPE_AHEAD_M) - profile_height(profile, s - _SLOPE_BEHIND_M)
-    climb = smoothed(rise / (_SLOPE_AHEAD_M + _SLOPE_BEHIND_M), _CLIMB_SMOOTHING_S, dt)
+    climb = smooth_gaussian(rise / (_SLOPE_AHEAD_M + _SLOPE_BEHIND_M), _CLIMB_SMOOTHING_S, dt)
     effort = np.clip(climb, 0.0, _MAX_EFFORT)
-    yaw = rhythm.styled(t, "turn", 0.0) * stride
-    roll = rhythm.styled(t, "list_", 0.0) * list_to_left
-    pitch = rhythm.styled(t, "tilt", _STANDING_TILT_RAD) + _TILT_BY_EFFORT * effort
+    yaw = rhythm.blend_style(t, "turn", 0.0) * stride
+    roll = rhythm.blend_style(t, "list_", 0.0) * list_to_left
+    pitch = rhythm.blend_style(t, "tilt", _STANDING_TILT_RAD) + _TILT_BY_EFFORT * effort
     pitch += _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0)
-    eyes = look(gaze, t, s, climb, profile, leg_m, rng)
+    eyes = plan_gaze(gaze, t, s, climb, profile, leg_m, rng)
     torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch
-    trunk = _ahead_of_time(heading, _TRUNK_LEADS_S, dt) - heading
-    head = _ahead_of_time(heading, _HEAD_LEADS_S, dt) - heading
+    trunk = _advance_in_time(heading, _TRUNK_LEADS_S, dt) - heading
+    head = _advance_in_time(heading, _HEAD_LEADS_S, dt) - heading
     # from the heading's own frame, so that several full turns do not matter
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
     against_yaw, against_roll = _TORSO_AGAINST_PELVIS
@@ -191,25 +192,25 @@ def posture(
     head_yaw = head + _HEAD_WITH_PELVIS * yaw + eyes.head_yaw
     R_head = from_euler(np.stack([head_yaw, eyes.head_pitch, np.zeros_like(yaw)], -1))
     joints = {
-        **_three_axes("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
-        **_three_axes("neck", np.swapaxes(R_torso, 1, 2) @ R_head),
+        **_hinge_angles("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
+        **_hinge_angles("neck", np.swapaxes(R_torso, 1, 2) @ R_head),
     }
     for side, sign in (("l", 1.0), ("r", -1.0)):
         swing = sign * stride  # the left arm moves with the right foot
         flexion = torso_pitch + _ARM_SWING_RAD * swing * np.where(swing > 0, _ARM_FORWARD, 1.0)
-        joints[f"shoulder_flexion_{side}"] = smoothed(flexion + _ARM_FLEXION_RAD, _SWING_SMOOTHING_S, dt)
+        joints[f"shoulder_flexion_{side}"] = smooth_gaussian(flexion + _ARM_FLEXION_RAD, _SWING_SMOOTHING_S, dt)
         joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, _ARM_ABDUCTION_RAD)
         joints[f"elbow_flexion_{side}"] = _ELBOW_FLEXION_RAD + _ELBOW_SWING_RAD * swing
     return Posture(pelvis=np.stack([heading + yaw, pitch, roll], -1), joints=joints)
 
 
-def _ahead_of_time(x: Array, lead_s: float, dt: float) -> Array:
+def _advance_in_time(x: Array, lead_s: float, dt: float) -> Array:
     """(N,) value of x after `lead_s`; constant at the end."""
     rows = np.arange(len(x))
     return np.interp(rows + lead_s / dt, rows, x)
 
 
-def _three_axes(name: str, R: Array) -> dict[str, Array]:
+def _hinge_angles(name: str, R: Array) -> dict[str, Array]:
     """Angles of the hinges flexion (y), bending (x), rotation (z), in this order, that give (N, 3, 3) rotations."""
     return {
         f"{name}_flexion": np.arctan2(R[:, 0, 2], R[:, 2, 2]),

@@ -18,13 +18,20 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
+from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, leg_pose, solve_leg_dynamics
 from stridetwin.sim.gait.foot_path import FootPath, foot_path, with_heel_rise
-from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan
+from stridetwin.sim.gait.footsteps import Footstep, Rhythm, plan_footsteps
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
-from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend, travel
-from stridetwin.sim.gait.pelvis import HARD_MIN_KNEE_RAD, cart_table, height_near, highest, least_knee, level_height
-from stridetwin.sim.gait.posture import Posture, posture
+from stridetwin.sim.gait.load import add_quiet_stance, cop_travel, load_shares, pressure_centres
+from stridetwin.sim.gait.pelvis import (
+    HARD_MIN_KNEE_RAD,
+    fit_pelvis_height,
+    level_height,
+    max_pelvis_height,
+    min_knee_flexion,
+    solve_cart_table,
+)
+from stridetwin.sim.gait.posture import Posture, plan_posture
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, root_wrench
@@ -37,7 +44,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import from_euler, rot_x, rot_y, rot_z
 
 
-def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:
+def solve_legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:
     """Angles of both legs that bring the feet to their paths under a pelvis at (N, 3), (N, 3, 3)."""
     return {
         side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
@@ -46,7 +53,7 @@ def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, Foo
     }  # fmt: skip
 
 
-def coordinates(
+def stack_coordinates(
     size: Wearer, layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles],
     exo: Mapping[str, Array], paths: Mapping[str, FootPath],
 ) -> Array:  # fmt: skip
@@ -76,7 +83,7 @@ def zero_moment_point(
         mass: Of the whole body, kg.
 
     Returns:
-        (N, 2) zero-moment point at height z, m, and (N,) kappa for its correction by `pelvis.cart_table`, s².
+        (N, 2) zero-moment point at height z, m, and (N,) kappa for its correction by `pelvis.solve_cart_table`, s².
     """
     x = p_root[:, 0] + ((z - p_root[:, 2]) * force[:, 0] - moment[:, 1]) / force[:, 2]
     y = p_root[:, 1] + ((z - p_root[:, 2]) * force[:, 1] + moment[:, 0]) / force[:, 2]
@@ -98,7 +105,7 @@ _REACH_TOLERANCE_M = 5e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Walk(ABC):
+class WalkMotion(ABC):
     """A walk as functions of time, planned or simulated.
 
     Attributes:
@@ -117,11 +124,11 @@ class Walk(ABC):
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
+        return self.coordinates.evaluate(self.splines, np.clip(t, 0.0, self.duration_s))
 
-    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def position_velocity(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """The first two results of `state`, faster."""
-        return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
+        return self.coordinates.position_velocity(self.splines, np.clip(t, 0.0, self.duration_s))
 
     @abstractmethod
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
@@ -129,7 +136,7 @@ class Walk(ABC):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference(Walk):
+class Reference(WalkMotion):
     """A planned walk; its splines are quintic.
 
     Attributes:
@@ -143,11 +150,11 @@ class Reference(Walk):
     grid: Array
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """As `Walk`."""
+        """As `WalkMotion`."""
         return np.interp(t, self.grid, self.paths[side].pitch)
 
 
-def reference(
+def plan_reference(
     config: TwinConfig, model: mujoco.MjModel, size: Wearer, terrain: Terrain, rng: np.random.Generator
 ) -> Reference:
     """Plans the whole walk for a compiled model of the wearer on the terrain; `rng` varies the steps.
@@ -155,51 +162,51 @@ def reference(
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
     """
-    footsteps, duration = plan(terrain.layout, size, config.gait, rng)
+    footsteps, duration = plan_footsteps(terrain.layout, size, config.gait, rng)
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
     # the grid extends beyond the walk, so that boundary effects of the splines stay outside
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end with the fine one
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
-    shares = standing_blend(load_shares(steps, t), steps, t)
-    travels = {side: travel(steps[side], t) for side in SIDES}
-    centres, wanted = _pressed(steps, paths, shares, travels, size, t, terrain.height)
+    shares = add_quiet_stance(load_shares(steps, t), steps, t)
+    travels = {side: cop_travel(steps[side], t) for side in SIDES}
+    centres, wanted = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
-    pose = posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
+    pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
     mean, wave, level = level_height(rhythm, t, leg_m)
-    knee_min = least_knee(rhythm, t)
+    min_knee = min_knee_flexion(rhythm, t)
 
     kappa = np.full(len(t), (leg_m + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
-    over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
+    over_ground = solve_cart_table(wanted[:, :2], kappa, GRID_S)
     layout, tree = Coordinates.of(model), Tree.of(model)
     exo: dict[str, Array] = {}
     for round_ in range(_ZMP_ROUNDS):
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
-        limit = highest(size, p_pelvis, R_pelvis, paths, knee_min) - wave
-        p_pelvis[:, 2] = wave + height_near(level * mean + (1.0 - level) * limit, limit, GRID_S)
-        legs_ = legs(size, p_pelvis, R_pelvis, paths)
+        limit = max_pelvis_height(size, p_pelvis, R_pelvis, paths, min_knee) - wave
+        p_pelvis[:, 2] = wave + fit_pelvis_height(level * mean + (1.0 - level) * limit, limit, GRID_S)
+        legs_ = solve_legs(size, p_pelvis, R_pelvis, paths)
         if round_ == 0:  # expensive, so not in every round
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
+            exo = _fit_exoskeleton(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
         elif round_ in (_WEIGHED_ROUND, _ZMP_ROUNDS - 1):
-            settled = exo if round_ > _WEIGHED_ROUND else None
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), settled)
-        splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs_, exo, paths), k=5)
+            start = exo if round_ > _WEIGHED_ROUND else None
+            exo = _fit_exoskeleton(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), start)
+        splines = make_interp_spline(t, stack_coordinates(size, layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             coarse = t[::_STRIDE]
-            q, v, a = layout.at(splines, coarse)
+            q, v, a = layout.evaluate(splines, coarse)
             force, moment, com = root_wrench(tree, q, v, a, model.opt.gravity)
             zmp, kappa = zero_moment_point(
                 q[:, :3], force, moment, com[:, 2], wanted[::_STRIDE, 2], float(tree.mass.sum())
             )
-            error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
+            error = solve_cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
             paths = {
                 side: with_heel_rise(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
-            centres, wanted = _pressed(steps, paths, shares, travels, size, t, terrain.height)
+            centres, wanted = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())
@@ -214,7 +221,7 @@ def reference(
     )  # fmt: skip
 
 
-def _pressed(
+def _centres_of_pressure(
     steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], travels: dict[str, Array],
     size: Wearer, t: Array, height: Callable[[Array], Array],
 ) -> tuple[dict[str, Array], Array]:  # fmt: skip
@@ -225,15 +232,15 @@ def _pressed(
     return centres, np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
 
 
-def _exo(
+def _fit_exoskeleton(
     size: Wearer, t: Array, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles],
     stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
-    settled: dict[str, Array] | None = None,
+    start: dict[str, Array] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
     """(N, J) angles of both legs of the exoskeleton, computed at every `stride`-th instant and interpolated.
 
     They are those of weightless legs, or, with a model in `weighing`, of legs with weight, starting from the angles
-    `settled` of an earlier round.
+    `start` of an earlier round.
     """
     if size.exo is None:
         return {}
@@ -246,15 +253,17 @@ def _exo(
             rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k]) @ rot_z(-sign * leg.hip_rotation[k])
         )  # fmt: skip
         p_foot = np.einsum("nij,nj->ni", to_pelvis, path.p_foot_in_world[k] - p_pelvis[k])
-        wearers[side] = limbs(
+        wearers[side] = leg_pose(
             size, side, R_thigh, R_thigh @ rot_y(leg.knee_flexion[k]), p_foot, to_pelvis @ path.R_world_foot[k]
         )
         frames[side] = ExoLeg(size, side)
-        coarse[side] = fit_leg(frames[side], wearers[side]) if settled is None else settled[side][k]
+        coarse[side] = fit_leg(frames[side], wearers[side]) if start is None else start[side][k]
     fine = {side: make_interp_spline(t[k], coarse[side], k=5)(t) for side in SIDES}
     if weighing is None:
         return fine
     model, layout, pose = weighing
-    splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs, fine, paths), k=5)
-    angles = settle(frames, coarse, wearers, model, layout, splines, t[k], _SETTLING_ROUNDS if settled is None else 1)
+    splines = make_interp_spline(t, stack_coordinates(size, layout, p_pelvis, pose, legs, fine, paths), k=5)
+    angles = solve_leg_dynamics(
+        frames, coarse, wearers, model, layout, splines, t[k], _SETTLING_ROUNDS if start is None else 1
+    )
     return {side: make_interp_spline(t[k], angles[side], k=5)(t) for side in SIDES}

@@ -60,13 +60,13 @@ class Style:
     list_: float
 
     @classmethod
-    def of_vector(cls, x: Array) -> Style:
+    def from_vector(cls, x: Array) -> Style:
         """Style from a vector of its fields in the order above."""
         parts = np.split(np.asarray(x, dtype=float), np.cumsum(list(SIZES.values()))[:-1])
         values: dict[str, Any] = {name: part if SIZES[name] > 1 else float(part[0]) for name, part in zip(SIZES, parts)}
         return cls(**values)
 
-    def vector(self) -> Array:
+    def to_vector(self) -> Array:
         """The fields as one vector."""
         return np.concatenate([np.atleast_1d(getattr(self, f.name)) for f in fields(self)])
 
@@ -90,12 +90,12 @@ def pace(speed_mps: float, size: Wearer) -> float:
 
 def level_style(pace_: float) -> Style:
     """Style at a dimensionless speed; constant beyond the table's ends."""
-    paces, rows = _table()
-    return Style.of_vector(np.array([np.interp(pace_, paces, row) for row in rows]))
+    paces, rows = _read_table()
+    return Style.from_vector(np.array([np.interp(pace_, paces, row) for row in rows]))
 
 
 @cache
-def _table() -> tuple[Array, Array]:
+def _read_table() -> tuple[Array, Array]:
     """Dimensionless speeds (K,) and the style parameters at each (len(LABELS), K)."""
     text = resources.files("stridetwin.sim.gait").joinpath("level_style.csv").read_text(encoding="utf-8")
     lines = [row for row in csv.reader(text.splitlines()) if row and not row[0].startswith("#")]
@@ -127,8 +127,8 @@ def walk_growth(pace: Array | float) -> Array:
     7:225-227), so that length grows with the root of speed; slower than 0.2 it grows as speed^0.42 (Grieve & Gear
     1966, Ergonomics 9:379-399).
     """
-    own = np.maximum(pace, 1e-6)
-    return np.where(own > 0.2, np.sqrt(own), np.sqrt(0.2) * (own / 0.2) ** 0.42)
+    positive_pace = np.maximum(pace, 1e-6)
+    return np.where(positive_pace > 0.2, np.sqrt(positive_pace), np.sqrt(0.2) * (positive_pace / 0.2) ** 0.42)
 
 
 def style_at(pace: float) -> Style:
@@ -138,7 +138,7 @@ def style_at(pace: float) -> Style:
     the step length. Above it, double support continues to shrink.
     """
     style = level_style(pace)
-    slowest, fastest = _table()[0][[0, -1]].tolist()
+    slowest, fastest = _read_table()[0][[0, -1]].tolist()
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()
@@ -152,28 +152,28 @@ def style_at(pace: float) -> Style:
         return style
     shorter = float(walk_growth(pace) / walk_growth(slowest))
     longer = shorter * slowest / max(pace, 1e-6)
-    style = _scaled(style, max(shorter, _MIN_AMPLITUDE_SHARE))
+    style = _scale_amplitudes(style, max(shorter, _MIN_AMPLITUDE_SHARE))
     height = style.height.copy()
     height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])
-    return prolonged(replace(style, height=height), longer, longer**_SWING_WITH_STEP)
+    return prolong(replace(style, height=height), longer, longer**_SWING_WITH_STEP)
 
 
-def shuffled(style: Style, shuffle: float) -> Style:
+def apply_shuffle(style: Style, shuffle: float) -> Style:
     """Style of feet that slide along: flat, low, and with short swings; `shuffle` from 0 to 1."""
     if shuffle == 0.0:
         return style
     k = 1.0 - _SHUFFLE_LOWERS * shuffle
-    flat = _scaled(style, 1.0 - _SHUFFLE_FLATTENS * shuffle)
+    flat = _scale_amplitudes(style, 1.0 - _SHUFFLE_FLATTENS * shuffle)
     flat = replace(flat, forward=style.forward * k, lift=style.lift * k)
-    return prolonged(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)
+    return prolong(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)
 
 
-def shuffled_share(shuffle: float) -> float:
+def shuffle_step_share(shuffle: float) -> float:
     """Step length of a shuffling walker as a share of the normal one."""
     return 1.0 - _SHUFFLE_SHORTENS * shuffle
 
 
-def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
+def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
     """Style of a step that takes `longer` times as long, while its swing takes `swing_longer` times as long."""
     share = swing_longer / longer
     return replace(
@@ -184,7 +184,7 @@ def prolonged(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
     )
 
 
-def _scaled(style: Style, k: float) -> Style:
+def _scale_amplitudes(style: Style, k: float) -> Style:
     """Style with the amplitudes of feet and pelvis scaled."""
     return replace(
         style, pitch=k * style.pitch, height=np.append(style.height[0], k**2 * style.height[1:]),

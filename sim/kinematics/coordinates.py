@@ -62,29 +62,31 @@ class Coordinates:
         x[:, 6:] = q[:, self.qpos]
         return x
 
-    def at(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+    def evaluate(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """`to_mujoco` of splines of the coordinates at (N,) s."""
         return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
 
-    def moving(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def position_velocity(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """Qpos (N, nq) and qvel (N, nv) of splines of the coordinates at (N,) s."""
         x, dx = splines(t), splines(t, 1)
         q, v = np.empty((len(x), self.nq)), np.empty((len(x), self.nv))
-        _moving(x, dx, self.qpos, self.dof, q, v)
+        _fill_position_velocity(x, dx, self.qpos, self.dof, q, v)
         return q, v
 
     def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
         """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""
         n = len(x)
         q, v, a = np.empty((n, self.nq)), np.empty((n, self.nv)), np.empty((n, self.nv))
-        _moving(x, dx, self.qpos, self.dof, q, v)
+        _fill_position_velocity(x, dx, self.qpos, self.dof, q, v)
         a[:, :3], a[:, self.dof] = ddx[:, :3], ddx[:, 6:]
         a[:, 3:6] = euler_accelerations_to_body(x[:, 3:6], dx[:, 3:6], ddx[:, 3:6])
         return q, v, a
 
 
 @_called
-def _moving(x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array) -> None:
+def _fill_position_velocity(
+    x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array
+) -> None:
     """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
     for i in range(len(x)):
         y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]

@@ -33,7 +33,7 @@ def vec3_at(a: Array, i: int) -> Vec3:
 
 
 @numba.njit(**INSIDE)
-def put_at(v: Vec3, out: Array, i: int) -> None:
+def store_vec3_at(v: Vec3, out: Array, i: int) -> None:
     """Stores a vector in an array, from `i` on."""
     out[i], out[i + 1], out[i + 2] = v
 
@@ -45,7 +45,7 @@ def mat3(a: Array) -> Mat3:
 
 
 @numba.njit(**INSIDE)
-def put(a: Vec3, out: Array) -> None:
+def store_vec3(a: Vec3, out: Array) -> None:
     """Stores a vector in a (3,) array."""
     out[0], out[1], out[2] = a
 
@@ -111,7 +111,7 @@ def quaternion(a: Array) -> Quaternion:
 
 
 @numba.njit(**INSIDE)
-def store(q: Quaternion, out: Array) -> None:
+def store_quaternion(q: Quaternion, out: Array) -> None:
     """Stores a quaternion in a (4,) array."""
     out[0], out[1], out[2], out[3] = q
 
@@ -145,7 +145,7 @@ def matrix(q: Quaternion) -> Mat3:
 
 
 @numba.njit(**INSIDE)
-def of_matrix(R: Mat3) -> Quaternion:
+def from_matrix(R: Mat3) -> Quaternion:
     """Unit quaternion, w >= 0, of a rotation matrix, from its largest entry for a safe division."""
     x, y, z = R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]
     xy, xz, yz = R[0][1] + R[1][0], R[0][2] + R[2][0], R[1][2] + R[2][1]
@@ -198,7 +198,7 @@ def quat_from_matrix(R: Array) -> Array:
 def _quaternions(R: Array) -> Array:
     q = np.empty((len(R), 4))
     for i in range(len(R)):
-        store(of_matrix(mat3(R[i])), q[i])
+        store_quaternion(from_matrix(mat3(R[i])), q[i])
     return q
 
 
@@ -213,5 +213,5 @@ def _matrices(q: Array) -> Array:
     for i in range(len(q)):
         M = matrix(quaternion(q[i]))
         for k in range(3):
-            put(M[k], R[i, k])
+            store_vec3(M[k], R[i, k])
     return R

@@ -28,7 +28,7 @@ from stridetwin.sim.kinematics.quaternions import (
     minus,
     multiply,
     plus,
-    put,
+    store_vec3,
     times,
     transposed,
     vec3,
@@ -81,7 +81,7 @@ class Tree(NamedTuple):
         index = {int(body): i for i, body in enumerate(ids)}
         joints = [list(range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])) for b in ids[1:]]
         ends = np.cumsum([0, 0, *map(len, joints)])
-        flat = np.array([j for own in joints for j in own], dtype=np.int64)
+        flat = np.array([j for body_joints in joints for j in body_joints], dtype=np.int64)
         R = np.empty((len(ids), 9))
         for row, quat in zip(R, model.body_iquat[ids]):
             mujoco.mju_quat2Mat(row, quat)
@@ -94,11 +94,11 @@ class Tree(NamedTuple):
             qpos=model.jnt_qposadr[flat].astype(np.int64), dof=model.jnt_dofadr[flat].astype(np.int64),
         )  # fmt: skip
 
-    def row(self, body: int) -> int:
+    def index_of(self, body: int) -> int:
         """Index in the tree of a body of the model."""
         return int(np.searchsorted(self.ids, body))
 
-    def only(self, bodies: Sequence[int]) -> Tree:
+    def subtree(self, bodies: Sequence[int]) -> Tree:
         """The part of the tree that carries these bodies (indices in the tree) or is carried by them."""
         kept = set(bodies)
         for body, up in enumerate(self.parent):
@@ -144,7 +144,7 @@ class _Bodies(NamedTuple):
 
 
 @numba.njit(**INSIDE)
-def _bodies(tree: Tree) -> _Bodies:
+def _allocate_bodies(tree: Tree) -> _Bodies:
     """Memory for the motion of the bodies."""
     n = len(tree.parent)
     return _Bodies(
@@ -154,24 +154,24 @@ def _bodies(tree: Tree) -> _Bodies:
 
 
 @_called
-def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+def body_motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Poses and velocities of all bodies at N instants.
 
     Returns:
         (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
         origins, world axes; (N, B, 3) rad/s, the bodies' own axes.
     """
-    n, count, bodies, stationary = len(q), len(tree.parent), _bodies(tree), np.zeros(v.shape[1])
+    n, count, bodies, stationary = len(q), len(tree.parent), _allocate_bodies(tree), np.zeros(v.shape[1])
     p, quat = np.empty((n, count, 3)), np.empty((n, count, 4))
     speed, w = np.empty((n, count, 3)), np.empty((n, count, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], stationary, bodies)
+        _forward_kinematics(tree, q[i], v[i], stationary, bodies)
         for b in range(count):
-            put(vec3(bodies.p[b]), p[i, b])
-            put(vec3(bodies.speed[b]), speed[i, b])
+            store_vec3(vec3(bodies.p[b]), p[i, b])
+            store_vec3(vec3(bodies.speed[b]), speed[i, b])
             for k in range(4):
                 quat[i, b, k] = bodies.quat[b, k]
-            put(matvec(transposed(mat3(bodies.R[b])), vec3(bodies.w[b])), w[i, b])
+            store_vec3(matvec(transposed(mat3(bodies.R[b])), vec3(bodies.w[b])), w[i, b])
     return p, quat, speed, w
 
 
@@ -182,22 +182,22 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     Returns:
         (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
     """
-    n, bodies, g, whole = len(q), _bodies(tree), vec3(gravity), 0.0
-    for own in tree.mass:
-        whole += own
+    n, bodies, g, total_mass = len(q), _allocate_bodies(tree), vec3(gravity), 0.0
+    for mass in tree.mass:
+        total_mass += mass
     p, force, moment, com = bodies.p, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], bodies)
+        _forward_kinematics(tree, q[i], v[i], a[i], bodies)
         sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for b in range(len(p)):
-            own_force, own_moment, arm = _inertial(tree, b, bodies, g)
+            body_force, body_moment, arm = _inertial_wrench(tree, b, bodies, g)
             away = minus(vec3(p[b]), vec3(p[0]))
-            sum_force = plus(sum_force, own_force)
-            sum_moment = plus(sum_moment, plus(own_moment, cross(away, own_force)))
+            sum_force = plus(sum_force, body_force)
+            sum_moment = plus(sum_moment, plus(body_moment, cross(away, body_force)))
             first = plus(first, times(tree.mass[b], plus(vec3(p[b]), arm)))
-        put(sum_force, force[i])
-        put(sum_moment, moment[i])
-        put(times(1.0 / whole, first), com[i])
+        store_vec3(sum_force, force[i])
+        store_vec3(sum_moment, moment[i])
+        store_vec3(times(1.0 / total_mass, first), com[i])
     return force, moment, com
 
 
@@ -210,26 +210,26 @@ def hinge_torques(
     All hinges of one body rotate about one point. External (K, N, 3) `forces`, N, and `moments` about the origins, N m,
     world axes, act on the (K,) `bodies`: indices in the tree, repetitions allowed.
     """
-    n, count, motions, g = len(q), len(tree.parent), _bodies(tree), vec3(gravity)
+    n, count, motions, g = len(q), len(tree.parent), _allocate_bodies(tree), vec3(gravity)
     p, R, axes, torque = motions.p, motions.R, motions.axes, np.empty((n, len(tree.axis)))
     force, moment = np.empty((count, 3)), np.empty((count, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], motions)
+        _forward_kinematics(tree, q[i], v[i], a[i], motions)
         for b in range(count):
-            own_force, own_moment, _ = _inertial(tree, b, motions, g)
-            put(own_force, force[b])
-            put(own_moment, moment[b])
+            body_force, body_moment, _ = _inertial_wrench(tree, b, motions, g)
+            store_vec3(body_force, force[b])
+            store_vec3(body_moment, moment[b])
         for k, b in enumerate(bodies):
-            put(minus(vec3(force[b]), vec3(forces[k, i])), force[b])
-            put(minus(vec3(moment[b]), vec3(moments[k, i])), moment[b])
+            store_vec3(minus(vec3(force[b]), vec3(forces[k, i])), force[b])
+            store_vec3(minus(vec3(moment[b]), vec3(moments[k, i])), moment[b])
         for b in range(count - 1, 0, -1):
-            up, own_force, own_moment = tree.parent[b], vec3(force[b]), vec3(moment[b])
+            up, body_force, body_moment = tree.parent[b], vec3(force[b]), vec3(moment[b])
             for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
                 arm = matvec(mat3(R[b]), vec3(tree.anchor[j]))
-                torque[i, j] = dot(vec3(axes[j]), minus(own_moment, cross(arm, own_force)))
+                torque[i, j] = dot(vec3(axes[j]), minus(body_moment, cross(arm, body_force)))
             away = minus(vec3(p[b]), vec3(p[up]))
-            put(plus(vec3(moment[up]), plus(own_moment, cross(away, own_force))), moment[up])
-            put(plus(vec3(force[up]), own_force), force[up])
+            store_vec3(plus(vec3(moment[up]), plus(body_moment, cross(away, body_force))), moment[up])
+            store_vec3(plus(vec3(force[up]), body_force), force[up])
     return torque
 
 
@@ -242,7 +242,7 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
     Returns:
         (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.
     """
-    n, bodies, motions = len(q), len(tree.parent), _bodies(tree)
+    n, bodies, motions = len(q), len(tree.parent), _allocate_bodies(tree)
     count, length = chains.shape
     p, axes = motions.p, motions.axes
     mass, load = np.empty((n, count, length, length)), np.empty((n, count, length))
@@ -250,21 +250,21 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
     force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
     heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), vec3(gravity)
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], motions)
+        _forward_kinematics(tree, q[i], v[i], a[i], motions)
         for b in range(bodies):
-            own_force, own_moment, arm = _inertial(tree, b, motions, g)
-            put(own_force, force[b])
-            put(own_moment, moment[b])
-            put(times(tree.mass[b], arm), first[b])
+            body_force, body_moment, arm = _inertial_wrench(tree, b, motions, g)
+            store_vec3(body_force, force[b])
+            store_vec3(body_moment, moment[b])
+            store_vec3(times(tree.mass[b], arm), first[b])
             heavy[b] = tree.mass[b]
-            _inertia(tree, b, motions.R, arm, inertia[b])
+            _world_inertia(tree, b, motions.R, arm, inertia[b])
         for b in range(bodies - 1, 0, -1):
             up = tree.parent[b]
             d = minus(vec3(p[b]), vec3(p[up]))
-            own_force = vec3(force[b])
-            put(plus(vec3(moment[up]), plus(vec3(moment[b]), cross(d, own_force))), moment[up])
-            put(plus(vec3(force[up]), own_force), force[up])
-            _join(inertia[b], vec3(first[b]), heavy[b], d, inertia[up], first[up])
+            body_force = vec3(force[b])
+            store_vec3(plus(vec3(moment[up]), plus(vec3(moment[b]), cross(d, body_force))), moment[up])
+            store_vec3(plus(vec3(force[up]), body_force), force[up])
+            _add_to_carrier(inertia[b], vec3(first[b]), heavy[b], d, inertia[up], first[up])
             heavy[up] += heavy[b]
         for k in range(count):
             for j in range(length):
@@ -274,87 +274,89 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
                 force_, moment_ = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
                 for o in range(j + 1):
                     d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
-                    other = vec3(axes[tree.hinges[chains[k, o], 0]])
-                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(moment_, cross(d, force_)))
+                    other_axis = vec3(axes[tree.hinges[chains[k, o], 0]])
+                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other_axis, plus(moment_, cross(d, force_)))
     return mass, load
 
 
 @numba.njit(**INSIDE)
-def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
+def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
     """Fills the motion of the bodies: q (nq,), v (nv,) and a (nv,) in MuJoCo's layout."""
     p, quat, R, speed, w, dv, dw, axes = bodies
     for b in range(len(tree.parent)):
         up = tree.parent[b]
         if up < 0:
-            at, goes, gains = vec3(q), vec3(v), vec3(a)
+            origin, velocity, acceleration = vec3(q), vec3(v), vec3(a)
             pose = (q[3], q[4], q[5], q[6])
             M = matrix(pose)
             omega, alpha = matvec(M, vec3_at(v, 3)), matvec(M, vec3_at(a, 3))
         else:
             omega, alpha = vec3(w[up]), vec3(dw[up])
             r = matvec(mat3(R[up]), vec3(tree.offset[b]))
-            at, goes = plus(vec3(p[up]), r), plus(vec3(speed[up]), cross(omega, r))
-            gains = _gained(r, omega, vec3(dv[up]), alpha)
+            origin, velocity = plus(vec3(p[up]), r), plus(vec3(speed[up]), cross(omega, r))
+            acceleration = _point_acceleration(r, omega, vec3(dv[up]), alpha)
             pose = multiply(
                 (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
                 (tree.rotation[b, 0], tree.rotation[b, 1], tree.rotation[b, 2], tree.rotation[b, 3]),
             )
             M = matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
-            r, own = matvec(M, vec3(tree.anchor[j])), vec3(tree.axis[j])
-            axis, rate, half = matvec(M, own), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
-            at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
+            r, local_axis = matvec(M, vec3(tree.anchor[j])), vec3(tree.axis[j])
+            axis, rate, half = matvec(M, local_axis), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
+            origin, velocity = plus(origin, r), plus(velocity, cross(omega, r))
+            acceleration = _point_acceleration(r, omega, acceleration, alpha)
             alpha = plus(alpha, plus(times(a[tree.dof[j]], axis), times(rate, cross(omega, axis))))
             omega = plus(omega, times(rate, axis))
             sine = math.sin(half)
-            pose = multiply(pose, (math.cos(half), sine * own[0], sine * own[1], sine * own[2]))
+            pose = multiply(pose, (math.cos(half), sine * local_axis[0], sine * local_axis[1], sine * local_axis[2]))
             M = matrix(pose)
             r = times(-1.0, matvec(M, vec3(tree.anchor[j])))
-            at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
-            put(axis, axes[j])
-        put(at, p[b])
-        put(goes, speed[b])
-        put(gains, dv[b])
-        put(omega, w[b])
-        put(alpha, dw[b])
+            origin, velocity = plus(origin, r), plus(velocity, cross(omega, r))
+            acceleration = _point_acceleration(r, omega, acceleration, alpha)
+            store_vec3(axis, axes[j])
+        store_vec3(origin, p[b])
+        store_vec3(velocity, speed[b])
+        store_vec3(acceleration, dv[b])
+        store_vec3(omega, w[b])
+        store_vec3(alpha, dw[b])
         quat[b, 0], quat[b, 1], quat[b, 2], quat[b, 3] = pose
         for k in range(3):
-            put(M[k], R[b, k])
+            store_vec3(M[k], R[b, k])
 
 
 @numba.njit(**INSIDE)
-def _gained(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
+def _point_acceleration(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
     """Acceleration of a point at r relative to an origin that accelerates with dv, on a body with rates w and dw."""
     return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
 
 
 @numba.njit(**INSIDE)
-def _inertial(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
     M, inertia, omega, alpha = mat3(bodies.R[b]), mat3(tree.inertia[b]), vec3(bodies.w[b]), vec3(bodies.dw[b])
     arm = matvec(M, vec3(tree.com[b]))
-    force = times(tree.mass[b], minus(_gained(arm, omega, vec3(bodies.dv[b]), alpha), gravity))
+    force = times(tree.mass[b], minus(_point_acceleration(arm, omega, vec3(bodies.dv[b]), alpha), gravity))
     back = transposed(M)
-    own = matvec(back, omega)
-    spin = plus(matvec(inertia, matvec(back, alpha)), cross(own, matvec(inertia, own)))
+    rate_in_body = matvec(back, omega)
+    spin = plus(matvec(inertia, matvec(back, alpha)), cross(rate_in_body, matvec(inertia, rate_in_body)))
     return force, plus(cross(arm, force), matvec(M, spin)), arm
 
 
 @numba.njit(**INSIDE)
-def _inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
+def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
     """Fills a body's inertia about its own origin, world axes."""
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
     for k in range(3):
-        put(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
+        store_vec3(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
         out[k, k] += mass * dot(arm, arm)
 
 
 @numba.njit(**INSIDE)
-def _join(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
+def _add_to_carrier(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
     """Adds inertia and first moment of mass of a body at d to those of its carrier."""
-    there = plus(first, times(mass, d))  # its first moment about the carrier
+    first_about_carrier = plus(first, times(mass, d))  # its first moment about the carrier
     for k in range(3):
-        cut = plus(times(d[k], there), times(first[k], d))
-        put(plus(vec3(to_inertia[k]), minus(vec3(inertia[k]), cut)), to_inertia[k])
-        to_inertia[k, k] += dot(d, there) + dot(d, first)
-    put(plus(vec3(to_first), there), to_first)
+        cut = plus(times(d[k], first_about_carrier), times(first[k], d))
+        store_vec3(plus(vec3(to_inertia[k]), minus(vec3(inertia[k]), cut)), to_inertia[k])
+        to_inertia[k, k] += dot(d, first_about_carrier) + dot(d, first)
+    store_vec3(plus(vec3(to_first), first_about_carrier), to_first)

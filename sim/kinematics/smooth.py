@@ -41,6 +41,6 @@ def quintic(s: Array, x0: float, v0: float, x1: float, v1: float) -> Array:
     return x0 + v0 * s + s**3 * (c3 + s * (c4 + s * c5))
 
 
-def smoothed(x: Array, sigma_s: float, dt: float) -> Array:
+def smooth_gaussian(x: Array, sigma_s: float, dt: float) -> Array:
     """(N, ...) values every `dt` s, filtered by a Gaussian of standard deviation `sigma_s`; the ends are repeated."""
     return gaussian_filter1d(x, sigma_s / dt, axis=0, mode="nearest", truncate=5.0)

@@ -17,11 +17,11 @@ from stridetwin.sim.kinematics.quaternions import (
     minus,
     multiply,
     plus,
-    put,
     quat_from_matrix,
     quaternion,
     rotate,
-    store,
+    store_quaternion,
+    store_vec3,
     times,
     vec3,
 )
@@ -59,7 +59,7 @@ class Track:
         """Track of some of the instants: a slice, or increasing numbers."""
         return Track(**{name: values[rows] for name, values in vars(self).items()})
 
-    def then(self, after: Track) -> Track:
+    def append_track(self, after: Track) -> Track:
         """This track followed by a later one."""
         return Track(**{name: np.concatenate([values, getattr(after, name)]) for name, values in vars(self).items()})
 
@@ -68,16 +68,16 @@ class Track:
         """Body to world, N of them."""
         return Rotation.from_quat(self.q_world_body, scalar_first=True)
 
-    def mounted(self, T_body_sensor: ArrayLike) -> Track:
+    def to_sensor(self, T_body_sensor: ArrayLike) -> Track:
         """Track of a frame that is rigidly mounted on this one.
 
         Args:
             T_body_sensor: (4, 4) sensor frame to body frame.
         """
         T = np.asarray(T_body_sensor, dtype=float)
-        return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3].copy()))
+        return self._with_columns(_to_sensor(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3].copy()))
 
-    def displaced(
+    def displace(
         self, pivot: Array, translation: Array, rotation: Array, velocity: Array, rotation_rate: Array
     ) -> Track:
         """Track of a frame with a small motion relative to this one: rotation about a pivot, and translation.
@@ -90,8 +90,8 @@ class Track:
             rotation_rate: (N, 3) rad/s, rate of `rotation`; unless the two are parallel, `rotation` has to stay below
                 some tenths of a radian.
         """
-        return self._as(
-            _displaced(
+        return self._with_columns(
+            _displace(
                 *self._columns, pivot, *map(np.ascontiguousarray, (translation, rotation, velocity, rotation_rate))
             )
         )
@@ -101,7 +101,7 @@ class Track:
         p, v = np.ascontiguousarray(self.p_body_in_world), np.ascontiguousarray(self.v_body_in_world)
         return p, np.ascontiguousarray(self.q_world_body), v, np.ascontiguousarray(self.w_body)
 
-    def _as(self, columns: _Columns) -> Track:
+    def _with_columns(self, columns: _Columns) -> Track:
         """Track of another frame at the same instants."""
         p, q, v, w = columns
         return Track(t_ns=self.t_ns, p_body_in_world=p, q_world_body=q, v_body_in_world=v, w_body=w)
@@ -114,22 +114,22 @@ class Track:
 
 
 @_called
-def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
+def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
     n = len(p)
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     arm, mount = vec3(lever), quaternion(q_body_sensor)
     back = inverse(mount)
     for i in range(len(p)):
         attitude, rate = quaternion(q[i]), vec3(w[i])
-        put(plus(vec3(p[i]), rotate(attitude, arm)), p_out[i])
-        store(multiply(attitude, mount), q_out[i])
-        put(plus(vec3(v[i]), rotate(attitude, cross(rate, arm))), v_out[i])
-        put(rotate(back, rate), w_out[i])
+        store_vec3(plus(vec3(p[i]), rotate(attitude, arm)), p_out[i])
+        store_quaternion(multiply(attitude, mount), q_out[i])
+        store_vec3(plus(vec3(v[i]), rotate(attitude, cross(rate, arm))), v_out[i])
+        store_vec3(rotate(back, rate), w_out[i])
     return p_out, q_out, v_out, w_out
 
 
 @_called
-def _displaced(
+def _displace(
     p: Array, q: Array, v: Array, w: Array, pivot: Array, translation: Array, rotation: Array, velocity: Array,
     rotation_rate: Array,
 ) -> _Columns:  # fmt: skip
@@ -138,15 +138,15 @@ def _displaced(
     centre = vec3(pivot)
     for i in range(len(p)):
         attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(rotation[i]), vec3(rotation_rate[i])
-        own = exp(phi)
-        arm = rotate(own, centre)
+        relative_rotation = exp(phi)
+        arm = rotate(relative_rotation, centre)
         # right Jacobian of SO(3) to second order, in the displaced frame's axes
         once = cross(phi, changing)
         relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
         origin = minus(plus(centre, vec3(translation[i])), arm)
-        moving = minus(plus(cross(rate, origin), vec3(velocity[i])), rotate(own, cross(relative, centre)))
-        put(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
-        store(multiply(attitude, own), q_out[i])
-        put(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])
-        put(plus(rotate(inverse(own), rate), relative), w_out[i])
+        moving = minus(plus(cross(rate, origin), vec3(velocity[i])), rotate(relative_rotation, cross(relative, centre)))
+        store_vec3(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
+        store_quaternion(multiply(attitude, relative_rotation), q_out[i])
+        store_vec3(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])
+        store_vec3(plus(rotate(inverse(relative_rotation), rate), relative), w_out[i])
     return p_out, q_out, v_out, w_out

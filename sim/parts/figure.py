@@ -51,15 +51,15 @@ class Figure:
             bare = Annotated[float, number(self.low, self.high, scale=self.scale)]
             if self.count:
                 bare = tuple[(bare,) * self.count]  # type: ignore[misc]
-        return Annotated[bare, BeforeValidator(_bare, json_schema_input_type=bare | _sourced(bare))]
+        return Annotated[bare, BeforeValidator(_strip_source, json_schema_input_type=bare | _type_with_source(bare))]
 
 
-def _sourced(bare: Any) -> Any:
+def _type_with_source(bare: Any) -> Any:
     """A figure that says where it comes from."""
     return create_model("Sourced", __config__=ConfigDict(extra="forbid"), value=(bare, ...), source=(str, ""))
 
 
-def _bare(node: object) -> object:
+def _strip_source(node: object) -> object:
     if not isinstance(node, dict):
         return node
     for key in node:
@@ -104,16 +104,18 @@ def file_model(kind: type) -> type[BaseModel]:
     Args:
         kind: Dataclass whose fields are made by `figure`, `numbers` or `word`, or are such dataclasses, or plain text.
     """
-    hints, made = get_type_hints(kind), dict[str, Any]()
+    hints, model_fields = get_type_hints(kind), dict[str, Any]()
     for entry in dataclasses.fields(kind):
         if entry.name == "name":  # of the part: the file's
             continue
         if _FIGURE in entry.metadata:
-            of = entry.metadata[_FIGURE].type
+            field_type = entry.metadata[_FIGURE].type
         else:
-            of = file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
-        made[entry.name] = (of, _file_field(entry))
-    model: type[BaseModel] = create_model(kind.__name__, __config__=ConfigDict(extra="forbid"), **made)
+            field_type = (
+                file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
+            )
+        model_fields[entry.name] = (field_type, _file_field(entry))
+    model: type[BaseModel] = create_model(kind.__name__, __config__=ConfigDict(extra="forbid"), **model_fields)
     model.__doc__ = kind.__doc__
     return model
 
@@ -123,21 +125,21 @@ def _file_field(entry: dataclasses.Field[Any]) -> Any:
     return Field(default, alias=entry.metadata[_FIGURE].key) if _FIGURE in entry.metadata else Field(default)
 
 
-def built(kind: type[D], read: BaseModel, **given: Any) -> D:
-    """The dataclass from what its file model has read; `given` are attributes that the file lacks."""
+def build_part(kind: type[D], read: BaseModel, **attributes: Any) -> D:
+    """The dataclass from what its file model has read; `attributes` are attributes that the file lacks."""
     hints = get_type_hints(kind)
     values = {name: getattr(read, name) for name in type(read).model_fields}
-    inner = {name: built(hints[name], v) for name, v in values.items() if isinstance(v, BaseModel)}
-    return kind(**values | inner | given)
+    inner = {name: build_part(hints[name], v) for name, v in values.items() if isinstance(v, BaseModel)}
+    return kind(**values | inner | attributes)
 
 
-def ideal(part: D) -> D:
+def make_ideal(part: D) -> D:
     """The noise-free version: same rate, size and place, but no error, limit or delay."""
     changes: dict[str, Any] = {}
     for entry in dataclasses.fields(part):  # type: ignore[arg-type]
         value = getattr(part, entry.name)
         if dataclasses.is_dataclass(value):
-            changes[entry.name] = ideal(value)
+            changes[entry.name] = make_ideal(value)
         elif _FIGURE in entry.metadata and entry.metadata[_FIGURE].ideal is not None:
             changes[entry.name] = entry.metadata[_FIGURE].ideal
     return dataclasses.replace(part, **changes)  # type: ignore[type-var]

@@ -256,7 +256,7 @@ class ActuatorPart(Part):
     speed_noise: float = figure("speed_noise_radps", 0, 10, ideal=0.0)
 
 
-KINDS: dict[str, type[Part]] = {
+PART_CLASSES: dict[str, type[Part]] = {
     "imu": ImuPart,
     "ahrs": AhrsPart,
     "camera": CameraPart,

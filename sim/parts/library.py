@@ -8,36 +8,36 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
-from stridetwin.sim.parts.figure import built, file_model, ideal
-from stridetwin.sim.parts.kinds import KINDS, ForceCellPart, ImuPart, Part
+from stridetwin.sim.parts.figure import build_part, file_model, make_ideal
+from stridetwin.sim.parts.kinds import PART_CLASSES, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import OneKind
 from stridetwin.streams.validation import validated
 from stridetwin.streams.yaml_file import read_yaml
 
 IDEAL = "-ideal"
-PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in KINDS.items()})]
+PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in PART_CLASSES.items()})]
 """Type of the data in a part file."""
 
 
-def library() -> dict[str, Path]:
+def part_files() -> dict[str, Path]:
     """Name to file of the parts that come with the project, sorted by name."""
     folder = Path(str(resources.files("stridetwin.sim.parts")))
     return {p.stem: p for p in sorted(folder.glob("*.yaml"), key=lambda p: p.stem.lower())}
 
 
 @cache
-def part(name: str) -> Part:
+def load_part(name: str) -> Part:
     """A part of the library; with the suffix `-ideal`, its noise-free version.
 
     Raises:
         ConfigError: Unknown part; the message lists the known ones.
     """
-    known, plain = library(), name.removesuffix(IDEAL)
+    known, plain = part_files(), name.removesuffix(IDEAL)
     if plain not in known:
         raise ConfigError("parts", "name", name, f"{', '.join(known)}, each with or without {IDEAL}")
-    found = read_part(known[plain])
-    return found if name == plain else ideal(found)
+    named_part = read_part(known[plain])
+    return named_part if name == plain else make_ideal(named_part)
 
 
 def read_part(path: Path) -> Part:
@@ -50,12 +50,12 @@ def read_part(path: Path) -> Part:
     """
     data = read_yaml(path)
     read = validated(PartFile, data, path)
-    return built(KINDS[data["kind"]], read, name=path.stem)
+    return build_part(PART_CLASSES[data["kind"]], read, name=path.stem)
 
 
 def kind_of(of: Part) -> str:
     """The kind of a part as named in its file."""
-    return next(name for name, kind in KINDS.items() if type(of) is kind)
+    return next(name for name, kind in PART_CLASSES.items() if type(of) is kind)
 
 
 @cache
@@ -65,7 +65,7 @@ def full_scales(text: str) -> Mapping[str, float]:
     Args:
         text: Description of the part in the rig: that in the library, or any text that contains its name.
     """
-    match _described_by(text):
+    match _find_described_part(text):
         case ImuPart() as imu:
             return {"angular_rate": imu.gyroscope.range, "specific_force": imu.accelerometer.range}
         case ForceCellPart() as cell:
@@ -73,10 +73,10 @@ def full_scales(text: str) -> Mapping[str, float]:
     return {}
 
 
-def _described_by(text: str) -> Part | None:
+def _find_described_part(text: str) -> Part | None:
     """The part with this description, otherwise the one with the longest name in the text."""
     plain = text.replace("-", " ")
-    parts = [part(name) for name in library()]
+    parts = [load_part(name) for name in part_files()]
     named = [p for p in parts if p.name.replace("-", " ") in plain]
     same = [p for p in parts if p.description == text]
     return next(iter(same), max(named, key=lambda p: len(p.name), default=None))

@@ -53,8 +53,12 @@ def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) ->
         sd: Topics of the cameras, and the accuracy of each calibration.
         seed: Of the walk.
     """
-    off = {topic: _off(rig.cameras[topic], own, seed) for topic, own in sd if own != CalibrationSd()}
-    return replace(rig, cameras={**rig.cameras, **off}) if off else rig
+    miscalibrated = {
+        topic: _miscalibrate(rig.cameras[topic], sd_of_camera, seed)
+        for topic, sd_of_camera in sd
+        if sd_of_camera != CalibrationSd()
+    }
+    return replace(rig, cameras={**rig.cameras, **miscalibrated}) if miscalibrated else rig
 
 
 def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
@@ -62,7 +66,7 @@ def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
     return 1.0 + float(_noise(topic, "depth", seed).normal(sd.depth_scale, 1)[0])
 
 
-def _off(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
+def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
     from scipy.spatial.transform import Rotation  # imported late, so that a scenario is read without it
 
     draw = {name: _noise(camera.topic, name, seed) for name in _DRAWN}

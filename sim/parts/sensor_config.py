@@ -10,7 +10,7 @@ from pydantic import Field
 
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
-from stridetwin.sim.parts.library import ideal, part
+from stridetwin.sim.parts.library import load_part, make_ideal
 from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.streams.fields import DEG, MM, flag, number, words
 
@@ -137,9 +137,9 @@ def part_of(
         standard: Name of the default part; None for the group's.
     """
     sensor_config = fittings.get(group, SensorConfig())
-    nominal: Any = sensor_config.part or part(standard or STANDARD[group])
+    nominal: Any = sensor_config.part or load_part(standard or STANDARD[group])
     if sensor_config.rate_hz is not None:
         nominal = replace(nominal, rate_hz=sensor_config.rate_hz)
     if sensor_config.exposure_s is not None:
         nominal = replace(nominal, imager=replace(nominal.imager, exposure_s=sensor_config.exposure_s))
-    return (ideal(nominal) if every_ideal or sensor_config.ideal else nominal), nominal
+    return (make_ideal(nominal) if every_ideal or sensor_config.ideal else nominal), nominal

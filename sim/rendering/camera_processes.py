@@ -28,7 +28,7 @@ import numpy as np
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Motion
-from stridetwin.sim.rendering.cameras import Due, Patch, board_seen_by, follows, sensor_of
+from stridetwin.sim.rendering.cameras import FrameRequest, Patch, board_seen_by, has_auto_exposure, make_image_sensor
 from stridetwin.sim.sensors.model import Stamps, instants
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import SensorRig
@@ -69,9 +69,11 @@ class CameraProcesses:
             self._idle.put(worker)
         self._threads = ThreadPoolExecutor(max(count, 1))
         self._waiting: deque[tuple[tuple[Any, ...], int]] = deque()
-        self._begun: deque[Future[list[Image | Depth | Patch]]] = deque()
+        self._running: deque[Future[list[Image | Depth | Patch]]] = deque()
         self._sensors = {
-            c.topic: sensor_of(sensor_rig, c.topic, seed) for c in self._cameras if follows(sensor_rig, c.topic)
+            c.topic: make_image_sensor(sensor_rig, c.topic, seed)
+            for c in self._cameras
+            if has_auto_exposure(sensor_rig, c.topic)
         }
         self._stamps = {
             c.topic: Stamps(sensor_rig.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
@@ -83,24 +85,24 @@ class CameraProcesses:
         """Process numbers."""
         return [worker.pid for worker in self._workers]
 
-    def ask(self, motion: Motion, after_ns: int, until_ns: int) -> Iterator[Image | Depth]:
+    def request(self, motion: Motion, after_ns: int, until_ns: int) -> Iterator[Image | Depth]:
         """Starts to render the images after `after_ns` and up to `until_ns`.
 
         Returns:
             The images in order of time with the stamps of their clocks, to be taken before those of the next request.
         """
-        due: list[Due] = []
+        due: list[FrameRequest] = []
         stamps: dict[tuple[str, int], int] = {}
         for camera in self._cameras:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
-            stamped = zip(t_ns.tolist(), self._stamps[camera.topic].of(t_ns).tolist())
+            stamped = zip(t_ns.tolist(), self._stamps[camera.topic].stamp(t_ns).tolist())
             stamps |= {(topic, t): stamp for t, stamp in stamped for topic in (camera.topic, camera.depth_topic)}
             board = self._seen[camera.topic]
             twist = np.zeros((len(t_ns), 2, 6))
             for i, body in enumerate([camera.mount.body, *([board.mount.body] if board else [])]):
                 track = motion.carrier(body)[motion.rows(t_ns)]
                 twist[:, i] = np.hstack([track.v_body_in_world, track.w_body])
-            due += [Due(t_ns=t, topic=camera.topic, twist=w) for t, w in zip(t_ns.tolist(), twist)]
+            due += [FrameRequest(t_ns=t, topic=camera.topic, twist=w) for t, w in zip(t_ns.tolist(), twist)]
         due.sort(key=lambda item: item.t_ns)
         images = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
         batches = [due[i : i + _BATCH] for i in range(0, len(due), _BATCH)]
@@ -108,13 +110,13 @@ class CameraProcesses:
             rows = motion.rows(np.array([item.t_ns for item in batch], np.int64))
             poses = (batch, motion.qpos[rows], motion.upper_poses(rows))
             self._waiting.append((poses, sum(images[item.topic] for item in batch)))
-        self._begin()
-        return self._images(len(batches), stamps)
+        self._submit()
+        return self._collect(len(batches), stamps)
 
-    def _begin(self) -> None:
+    def _submit(self) -> None:
         """Keeps a bounded number of batches in progress."""
-        while self._waiting and len(self._begun) < _BATCHES:
-            self._begun.append(self._threads.submit(self._render, *self._waiting.popleft()))
+        while self._waiting and len(self._running) < _BATCHES:
+            self._running.append(self._threads.submit(self._render, *self._waiting.popleft()))
 
     def _render(self, poses: tuple[Any, ...], count: int) -> list[Image | Depth | Patch]:
         worker = self._idle.get()
@@ -123,16 +125,16 @@ class CameraProcesses:
         finally:
             self._idle.put(worker)
 
-    def _images(self, batches: int, stamps: dict[tuple[str, int], int]) -> Iterator[Image | Depth]:
+    def _collect(self, batches: int, stamps: dict[tuple[str, int], int]) -> Iterator[Image | Depth]:
         for _ in range(batches):
-            rendered = self._begun.popleft().result()
-            self._begin()
+            rendered = self._running.popleft().result()
+            self._submit()
             for image in rendered:
                 stamp = stamps[image.topic, image.t_ns]
                 if isinstance(image, Patch):
                     image = image.image()
                 if isinstance(image, Image) and image.topic in self._sensors:
-                    image = replace(image, pixels=self._sensors[image.topic].exposed(image.t_ns, image.pixels))
+                    image = replace(image, pixels=self._sensors[image.topic].expose(image.t_ns, image.pixels))
                 if stamp >= 0:
                     yield image if stamp == image.t_ns else replace(image, t_ns=stamp)
 
@@ -161,7 +163,7 @@ class _Worker:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._requests, self._answers, self._scene = self._process.stdin, self._process.stdout, scene
-        _widen(self._answers)
+        _enlarge_buffer(self._answers)
 
     @property
     def pid(self) -> int:
@@ -196,7 +198,7 @@ class _Worker:
                 pipe.close()
 
 
-def _widen(pipe: IO[bytes]) -> None:
+def _enlarge_buffer(pipe: IO[bytes]) -> None:
     """Lets a pipe hold whole images, so that its two ends do not wait for each other many times per image."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError):  # the system's limit is lower: slower, but right

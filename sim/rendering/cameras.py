@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import CameraPart, Imager, RgbdPart
 from stridetwin.sim.parts.nominal import depth_scale
-from stridetwin.sim.rendering.imager import BLANK, Lens, Pixels, Sensor
-from stridetwin.sim.rendering.renderer import SensorView, mounted_pose
+from stridetwin.sim.rendering.imager import BLANK, ImageSensor, Pixels, RenderedLens
+from stridetwin.sim.rendering.renderer import SensorView, mount_pose
 from stridetwin.sim.rendering.stereo_depth import DepthModel
 from stridetwin.sim.rendering.sweep import Sweep
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import SensorRig
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
-from stridetwin.sim.world.bystanders import Crowd
-from stridetwin.sim.world.bystanders import pose as pose_crowd
+from stridetwin.sim.world.bystanders import Crowd, pose_crowd
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
@@ -38,7 +37,7 @@ _SURROUNDINGS_M = 0.5  # assumed distance from a shoe's camera to everything but
 
 
 @dataclass(frozen=True, kw_only=True)
-class Due:
+class FrameRequest:
     """One frame to render.
 
     Attributes:
@@ -65,7 +64,7 @@ class Patch:
 
     topic: str
     t_ns: int
-    whole: tuple[int, int]
+    shape: tuple[int, int]
     pixels: Pixels
     row: int
     column: int
@@ -73,15 +72,15 @@ class Patch:
     def image(self) -> Image:
         """The full image; patches without pixels share one read-only array."""
         if not self.pixels.size:
-            return Image(topic=self.topic, t_ns=self.t_ns, pixels=_blank(self.whole))
-        image, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
+            return Image(topic=self.topic, t_ns=self.t_ns, pixels=_blank_image(self.shape))
+        image, (height, width) = np.full(self.shape, BLANK, np.uint8), self.pixels.shape
         image[self.row : self.row + height, self.column : self.column + width] = self.pixels
         return Image(topic=self.topic, t_ns=self.t_ns, pixels=image)
 
 
 @cache
-def _blank(whole: tuple[int, int]) -> Pixels:
-    image = np.full(whole, BLANK, np.uint8)
+def _blank_image(shape: tuple[int, int]) -> Pixels:
+    image = np.full(shape, BLANK, np.uint8)
     image.setflags(write=False)
     return image
 
@@ -96,38 +95,38 @@ class Cameras:
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
         self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
-        self._views = {shadows: self._view_for(shadows) for shadows in {c.shadows for c in self._cameras.values()}}
+        self._views = {shadows: self._make_view(shadows) for shadows in {c.shadows for c in self._cameras.values()}}
 
-    def _view_for(self, shadows: bool) -> SensorView:
+    def _make_view(self, shadows: bool) -> SensorView:
         """A view as large as every camera with shadows, or without, needs it."""
         lenses = [c.lens for c in self._cameras.values() if c.shadows == shadows]
         width, height = max(lens.width for lens in lenses), max(lens.height for lens in lenses)
         return SensorView(self._model, width, height, shadows=shadows)
 
     def frames(
-        self, due: Sequence[Due], qpos: Array, uppers: Mapping[str, Array] | None = None
+        self, due: Sequence[FrameRequest], qpos: Array, uppers: Mapping[str, Array] | None = None
     ) -> Iterator[Image | Depth | Patch]:
-        """Images in the order requested; cameras for which `follows` holds return them before exposure.
+        """Images in the order requested; cameras for which `has_auto_exposure` holds return them before exposure.
 
         Args:
             due: Frames in order of time.
             qpos: (len(due), nq) generalised position at each.
             uppers: (len(due), 7) pose of the shoes' uppers by foot; uppers without a pose lie on the feet.
         """
-        posed = None
+        posed_ns = None
         for i, (item, pose) in enumerate(zip(due, qpos)):
-            if posed != item.t_ns:
+            if posed_ns != item.t_ns:
                 for foot, on_foot in (uppers or {}).items():
                     body = self._model.body(UPPERS[foot])
                     body.pos, body.quat = on_foot[i, :3], on_foot[i, 3:]
                 self._data.qpos = pose
                 pose_crowd(self._model, self._data, self._crowd, 1e-9 * item.t_ns)
-                self._mount_slips.place(self._model, item.t_ns)
+                self._mount_slips.move_housings(self._model, item.t_ns)
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
-                posed = item.t_ns
+                posed_ns = item.t_ns
             camera, T_body_frame = self._cameras[item.topic], self._mount_slips.T_body_frame(item.topic, item.t_ns)
-            yield from camera.take(self._views[camera.shadows], self._data, item, T_body_frame)
+            yield from camera.render(self._views[camera.shadows], self._data, item, T_body_frame)
 
     def __enter__(self) -> Self:
         return self
@@ -139,20 +138,20 @@ class Cameras:
 
 def board_seen_by(sensor_rig: SensorRig, topic: str) -> Board | None:
     """The board on the other shoe that a shoe's camera observes."""
-    seen = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
-    return sensor_rig.rig.boards.get(seen) if seen else None
+    other_foot = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
+    return sensor_rig.rig.boards.get(other_foot) if other_foot else None
 
 
-def follows(sensor_rig: SensorRig, topic: str) -> bool:
+def has_auto_exposure(sensor_rig: SensorRig, topic: str) -> bool:
     """Whether a camera's gain depends on its previous images, so that they must be exposed in order of time."""
     return bool(_imager(sensor_rig, topic).auto_exposure_s)
 
 
-def sensor_of(sensor_rig: SensorRig, topic: str, seed: int) -> Sensor:
+def make_image_sensor(sensor_rig: SensorRig, topic: str, seed: int) -> ImageSensor:
     """Sensor model that converts a camera's irradiance to grey values or colours."""
     calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
     shape = (calibration.height, calibration.width, *(() if imager.colour == "grey" else (3,)))
-    return Sensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
+    return ImageSensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
 
 
 def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
@@ -162,7 +161,7 @@ def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Seen:
+class _VisibleBoard:
     """A board in an image: the rows and columns around it, and its motion relative to the camera."""
 
     box: tuple[slice, slice]
@@ -173,84 +172,89 @@ class _Camera:
     """One camera of the rig."""
 
     def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
-        worn = sensor_rig.sensors[topic]
-        assert isinstance(worn.calibration, CameraCalibration)
-        assert isinstance(worn.part, CameraPart | RgbdPart)
-        calibration, part = worn.calibration, worn.part
+        mounted = sensor_rig.sensors[topic]
+        assert isinstance(mounted.calibration, CameraCalibration)
+        assert isinstance(mounted.part, CameraPart | RgbdPart)
+        calibration, part = mounted.calibration, mounted.part
         self._calibration, self._imager = calibration, part.imager
         self._board = board_seen_by(sensor_rig, topic)
         self._grey = self._imager.colour == "grey"
-        self.shadows = worn.sensor_config.shadows
-        self._sensor = None if follows(sensor_rig, topic) else sensor_of(sensor_rig, topic, seed)
-        self.lens = Lens(calibration)
+        self.shadows = mounted.sensor_config.shadows
+        self._sensor = None if has_auto_exposure(sensor_rig, topic) else make_image_sensor(sensor_rig, topic, seed)
+        self.lens = RenderedLens(calibration)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
         self._around_board = (
-            worn.sensor_config.frames == "board" and self._board is not None and self._grey and self.lens.straight
+            mounted.sensor_config.frames == "board" and self._board is not None and self._grey and self.lens.straight
         )
         self._depth: DepthModel | None = None
         if isinstance(part, RgbdPart):
             fu, _, pu, pv = calibration.intrinsics
             noise = Noise.of_topic(seed, calibration.depth_topic)
             self._depth = DepthModel((calibration.height, calibration.width), fu, (pu, pv), part.depth, noise)
-            self._scale = np.float32(depth_scale(topic, worn.sensor_config.calibration_sd, seed))
+            self._scale = np.float32(depth_scale(topic, mounted.sensor_config.calibration_sd, seed))
 
-    def take(
-        self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
+    def render(
+        self, view: SensorView, data: mujoco.MjData, due: FrameRequest, T_body_frame: Array
     ) -> Iterator[Image | Depth | Patch]:
-        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `renderer.mounted_pose`."""
-        T_world_camera = mounted_pose(data, self._calibration.mount, T_body_frame)
-        board = self._board_before(data, due, T_world_camera)
+        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `renderer.mount_pose`."""
+        T_world_camera = mount_pose(data, self._calibration.mount, T_body_frame)
+        board = self._find_board(data, due, T_world_camera)
         if self._around_board:
-            yield self._board_alone(view, data, due, T_world_camera, board)
+            yield self._render_board(view, data, due, T_world_camera, board)
             return
         size = self.lens.width, self.lens.height
         if self._depth is None:
             rgb, away = view.color(data, T_world_camera, self.lens.intrinsics, size), _SURROUNDINGS_M
         else:
             rgb, depth = view.frame(data, T_world_camera, self.lens.intrinsics, size)
-            away = _middle(depth)
-        clean = self._clean(rgb)
-        swept = self._swept(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
+            away = _median_depth(depth)
+        clean = self._to_sensor_colours(rgb)
+        swept = self._apply_motion(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
         if board is not None:  # it moves differently from the ground
             rows, columns = board.box
             part_pixels = np.ascontiguousarray(clean[board.box])
             swept = swept.copy() if swept is clean else swept
-            swept[board.box] = self._swept(part_pixels, board.sweep.cropped(rows.start, columns.start))
-        yield Image(topic=due.topic, t_ns=due.t_ns, pixels=self._exposed(due.t_ns, self.lens.bent(swept)))
+            swept[board.box] = self._apply_motion(part_pixels, board.sweep.crop(rows.start, columns.start))
+        yield Image(topic=due.topic, t_ns=due.t_ns, pixels=self._expose(due.t_ns, self.lens.distort(swept)))
         if self._depth is not None:
-            grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
-            measured = self._depth.image(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
+            grey = rgb[..., 1] if self.lens.straight else self.lens.distort(np.ascontiguousarray(rgb[..., 1]))
+            measured = self._depth.image(due.t_ns, self._scale * self.lens.distort(depth, cv2.INTER_NEAREST), grey)
             yield Depth(topic=self._calibration.depth_topic, t_ns=due.t_ns, depth=measured)
 
-    def _clean(self, rgb: Pixels) -> Pixels:
+    def _to_sensor_colours(self, rgb: Pixels) -> Pixels:
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8) if self._grey else rgb
 
-    def _board_alone(
-        self, view: SensorView, data: mujoco.MjData, due: Due, T_world_camera: Array, board: _Seen | None
+    def _render_board(
+        self,
+        view: SensorView,
+        data: mujoco.MjData,
+        due: FrameRequest,
+        T_world_camera: Array,
+        board: _VisibleBoard | None,
     ) -> Patch:
         """An image with nothing but the board and its surroundings."""
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
             row, column = board.box[0].start, board.box[1].start
-            clean = self._clean(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
-            pixels = self._exposed(due.t_ns, self._swept(clean, board.sweep.cropped(row, column)), row, column)
-        whole = (self._calibration.height, self._calibration.width)
-        return Patch(topic=due.topic, t_ns=due.t_ns, whole=whole, pixels=pixels, row=row, column=column)
+            clean = self._to_sensor_colours(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
+            pixels = self._expose(due.t_ns, self._apply_motion(clean, board.sweep.crop(row, column)), row, column)
+        shape = (self._calibration.height, self._calibration.width)
+        return Patch(topic=due.topic, t_ns=due.t_ns, shape=shape, pixels=pixels, row=row, column=column)
 
-    def _exposed(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
-        return clean if self._sensor is None else self._sensor.exposed(t_ns, clean, row, column)
+    def _expose(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
+        return clean if self._sensor is None else self._sensor.expose(t_ns, clean, row, column)
 
-    def _swept(self, clean: Pixels, sweep: Sweep) -> Pixels:
+    def _apply_motion(self, clean: Pixels, sweep: Sweep) -> Pixels:
         if self._imager.rolling_s:
-            clean = sweep.rolled(clean, self._imager.rolling_s)
-        return sweep.blurred(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
+            clean = sweep.apply_rolling_shutter(clean, self._imager.rolling_s)
+        return sweep.blur(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
-    def _board_before(self, data: mujoco.MjData, due: Due, T_world_camera: Array) -> _Seen | None:
+    def _find_board(self, data: mujoco.MjData, due: FrameRequest, T_world_camera: Array) -> _VisibleBoard | None:
         """The board in the middle of the exposure; None when it is out of view."""
         if self._board is None:
             return None
-        T_world_board = mounted_pose(data, self._board.mount)
+        T_world_board = mount_pose(data, self._board.mount)
         R = T_world_camera[:3, :3].T
         normal, centre = R @ T_world_board[:3, 2], R @ (T_world_board[:3, 3] - T_world_camera[:3, 3])
         points = _AROUND_BOARD @ (R @ T_world_board[:3, :3]).T + centre
@@ -265,24 +269,31 @@ class _Camera:
         away = float(normal @ centre)
         if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
-        v, w = _at(data, self._board.mount.body, due.twist[1], T_world_camera[:3, 3])
+        v, w = _point_velocity(data, self._board.mount.body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
         margin = _MARGIN_PX + sweep.path_px(self._imager.exposure_s, *((low + high) / 2))
         left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
         right, bottom = np.minimum(np.ceil(high + margin), size).astype(int).tolist()
         if right - left < 2 or bottom - top < 2:
             return None
-        return _Seen(box=(slice(top, bottom), slice(left, right)), sweep=sweep)
+        return _VisibleBoard(box=(slice(top, bottom), slice(left, right)), sweep=sweep)
 
     def _sweep(
-        self, data: mujoco.MjData, due: Due, T_world_camera: Array, v: Array, w: Array, normal: Array, away_m: float
+        self,
+        data: mujoco.MjData,
+        due: FrameRequest,
+        T_world_camera: Array,
+        v: Array,
+        w: Array,
+        normal: Array,
+        away_m: float,
     ) -> Sweep:
-        own_v, own_w = _at(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
+        camera_v, camera_w = _point_velocity(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
         R = T_world_camera[:3, :3].T
-        return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - own_v), rate=R @ (w - own_w))
+        return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - camera_v), rate=R @ (w - camera_w))
 
 
-def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:
+def _point_velocity(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:
     """Velocity of a point fixed to a body, and the angular rate of the body, both in world axes."""
     body = data.body(UPPERS.get(name, name))
     w = body.xmat.reshape(3, 3) @ twist[3:]
@@ -290,9 +301,9 @@ def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Arr
     return twist[:3] + [w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x], w
 
 
-def _middle(depth: NDArray[np.float32]) -> float:
+def _median_depth(depth: NDArray[np.float32]) -> float:
     """Distance to the middle of the visible scene, m."""
-    some = np.sort(depth[::16, ::16], axis=None)
-    seen = some[np.searchsorted(some, 0.0, "right") :]
-    half = len(seen) // 2
-    return float((seen[half] + seen[-half - 1]) / 2) if len(seen) else _FAR_M
+    depths = np.sort(depth[::16, ::16], axis=None)
+    visible = depths[np.searchsorted(depths, 0.0, "right") :]
+    half = len(visible) // 2
+    return float((visible[half] + visible[-half - 1]) / 2) if len(visible) else _FAR_M

@@ -24,7 +24,7 @@ _TARGET = 0.45  # target of automatic exposure: mean grey value over white, that
 _GAINS = (0.25, 64.0)  # of automatic exposure relative to the nominal one, smallest and largest
 
 
-class Sensor:
+class ImageSensor:
     """Converts clean grey values to those of the camera.
 
     At the nominal illumination white fills the full well of a pixel; the light is `light` times the nominal one.
@@ -54,12 +54,12 @@ class Sensor:
         self._gain: float | None = None if imager.auto_exposure_s else 1.0
         self._before_ns = 0
 
-    def exposed(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
+    def expose(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
         """Grey values or colours of a part (h, w, ...) of an image, given its upper left pixel.
 
         Images of a camera with automatic exposure must be passed in time order.
         """
-        gain = self._gain_for(t_ns, clean) * self._light
+        gain = self._update_gain(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
             return clean
         down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
@@ -67,12 +67,12 @@ class Sensor:
         rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
         levels = np.ascontiguousarray(clean).reshape(height, each * width)
         start = (row + down, each * (column + right))
-        measured = _developed(
+        measured = _measure_levels(
             levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain)
         )
         return measured.reshape(clean.shape)
 
-    def _gain_for(self, t_ns: int, clean: Pixels) -> float:
+    def _update_gain(self, t_ns: int, clean: Pixels) -> float:
         """The gain of this image; that of the next one follows its brightness with the lag of the exposure control."""
         lag = self._imager.auto_exposure_s
         if not lag:
@@ -87,7 +87,7 @@ class Sensor:
 
 
 @cached(__file__, error_model="numpy")
-def _developed(
+def _measure_levels(
     levels: Pixels, tan2_rows: NDArray[np.float32], tan2_columns: NDArray[np.float32], bank: NDArray[np.float32],
     start: tuple[int, int], variance: NDArray[np.float32], gain: np.float32,
 ) -> Pixels:  # fmt: skip
@@ -107,7 +107,7 @@ def _developed(
 _WIDEST = 4.0  # largest pinhole image, times the image size: it cannot contain rays near 90 degrees
 
 
-class Lens:
+class RenderedLens:
     """Lens of a camera with `radtan` (Brown-Conrady) or `equidistant` (Kannala-Brandt) distortion.
 
     Attributes:
@@ -136,7 +136,7 @@ class Lens:
         self.intrinsics = fu, fv, pu - left, pv - top
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
-    def bent(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
+    def distort(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
         """The camera's image (H, W, ...) from a pinhole image (height, width, ...)."""
         return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation))
 

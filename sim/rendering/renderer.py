@@ -84,7 +84,7 @@ class _OffScreen:
         self.model, self.width, self.height = model, width, height
         self._gl = _gl_context(width, height)
         self._gl.make_current()
-        with _set_for_a_moment(model, width, height, quality):
+        with _temporary_quality(model, width, height, quality):
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
@@ -136,7 +136,7 @@ class SensorView(_OffScreen):
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False) -> None:
         self._endless, self._shadows = _endless_planes(model), shadows
-        with _bounded_planes(model, self._endless, _GROUND_M):
+        with _bound_planes(model, self._endless, _GROUND_M):
             super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
         self._anywhere = mujoco.MjvCamera()
         self._glass = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM.value, f"scenery_{GLASS}")  # -1: none
@@ -159,7 +159,7 @@ class SensorView(_OffScreen):
             (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m, through glass; 0 where no
             surface is nearer than `SEEN_M`.
         """
-        rgb, depth = self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))
+        rgb, depth = self._render_view(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))
         depth[depth > SEEN_M] = 0
         return rgb, depth
 
@@ -168,7 +168,7 @@ class SensorView(_OffScreen):
         size: tuple[int, int] | None = None,
     ) -> Rgb:  # fmt: skip
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as in `frame`."""
-        return self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
+        return self._render_view(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
 
     def crop(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, rows: slice, columns: slice
@@ -177,25 +177,25 @@ class SensorView(_OffScreen):
         fu, fv, pu, pv = intrinsics
         width, height = columns.stop - columns.start, rows.stop - rows.start
         shifted = fu, fv, pu - columns.start, pv - rows.start
-        return self._look(data, T_world_camera, shifted, width, height)[0]
+        return self._render_view(data, T_world_camera, shifted, width, height)[0]
 
-    def _look(
+    def _render_view(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int
     ) -> tuple[Rgb, DepthImage]:
         """Colours (height, width, 3), and depth (height, width), inf where nothing is rendered."""
         rgb, z = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         rect = mujoco.MjrRect(0, 0, width, height)
-        self._aim(data, T_world_camera, intrinsics, width, height)
+        self._place_camera(data, T_world_camera, intrinsics, width, height)
         self.draw(rgb, z, rect)
         if self._glass >= 0:  # a pane writes its own depth
-            self._aim(data, T_world_camera, intrinsics, width, height, hidden=self._glass)
+            self._place_camera(data, T_world_camera, intrinsics, width, height, hidden=self._glass)
             self.draw(None, z, rect)
         rgb, depth = np.ascontiguousarray(rgb[::-1]), _metric_depth(z)
         if self._sky is not None:
             self._sky.paint(rgb, depth, np.asarray(T_world_camera, float), intrinsics)
         return rgb, depth
 
-    def _aim(
+    def _place_camera(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int,
         hidden: int | None = None,
     ) -> None:  # fmt: skip
@@ -204,9 +204,9 @@ class SensorView(_OffScreen):
         if hidden is not None:
             self.model.geom_group[hidden] = _HIDDEN_GROUP
         if not self._shadows:  # what is out of view may cast a shadow into it
-            seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
+            seen = _find_geoms_in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
             self.model.geom_group[~seen] = _HIDDEN_GROUP
-        with _bounded_planes(self.model, self._endless, _GROUND_M, data, np.asarray(T_world_camera)[:2, 3]):
+        with _bound_planes(self.model, self._endless, _GROUND_M, data, np.asarray(T_world_camera)[:2, 3]):
             self.update(data, self._anywhere)
         self.model.geom_group[:] = shown
         T_world_mujoco = swap_camera_convention(T_world_camera)
@@ -227,7 +227,7 @@ class FilmCamera(_OffScreen):
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
         self._endless, self._size = _endless_planes(model), (width, height)
-        with _bounded_planes(model, self._endless, _FILM_GROUND_M):
+        with _bound_planes(model, self._endless, _FILM_GROUND_M):
             super().__init__(model, round(_FILM_SCALE * width), round(_FILM_SCALE * height), _FILM)
         self._camera = mujoco.MjvCamera()
 
@@ -246,14 +246,14 @@ class FilmCamera(_OffScreen):
         """
         self._camera.lookat[:] = lookat
         self._camera.azimuth, self._camera.elevation, self._camera.distance = azimuth, elevation, distance
-        with _bounded_planes(self.model, self._endless, _FILM_GROUND_M, data, np.asarray(lookat)[:2]):
+        with _bound_planes(self.model, self._endless, _FILM_GROUND_M, data, np.asarray(lookat)[:2]):
             self.update(data, self._camera)
         rgb = np.empty((self.height, self.width, 3), np.uint8)
         self.draw(rgb, None)
         return np.asarray(cv2.resize(rgb[::-1], self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def mounted_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | None = None) -> Array:
+def mount_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | None = None) -> Array:
     """(4, 4) pose in the world of a camera's optical frame or a board, from the body that carries it.
 
     Args:
@@ -268,7 +268,7 @@ def mounted_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | No
 
 
 @contextmanager
-def _bounded_planes(
+def _bound_planes(
     model: mujoco.MjModel, endless: NDArray[np.intp], half_m: float, data: mujoco.MjData | None = None,
     about: ArrayLike = (0.0, 0.0),
 ) -> Iterator[None]:  # fmt: skip
@@ -289,7 +289,7 @@ def _bounded_planes(
             data.geom_xpos[endless] = places
 
 
-def _in_view(
+def _find_geoms_in_view(
     model: mujoco.MjModel, data: mujoco.MjData, T_world_camera: Array, intrinsics: Intrinsics, width: int, height: int
 ) -> NDArray[np.bool_]:
     """Geoms whose bounding sphere reaches into the view frustum; drawing the others costs as much as drawing these."""
@@ -328,7 +328,7 @@ def _gl_context(width: int, height: int) -> Any:
 
 
 @contextmanager
-def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
+def _temporary_quality(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
     """Sets image size and quality of the model temporarily."""
     screen, look = model.vis.global_, model.vis.quality
     values = (

@@ -34,8 +34,8 @@ class DepthModel:
         self._step = part.disparity_step or _FINEST_STEP_PER_M
         self._bank = self._mixed = np.zeros(shape, np.float32)
         if part.noise:
-            self._bank = _smooth(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
-            self._mixed = _smooth(noise.at(0), shape, 1.0)
+            self._bank = _noise_bank(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
+            self._mixed = _noise_bank(noise.at(0), shape, 1.0)
         depth = np.append(0.0, 1 / (self._step * np.arange(1, np.iinfo(np.int16).max + 1)))
         if part.resolution:
             depth = part.resolution * np.round(depth / part.resolution)
@@ -59,19 +59,19 @@ class DepthModel:
             measured = depth.copy()
             measured[(measured < part.range_min) | (measured > part.range_max)] = 0
             return measured
-        counts = _counts(depth, np.float32(1 / self._step))
+        counts = _disparity_counts(depth, np.float32(1 / self._step))
         near = np.ascontiguousarray(counts[::2, ::2])
         mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
-        unmatched = self._unmatched(near, mean, grey)
+        unmatched = self._mask_unmatched(near, mean, grey)
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
         beside = mean if part.noise else counts  # without noise, discontinuities are sharp
-        return _measured(
+        return _measure_depth(
             depth, counts, beside, unmatched, front, back, self._mixed, self._bank, (row, column), self._depth_of_count
         )
 
-    def _unmatched(self, near: Grid, mean: Grid, grey: Pixels | None) -> NDArray[np.bool_]:
+    def _mask_unmatched(self, near: Grid, mean: Grid, grey: Pixels | None) -> NDArray[np.bool_]:
         """Pixels without a match for other reasons than discontinuities, at half the resolution."""
         part = self._part
         unmatched = np.zeros(near.shape, bool)
@@ -79,14 +79,14 @@ class DepthModel:
             a, b = (np.asarray(cv2.Sobel(near, cv2.CV_32F, *d, scale=0.5 / 8), np.float32) for d in ((1, 0), (0, 1)))
             x, y, length = self._rays
             sine, focal = np.float32(np.sin(part.slant)), np.float32(self._focal)
-            unmatched = _slanted(near, mean, a, b, x, y, length, focal, sine)
+            unmatched = _find_glancing_surfaces(near, mean, a, b, x, y, length, focal, sine)
         if part.dark and grey is not None:
             unmatched |= grey[::2, ::2] < 255 * part.dark
         return unmatched
 
 
 @cached(__file__, error_model="numpy")
-def _counts(depth: Grid, per_m: np.float32) -> Grid:
+def _disparity_counts(depth: Grid, per_m: np.float32) -> Grid:
     """(H, W) disparity in its steps, 0 without depth."""
     counts = np.empty_like(depth)
     for i in range(depth.shape[0]):
@@ -96,7 +96,7 @@ def _counts(depth: Grid, per_m: np.float32) -> Grid:
 
 
 @_called
-def _slanted(
+def _find_glancing_surfaces(
     near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
 ) -> NDArray[np.bool_]:
     """Surfaces at a glancing angle, away from discontinuities; (h, w), like all arguments but `mean`, (H, W).
@@ -116,11 +116,11 @@ def _slanted(
 
 
 @_called
-def _measured(
+def _measure_depth(
     depth: Grid, counts: Grid, mean: Grid, unmatched: NDArray[np.bool_], front: Grid, back: Grid, mixed: Grid,
     noise: Grid, start: tuple[int, int], depth_of_count: NDArray[np.float32],
 ) -> Grid:  # fmt: skip
-    """(H, W) m with missing and flying pixels at discontinuities, noise and steps; halves as in `_slanted`."""
+    """(H, W) m with missing and flying pixels at discontinuities, noise and steps; half-size arrays are (h, w)."""
     measured, last = np.zeros_like(depth), len(depth_of_count) - 1
     (top, left), width = start, depth.shape[1]
     for i in range(depth.shape[0]):
@@ -139,7 +139,7 @@ def _measured(
     return measured
 
 
-def _smooth(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
+def _noise_bank(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
     """Bank of unit normal deviates that are correlated over some pixels."""
     height, width = shape[0] + SPARE, shape[1] + SPARE
     coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)

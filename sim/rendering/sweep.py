@@ -49,11 +49,11 @@ class Sweep:
         x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
         return math.hypot(x / z - u, y / z - v)
 
-    def cropped(self, row: int, column: int) -> Sweep:
+    def crop(self, row: int, column: int) -> Sweep:
         """The same motion in the pixels of a part of the image, given its upper left pixel."""
         return replace(self, K=np.array([[1.0, 0.0, -column], [0.0, 1.0, -row], [0.0, 0.0, 1.0]]) @ self.K)
 
-    def blurred(self, image: Pixels, exposure_s: float) -> Pixels:
+    def blur(self, image: Pixels, exposure_s: float) -> Pixels:
         """Mean of an image, taken at mid-exposure, along its motion during the exposure."""
         height, width = image.shape[:2]
         length = self.path_px(exposure_s, (width - 1) / 2, (height - 1) / 2)
@@ -72,7 +72,7 @@ class Sweep:
             cv2.accumulate(copy, total)
         return np.asarray(cv2.convertScaleAbs(total, alpha=1 / copies))
 
-    def rolled(self, image: Pixels, readout_s: float) -> Pixels:
+    def apply_rolling_shutter(self, image: Pixels, readout_s: float) -> Pixels:
         """Rows exposed one after another, the middle one at the time of the image."""
         height, width = image.shape[:2]
         v, u = np.mgrid[:height, :width].astype(np.float32)

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.sim.wearer.leaves import unprefixed
+from stridetwin.sim.wearer.leaves import silence_prefix_warnings
 
 _OF_MODEL = {
     "body": {"pos": "body_pos", "quat": "body_quat"},
@@ -51,11 +51,11 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
         spec: The model; its textures and meshes are files of `spec.assets`, built in, or (meshes) inline.
         model: The same, compiled.
     """
-    with unprefixed():
+    with silence_prefix_warnings():
         root = ElementTree.fromstring(spec.to_xml())
     for defaults in root.findall("default"):
         root.remove(defaults)
-    world, assets = section(root, "worldbody"), section(root, "asset")
+    world, assets = find_section(root, "worldbody"), find_section(root, "asset")
     _dissolve_frames(world)
     bodies = [*world.iter("body")]
     for body in bodies:
@@ -63,7 +63,7 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
             body.insert(0, Element("inertial", mass="0", diaginertia="0 0 0"))
     rows = {
         "body": list(enumerate(bodies, 1)),
-        "inertial": [(i, found) for i, body in enumerate(bodies, 1) for found in body.findall("inertial")],
+        "inertial": [(i, inertial) for i, body in enumerate(bodies, 1) for inertial in body.findall("inertial")],
         **{kind: list(enumerate(world.iter(kind))) for kind in ("geom", "joint", "site", "camera", "light")},
     }
     _check_order(rows["body"] + rows["geom"], [*spec.bodies[1:], *spec.geoms])
@@ -76,24 +76,24 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
     }  # fmt: skip
     for kind, (parent, items) in listed.items():
         for node, item in zip(parent.iter(kind), items, strict=True):
-            _rewrite(node, {name: getattr(item, own) for name, own in _OF_SPEC[kind].items()})
+            _rewrite(node, {name: getattr(item, attribute) for name, attribute in _OF_SPEC[kind].items()})
     for node, geom in zip(world.iter("geom"), spec.geoms, strict=True):
         if node.get("type") == "mesh":  # its compiled pose is that of the mesh's centre
             _rewrite(node, {"pos": geom.pos, "quat": geom.quat})
     return root
 
 
-def numbers(values: ArrayLike) -> str:
+def format_numbers(values: ArrayLike) -> str:
     """Numbers as text: the fewest digits that read back as the same float32 or float64."""
     return " ".join(str(value).removesuffix(".0") for value in np.ravel(np.asarray(values)) + 0.0)
 
 
-def section(parent: Element, tag: str) -> Element:
+def find_section(parent: Element, tag: str) -> Element:
     """The one section of a model with this tag."""
-    found = parent.findall(tag)
-    if len(found) != 1:
-        raise ValueError(f"invalid MJCF: expected one {tag}, found {len(found)}")
-    return found[0]
+    sections = parent.findall(tag)
+    if len(sections) != 1:
+        raise ValueError(f"invalid MJCF: expected one {tag}, found {len(sections)}")
+    return sections[0]
 
 
 def _check_order(rows: list[tuple[int, Element]], items: list[Any]) -> None:
@@ -106,11 +106,11 @@ def _check_order(rows: list[tuple[int, Element]], items: list[Any]) -> None:
 def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:
     """Replaces numbers of an element, and its pose in every case, as `to_xml` omits what six digits round to zero."""
     for name, value in values.items():
-        given = node.get(name)
-        if given is None and name not in _POSE:
+        text = node.get(name)
+        if text is None and name not in _POSE:
             continue
-        count = np.size(value) if given is None else len(given.split())
-        node.set(name, numbers(np.ravel(value)[:count]))
+        count = np.size(value) if text is None else len(text.split())
+        node.set(name, format_numbers(np.ravel(value)[:count]))
         if node.get(name) == _POSE.get(name) and node.tag != "inertial":  # that needs its place
             del node.attrib[name]
 

@@ -19,7 +19,7 @@ from mujoco import viewer
 from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.body import compile_model
-from stridetwin.sim.world.bystanders import pose as pose_crowd
+from stridetwin.sim.world.bystanders import pose_crowd
 from stridetwin.streams.errors import StrideTwinError
 
 KEYS = {
@@ -65,21 +65,21 @@ class Playhead:
                 self.time_s = 0.0
             self.paused = not self.paused
         elif key in (_LEFT, _RIGHT):
-            self._go(self.time_s + (_JUMP_S if key == _RIGHT else -_JUMP_S))
+            self._seek(self.time_s + (_JUMP_S if key == _RIGHT else -_JUMP_S))
         elif key in (_DOWN, _UP):
             self.speed = min(max(self.speed * (2.0 if key == _UP else 0.5), _SLOWEST), _FASTEST)
         elif key == _HOME:
-            self._go(0.0)
+            self._seek(0.0)
         elif key == _ENTER:
             self.camera = (self.camera + 1) % len(self.cameras)
 
     def advance(self, elapsed_s: float) -> None:
         """Time passes; the playback pauses at the end of the walk."""
         if not self.paused:
-            self._go(self.time_s + self.speed * elapsed_s)
+            self._seek(self.time_s + self.speed * elapsed_s)
             self.paused = self.time_s >= self.duration_s
 
-    def _go(self, time_s: float) -> None:
+    def _seek(self, time_s: float) -> None:
         self.time_s = min(max(time_s, 0.0), self.duration_s)
 
 
@@ -91,8 +91,8 @@ def check_display() -> None:
     """
     with warnings.catch_warnings(record=True):
         warnings.simplefilter("always")
-        there = glfw.init()
-    if not there:
+        has_display = glfw.init()
+    if not has_display:
         raise StrideTwinError("no display for MuJoCo's viewer: expected a screen, on Linux DISPLAY or WAYLAND_DISPLAY")
 
 
@@ -107,7 +107,7 @@ def play(twin: Twin) -> None:
     walk, pressed = twin.walk, queue.SimpleQueue[int]()
     before = threading.enumerate()
     head = Playhead(walk.duration_s, (FOLLOW, *(model.camera(i).name for i in range(model.ncam))))
-    with _launched(model, data, pressed) as window:
+    with _launch_viewer(model, data, pressed) as window:
         shown, last = -1, time.monotonic()
         while window.is_running():
             start = time.monotonic()
@@ -117,14 +117,14 @@ def play(twin: Twin) -> None:
             last = start
             with window.lock():
                 if shown != head.camera:  # otherwise the mouse moves the view
-                    _look(window.cam, model, head)
+                    _aim_camera(window.cam, model, head)
                     shown = head.camera
-                data.qpos, data.time = walk.moving(np.array([head.time_s]))[0][0], head.time_s
+                data.qpos, data.time = walk.position_velocity(np.array([head.time_s]))[0][0], head.time_s
                 pose_crowd(model, data, twin.crowd, head.time_s)
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_camlight(model, data)
-            window.set_texts((None, None, *_words(head)))
+            window.set_texts((None, None, *_overlay_text(head)))
             window.sync()
             time.sleep(max(_FRAME_S - (time.monotonic() - start), 0.0))
     for thread in threading.enumerate():  # the viewer's own draws until it has seen the end; Python must not go first
@@ -132,14 +132,14 @@ def play(twin: Twin) -> None:
             thread.join(_CLOSE_S)
 
 
-def _launched(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.SimpleQueue[int]) -> viewer.Handle:
+def _launch_viewer(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.SimpleQueue[int]) -> viewer.Handle:
     try:
         return viewer.launch_passive(model, data, key_callback=pressed.put, show_left_ui=False, show_right_ui=False)
     except RuntimeError as error:  # macOS without mjpython
         raise StrideTwinError(f"MuJoCo's viewer: {error}") from error
 
 
-def _look(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> None:
+def _aim_camera(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> None:
     if head.camera:
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, head.camera - 1
         return
@@ -148,7 +148,7 @@ def _look(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> No
     camera.azimuth, camera.elevation, camera.distance = 140.0, -12.0, 4.0
 
 
-def _words(head: Playhead) -> tuple[str, str]:
+def _overlay_text(head: Playhead) -> tuple[str, str]:
     """Two columns of text in a corner of the window."""
     rows = (
         ("time", f"{head.time_s:.1f} of {head.duration_s:.1f} s{', paused' if head.paused else ''}"),

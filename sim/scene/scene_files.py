@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.scene.exact_xml import exact_xml, numbers, section
+from stridetwin.sim.scene.exact_xml import exact_xml, find_section, format_numbers
 from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.textures import SIZE
@@ -46,10 +46,10 @@ def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, b
     if f"{config.name}.xml" == WEARER:
         raise ConfigError(config.name, "name of the scenario", config.name, "another one: wearer.xml is the wearer's")
     spec = scene_spec(config)
-    files = _take_textures(spec, "" if config.route.texture == "rich" else f"_{config.route.texture}", texture_px)
+    files = _extract_textures(spec, "" if config.route.texture == "rich" else f"_{config.route.texture}", texture_px)
     spec.assets = dict(files)
     root = exact_xml(spec, compile_model(spec))
-    for node in list(section(root, "asset").iter("mesh")):
+    for node in list(find_section(root, "asset").iter("mesh")):
         name = str(node.get("name"))
         if name.startswith(_SCENERY):
             path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
@@ -75,17 +75,17 @@ def write_scene(files: Mapping[str, bytes], name: str, folder: Path) -> None:
         StrideTwinError: A shared file has other contents there.
     """
     for path, data in files.items():
-        there, own = folder / path, path == f"{name}.xml" or path.startswith(f"meshes/{name}/")
-        if not own and there.exists() and there.read_bytes() != data:
+        target, is_own_file = folder / path, path == f"{name}.xml" or path.startswith(f"meshes/{name}/")
+        if not is_own_file and target.exists() and target.read_bytes() != data:
             valid = "an empty folder, or one with scenes of the same wearer and texture size"
-            raise StrideTwinError(f"{there}: invalid content: belongs to another scene: expected {valid}")
+            raise StrideTwinError(f"{target}: invalid content: belongs to another scene: expected {valid}")
     for path, data in files.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         with whole_file(folder / path) as file:
             file.write_bytes(data)
 
 
-def _take_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, bytes]:
+def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, bytes]:
     """Replaces painted textures of a model by files, one per image; returns the files."""
     files: dict[str, bytes] = {}
     painted: dict[bytes, str] = {}
@@ -118,23 +118,23 @@ def _obj(mesh: mujoco.MjsMesh) -> str:
     lines, corners = [], []
     for key, rows in (("v", vertices), ("vt", uv), ("vn", normals)):
         index: dict[str, int] = {}
-        corners.append([index.setdefault(numbers(row), len(index) + 1) for row in rows])
+        corners.append([index.setdefault(format_numbers(row), len(index) + 1) for row in rows])
         lines += [f"{key} {text}" for text in index]
-    words = [f"{v}/{t}/{n}" for v, t, n in zip(*corners)]
-    lines += [f"f {' '.join(words[i : i + 4])}" for i in range(0, len(words), 4)]
+    corner_texts = [f"{v}/{t}/{n}" for v, t, n in zip(*corners)]
+    lines += [f"f {' '.join(corner_texts[i : i + 4])}" for i in range(0, len(corner_texts), 4)]
     return "\n".join(lines) + "\n"
 
 
 def _split_off_wearer(root: Element) -> Element:
     """Moves the wearer out of a scene, which then includes `WEARER`; returns that file's root element."""
-    world, assets = section(root, "worldbody"), section(root, "asset")
+    world, assets = find_section(root, "worldbody"), find_section(root, "asset")
     wearer = Element("mujoco", model="wearer")
-    wearer.append(section(root, "compiler"))
+    wearer.append(find_section(root, "compiler"))
     body = next(node for node in world if node.get("name") == _ROOT)
-    own = ElementTree.SubElement(wearer, "asset")
+    wearer_assets = ElementTree.SubElement(wearer, "asset")
     used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
     used |= {str(node.get("texture")) for node in assets.iter("material") if node.get("name") in used}
-    _move([node for node in assets if node.get("name") in used], assets, own)
+    _move([node for node in assets if node.get("name") in used], assets, wearer_assets)
     later = list(world)[list(world).index(body) + 1 :]
     _move([body], world, ElementTree.SubElement(wearer, "worldbody"))
     for tag in _WEARERS:
@@ -142,9 +142,9 @@ def _split_off_wearer(root: Element) -> Element:
     at = list(root).index(world) + 1
     root.insert(at, Element("include", file=WEARER))
     if later:
-        others = Element("worldbody")
-        _move(later, world, others)
-        root.insert(at + 1, others)
+        remaining = Element("worldbody")
+        _move(later, world, remaining)
+        root.insert(at + 1, remaining)
     return wearer
 
 

@@ -25,10 +25,10 @@ from stridetwin.sim.exo_description import hinge_of
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.rendering.renderer import FAR_M, NEAR_M, swap_camera_convention
 from stridetwin.sim.wearer.body import compile_model
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import exo_couplings
 from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
-from stridetwin.sim.world.bystanders import bystanders, pose
+from stridetwin.sim.world.bystanders import plan_bystanders, pose_crowd
 from stridetwin.streams.rig import Mount, Rig
 
 KEYFRAME = "stand"
@@ -57,7 +57,7 @@ def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
     spec = composition.spec
     spec.modelname = config.name
     _add_sensor_sites(spec, composition.sensor_rig.rig)
-    _add_standing(composition, config)
+    _add_servos_and_keyframe(composition, config)
     route_m = float(compile_model(spec).stat.extent)
     spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the person
     scale = spec.visual.map  # in extents
@@ -71,27 +71,29 @@ def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
 
 def _add_sensor_sites(spec: mujoco.MjSpec, rig: Rig) -> None:
     """Adds sites, cameras and sensors of a rig to a model that has the wearer's and the sensors' bodies."""
-    for name, mount in _places(rig):
+    for name, mount in _site_mounts(rig):
         T = mount.T_body_sensor
-        _body(spec, mount).add_site(
+        _mount_body(spec, mount).add_site(
             name=name, pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]), size=np.full(3, _SITE_M)
         )  # fmt: skip
     for camera in rig.cameras.values():
         T = swap_camera_convention(camera.mount.T_body_sensor)
-        _body(spec, camera.mount).add_camera(
+        _mount_body(spec, camera.mount).add_camera(
             name=_scene_name(camera.topic), pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]),
             fovy=math.degrees(2 * math.atan2(camera.height / 2, camera.intrinsics[1])),
             resolution=[camera.width, camera.height],
         )  # fmt: skip
     for topic in rig.imus:
-        _sense(spec, f"{_scene_name(topic)}_gyro", _SENSOR.mjSENS_GYRO, _SITE, _scene_name(topic))
-        _sense(spec, f"{_scene_name(topic)}_accelerometer", _SENSOR.mjSENS_ACCELEROMETER, _SITE, _scene_name(topic))
+        _add_sensor(spec, f"{_scene_name(topic)}_gyro", _SENSOR.mjSENS_GYRO, _SITE, _scene_name(topic))
+        _add_sensor(
+            spec, f"{_scene_name(topic)}_accelerometer", _SENSOR.mjSENS_ACCELEROMETER, _SITE, _scene_name(topic)
+        )
     for topic, sensor in rig.others.items():
         name = _scene_name(topic)
         if sensor.kind == "ahrs":
-            _sense(spec, name, _SENSOR.mjSENS_FRAMEQUAT, _SITE, name)
+            _add_sensor(spec, name, _SENSOR.mjSENS_FRAMEQUAT, _SITE, name)
         elif sensor.kind == "encoder":
-            _sense(spec, name, _SENSOR.mjSENS_JOINTPOS, _JOINT, hinge_of(topic.split("/")[2]))
+            _add_sensor(spec, name, _SENSOR.mjSENS_JOINTPOS, _JOINT, hinge_of(topic.split("/")[2]))
 
 
 def _scene_name(topic: str) -> str:
@@ -99,7 +101,7 @@ def _scene_name(topic: str) -> str:
     return re.sub(r"\W", "_", topic.strip("/"))
 
 
-def _places(rig: Rig) -> Iterator[tuple[str, Mount]]:
+def _site_mounts(rig: Rig) -> Iterator[tuple[str, Mount]]:
     """Sites and their mounts."""
     for sensors in (rig.imus, rig.cameras, rig.others):
         yield from ((_scene_name(topic), sensor.mount) for topic, sensor in sensors.items())
@@ -107,15 +109,15 @@ def _places(rig: Rig) -> Iterator[tuple[str, Mount]]:
         yield f"{name}_board", board.mount
 
 
-def _body(spec: mujoco.MjSpec, mount: Mount) -> mujoco.MjsBody:
+def _mount_body(spec: mujoco.MjSpec, mount: Mount) -> mujoco.MjsBody:
     return spec.body(UPPERS.get(mount.body, mount.body))
 
 
-def _sense(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, of: mujoco.mjtObj, target: str) -> None:
+def _add_sensor(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, of: mujoco.mjtObj, target: str) -> None:
     spec.add_sensor(name=name, type=kind, objtype=of, objname=target)
 
 
-def _add_standing(composition: Composition, config: TwinConfig) -> None:
+def _add_servos_and_keyframe(composition: Composition, config: TwinConfig) -> None:
     """Adds cuffs, servos, motors and the keyframe `KEYFRAME`; contacts are on, with the forward simulation's step.
 
     Args:
@@ -131,11 +133,11 @@ def _add_standing(composition: Composition, config: TwinConfig) -> None:
     _add_actuators(spec, config)
     model = compile_model(spec)
     data = mujoco.MjData(model)
-    crowd = bystanders(
+    crowd = plan_bystanders(
         config.route.bystanders, composition.terrain, np.array([0.0, 1.0]), np.zeros(2), np.zeros((2, 2)),
         np.random.default_rng(_SEED),
     )  # fmt: skip
-    pose(model, data, crowd, 0.0)
+    pose_crowd(model, data, crowd, 0.0)
     spec.add_key(
         name=KEYFRAME, qpos=model.qpos0, ctrl=np.zeros(model.nu), mpos=data.mocap_pos.ravel(),
         mquat=data.mocap_quat.ravel(),
@@ -145,7 +147,7 @@ def _add_standing(composition: Composition, config: TwinConfig) -> None:
 def _add_cuffs(composition: Composition) -> None:
     """A strap holds its point on the limb, a holder the rotation, too; soft constraints with MuJoCo's own defaults."""
     spec = composition.spec
-    for cuff in couplings(composition.size):
+    for cuff in exo_couplings(composition.size):
         ends = (f"cuff_{cuff.name}", cuff.exo_body, cuff.p_in_exo), (f"limb_{cuff.name}", cuff.body, cuff.p_in_body)
         for name, body, place in ends:
             spec.body(body).add_site(name=name, pos=place, size=np.full(3, _CUFF_SITE_M))

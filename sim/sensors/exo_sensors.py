@@ -42,7 +42,7 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
 
     def read(self, body: Track) -> Block[Ahrs]:
         """Samples at the instants of the carrying body's track."""
-        sensor = body.mounted(self._calibration.mount.T_body_sensor)
+        sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
         white = self._noise.normal(1.0, (len(body), 6))
         rate = sensor.w_body + self._rate_bias + self._wander.draw(len(body)) + self._part.rate_noise * white[:, 3:]
         error = self._error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])

@@ -58,10 +58,10 @@ class ForceCells:
             late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], bare, axis=0, zi=self._crept[i])
             measured += self._part.drift * late
         if self._part.hysteresis:
-            measured += self._part.hysteresis / (2 * _PLAY) * (_played(self._play, measured) - measured)
+            measured += self._part.hysteresis / (2 * _PLAY) * (_apply_play(self._play, measured) - measured)
         measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
         if any(self._part.curve):
-            measured = _counted(measured, *self._part.curve)
+            measured = _quantize(measured, *self._part.curve)
         if self._sos is not None:
             measured, self._filter = sosfilt(self._sos, measured, axis=0, zi=self._filter)
             measured = np.maximum(measured, 0.0)
@@ -69,7 +69,7 @@ class ForceCells:
 
 
 @_called
-def _played(last: Array, load: Array) -> Array:
+def _apply_play(last: Array, load: Array) -> Array:
     """Output of the hysteresis for (N, count) loads, from the (count,) state `last`, which is updated."""
     play = np.empty(load.shape)
     for k in range(len(load)):
@@ -78,7 +78,7 @@ def _played(last: Array, load: Array) -> Array:
     return play
 
 
-def _counted(force: Array, b1: float, b2: float) -> Array:
+def _quantize(force: Array, b1: float, b2: float) -> Array:
     """Force after quantisation by the converter, N."""
     kgf = force / G
     x = (-b1 + np.sqrt(np.maximum(b1**2 + 4 * b2 * kgf, 0.0))) / (2 * b2) if b2 else kgf / b1
@@ -144,7 +144,7 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     after, before = np.roll(corner, -1, axis=0), np.roll(corner, 1, axis=0)
     # A right foot's outline is clockwise.
     sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
-    inside = _into(corner, after, sense, cop)
+    inside = _clamp_to_outline(corner, after, sense, cop)
     # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
     # far sides.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
@@ -154,7 +154,7 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     return shares
 
 
-def _into(corner: Array, after: Array, sense: float, point: Array) -> Array:
+def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -> Array:
     """Points (N, 2); those outside the outline are moved to its nearest point."""
     side = after - corner
     to = point[:, None] - corner

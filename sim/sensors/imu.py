@@ -23,9 +23,9 @@ from stridetwin.sim.kinematics.quaternions import (
     minus,
     multiply,
     plus,
-    put,
     quaternion,
     rotate,
+    store_vec3,
     times,
     vec3,
 )
@@ -43,7 +43,7 @@ _called = cached(__file__, quaternions.__file__)
 _SMALL = 1e-3  # rad: below this, series
 
 
-def increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array, Array]:
+def compute_increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array, Array]:
     """Constant rate and specific force over each interval.
 
     The rate is the constant one that rotates the attitude at an interval's start to that at its end. The specific force
@@ -58,7 +58,7 @@ def increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Arr
     Returns:
         (N,) s, (N, 3) rad/s and (N, 3) m/s², in the sensor frame.
     """
-    return _increments(*_columns(before), *_columns(sensor), gravity)
+    return _compute_increments(*_columns(before), *_columns(sensor), gravity)
 
 
 def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
@@ -66,7 +66,7 @@ def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 @_called
-def _increments(
+def _compute_increments(
     t0: NDArray[np.int64], q0: Array, v0: Array, t: NDArray[np.int64], q: Array, v: Array, gravity: Array
 ) -> tuple[Array, Array, Array]:
     n = len(t)
@@ -77,14 +77,14 @@ def _increments(
         phi = log(multiply(back, attitude))
         push = rotate(back, minus(times(1 / dt, minus(velocity, v_last)), g))
         dts[i] = dt
-        put(times(1 / dt, phi), rates[i])
-        put(_left_jacobian_inverse_times(phi, push), forces[i])
+        store_vec3(times(1 / dt, phi), rates[i])
+        store_vec3(_apply_inverse_left_jacobian(phi, push), forces[i])
         t_last, back, v_last = t[i], inverse(attitude), velocity
     return dts, rates, forces
 
 
 @_called
-def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
+def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
     """One rate and force for every `steps` intervals with the same rotation and velocity change: no coning or sculling.
 
     Args:
@@ -99,20 +99,20 @@ def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Arr
     n = len(dt) // steps
     rates, forces = np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
-        rotation, change, whole = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+        rotation, change, duration = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
         for k in range(i * steps, (i + 1) * steps):
             phi = times(dt[k], vec3(rate[k]))
-            push = _left_jacobian_times(phi, times(dt[k], vec3(force[k])))
+            push = _apply_left_jacobian(phi, times(dt[k], vec3(force[k])))
             change = plus(change, rotate(rotation, push))
             rotation = multiply(rotation, exp(phi))
-            whole += dt[k]
+            duration += dt[k]
         total = log(rotation)
-        put(times(1 / whole, total), rates[i])
-        put(_left_jacobian_inverse_times(total, times(1 / whole, change)), forces[i])
+        store_vec3(times(1 / duration, total), rates[i])
+        store_vec3(_apply_inverse_left_jacobian(total, times(1 / duration, change)), forces[i])
     return rates, forces
 
 
-def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
+def extrapolate_back(sensor: Track, steps: int, dt: float) -> Track:
     """`steps` instants before the track's first, `dt` apart, for constant rate and velocity until then."""
     first = sensor[:1]
     ago = dt * np.arange(steps, 0, -1)[:, None]
@@ -126,7 +126,7 @@ def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
 
 
 @numba.njit(**INSIDE)
-def _left_jacobian_times(phi: Vec3, v: Vec3) -> Vec3:
+def _apply_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))
     if theta < _SMALL:
@@ -138,7 +138,7 @@ def _left_jacobian_times(phi: Vec3, v: Vec3) -> Vec3:
 
 
 @numba.njit(**INSIDE)
-def _left_jacobian_inverse_times(phi: Vec3, v: Vec3) -> Vec3:
+def _apply_inverse_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))
     half = 0.5 * theta
@@ -156,7 +156,7 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
 
     A real part samples the motion at `INNER_HZ` or more, with scale factors, misalignment, g-sensitivity, turn-on bias
     and bandwidth (a second-order low-pass filter, whose delay the stamps compensate). The inner steps of a sample are
-    then combined without coning or sculling error (`strapdown.joined`). Varying biases and white noise are added, and
+    then combined without coning or sculling error (`combine_increments`). Varying biases and white noise are added, and
     the result is clipped to the range and quantised: the register saturates, not the sensing element. An ideal part
     needs no inner steps: attitude and velocity can be recovered exactly from its samples, and position, by the
     trapezoidal rule for the velocity, up to Δt²/12 times the change of the acceleration. Before the first sample, the
@@ -171,15 +171,17 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         super().__init__(calibration, part, noise)
         self._gravity = np.array([0.0, 0.0, -gravity])
         self.rate_hz = part.rate_hz
-        self._range, bandwidth = _six(part, "range"), _six(part, "bandwidth_hz")
+        self._range, bandwidth = _six_axes(part, "range"), _six_axes(part, "bandwidth_hz")
         self.steps = math.ceil(INNER_HZ / part.rate_hz) if np.isfinite(bandwidth).any() else 1
         self._filters = [_LowPass(f, self.steps * part.rate_hz) for f in bandwidth]
         self.delay_s = float(np.mean([f.delay_s for f in self._filters]))
-        self._bias = noise.normal(1.0, 6) * _six(part, "turn_on_bias")
-        self._mix = _mix(part, noise)
-        self._wander = Wander(_six(part, "bias_instability"), _six(part, "random_walk"), part.rate_hz, noise.at(0))
-        self._white = _six(part, "noise_density") * math.sqrt(part.rate_hz)
-        self._resolution = _six(part, "resolution")
+        self._bias = noise.normal(1.0, 6) * _six_axes(part, "turn_on_bias")
+        self._mix = _draw_sensitivity(part, noise)
+        self._wander = Wander(
+            _six_axes(part, "bias_instability"), _six_axes(part, "random_walk"), part.rate_hz, noise.at(0)
+        )
+        self._white = _six_axes(part, "noise_density") * math.sqrt(part.rate_hz)
+        self._resolution = _six_axes(part, "resolution")
         self._last: Track | None = None
 
     def read(self, body: Track, t_ns: NDArray[np.int64]) -> Block[Imu]:
@@ -190,23 +192,23 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
                 sample, one for the very first), `delay_s` after their stamps; it continues the previous track.
             t_ns: (N,) instants of the samples.
         """
-        sensor = body.mounted(self._calibration.mount.T_body_sensor)
+        sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
         if self._last is None:
-            past = steadily_before(sensor, self.steps, 1 / (self.steps * self.rate_hz))
-            sensor, self._last = past[1:].then(sensor), past[:1]
-        dt, rate, force = increments(self._last, sensor, self._gravity)
+            past = extrapolate_back(sensor, self.steps, 1 / (self.steps * self.rate_hz))
+            sensor, self._last = past[1:].append_track(sensor), past[:1]
+        dt, rate, force = compute_increments(self._last, sensor, self._gravity)
         self._last = sensor[-1:]
         if self.steps > 1:
-            sensed = self._followed(np.hstack([rate, force]))
-            rate, force = joined(dt, sensed[:, :3], sensed[:, 3:], self.steps)
+            sensed = self._filter(np.hstack([rate, force]))
+            rate, force = combine_increments(dt, sensed[:, :3], sensed[:, 3:], self.steps)
         else:
             rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
         measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
         measured += self._noise.normal(self._white, measured.shape)
-        measured = _counted(np.clip(measured, -self._range, self._range), self._resolution)
+        measured = _quantize(np.clip(measured, -self._range, self._range), self._resolution)
         return self._block(Imu, t_ns, angular_rate=measured[:, :3], specific_force=measured[:, 3:])
 
-    def _followed(self, true: Array) -> Array:
+    def _filter(self, true: Array) -> Array:
         """(N, 6) rate and force after the bandwidth of the sensing elements."""
         sensed = true @ self._mix.T + self._bias
         for axis, low_pass in enumerate(self._filters):
@@ -238,23 +240,23 @@ class _LowPass:
         return np.asarray(y)
 
 
-def _six(part: ImuPart, name: str) -> Array:
+def _six_axes(part: ImuPart, name: str) -> Array:
     """(6,) a parameter of the three gyroscopes, then of the three accelerometers."""
     return np.repeat([getattr(part.gyroscope, name), getattr(part.accelerometer, name)], 3)
 
 
-def _mix(part: ImuPart, noise: Noise) -> Array:
+def _draw_sensitivity(part: ImuPart, noise: Noise) -> Array:
     """(6, 6) sensitivity of each axis to each component: scale factors, misalignment, g-sensitivity."""
     mix = np.eye(6)
     triads: tuple[Gyroscope | Accelerometer, ...] = (part.gyroscope, part.accelerometer)
-    for triad, own in zip(triads, (slice(3), slice(3, 6))):
+    for triad, rows in zip(triads, (slice(3), slice(3, 6))):
         sd = np.where(np.eye(3, dtype=bool), triad.scale_factor, triad.misalignment)
-        mix[own, own] += noise.normal(sd, (3, 3))
+        mix[rows, rows] += noise.normal(sd, (3, 3))
     mix[:3, 3:] = noise.normal(part.gyroscope.g_sensitivity, (3, 3))
     return mix
 
 
-def _counted(x: Array, resolution: Array) -> Array:
+def _quantize(x: Array, resolution: Array) -> Array:
     """Values rounded to whole counts, where the part has a resolution."""
     step = np.where(resolution > 0, resolution, 1.0)
     return np.where(resolution > 0, np.round(x / step) * step, x)

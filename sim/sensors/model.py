@@ -62,7 +62,7 @@ class Stamps:
         self._clock, self._noise = clock, noise
         self._most = _MOST_JITTER / rate_hz
 
-    def of(self, t_ns: Instants) -> Instants:
+    def stamp(self, t_ns: Instants) -> Instants:
         """(N,) stamps of the next samples, measured at (N,) true times; −1 for stamps before the recording's start."""
         clock = self._clock
         if clock == Clock():
@@ -74,8 +74,8 @@ class Stamps:
         stamps[stamps < 0] = -1
         return stamps
 
-    def on(self, block: Block[Any]) -> Block[Any]:
+    def stamp_block(self, block: Block[Any]) -> Block[Any]:
         """The block with its clock's stamps, without samples from before the recording's start."""
-        stamps = self.of(block.t_ns)
+        stamps = self.stamp(block.t_ns)
         kept = stamps >= 0
         return replace(block, t_ns=stamps[kept], columns={name: x[kept] for name, x in block.columns.items()})

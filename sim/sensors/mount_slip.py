@@ -18,7 +18,7 @@ from stridetwin.sim.faults.faults import Event, Events, Fault, LooseStrap
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
-from stridetwin.sim.wearer.sensor_bodies import visible
+from stridetwin.sim.wearer.sensor_bodies import visible_items
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array
 
@@ -41,11 +41,11 @@ class Slip:
     translation: Array
     pivot: Array
 
-    def carried(self, body: Track) -> Track:
+    def mount_track(self, body: Track) -> Track:
         """Track of a frame that initially coincides with the body's and slips on it."""
         share, rate = (x[:, None] for x in self._share(body.t_ns))
         p, phi = self.translation, self.rotation
-        return body.displaced(self.pivot, share * p, share * phi, rate * p, rate * phi)
+        return body.displace(self.pivot, share * p, share * phi, rate * p, rate * phi)
 
     def T_body_frame(self, t_ns: int) -> Array:
         """(4, 4) pose of that frame in the body at one time."""
@@ -80,21 +80,21 @@ class MountSlips:
         slips: dict[str, list[Slip]] = {}
         for fault, events in planned:
             if isinstance(fault, LooseStrap):
-                for topics in _by_body(events, rig).values():
+                for topics in _topics_by_body(events, rig).values():
                     pivot = np.mean([_mounts(rig)[t][1] for t in topics], axis=0)
                     for event in events[topics[0]]:
-                        slip = _slip(fault, event, pivot)
+                        slip = _draw_slip(fault, event, pivot)
                         for topic in topics:
                             slips.setdefault(topic, []).append(slip)
         return cls(
             slips={t: tuple(sorted(s, key=lambda slip: slip.from_ns)) for t, s in slips.items()},
-            housings={topic: (name, mount) for name, _, topic, mount in visible(rig) if topic in slips},
+            housings={topic: (name, mount) for name, _, topic, mount in visible_items(rig) if topic in slips},
         )
 
-    def carried(self, topic: str, body: Track) -> Track:
+    def mount_track(self, topic: str, body: Track) -> Track:
         """Track of the frame of a sensor's mount, given that of its body."""
         for slip in self.slips.get(topic, ()):
-            body = slip.carried(body)
+            body = slip.mount_track(body)
         return body
 
     def T_body_frame(self, topic: str, t_ns: int) -> Array:
@@ -104,14 +104,14 @@ class MountSlips:
             T = T @ slip.T_body_frame(t_ns)
         return T
 
-    def place(self, model: mujoco.MjModel, t_ns: int) -> None:
+    def move_housings(self, model: mujoco.MjModel, t_ns: int) -> None:
         """Moves the housings in a model to their poses at one time."""
         for topic, (name, mount) in self.housings.items():
             T, housing = self.T_body_frame(topic, t_ns) @ mount.T_body_sensor, model.body(name)
             housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
 
 
-def _slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
+def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
     axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
     return Slip(
@@ -120,7 +120,7 @@ def _slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
     )  # fmt: skip
 
 
-def _by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
+def _topics_by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
     bodies: dict[str, list[str]] = {}
     for topic, (body, _) in _mounts(rig).items():
         if topic in events:

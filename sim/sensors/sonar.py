@@ -35,19 +35,19 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
         super().__init__(calibration, part, noise)
         self._terrain, self._crowd = terrain, crowd
         self._luck = noise.at(0)
-        self._half_beam, self._fan = part.beam / 2, _fan(part.beam / 2)
+        self._half_beam, self._fan = part.beam / 2, _beam_rays(part.beam / 2)
 
     def read(self, body: Track, other_foot: Track) -> Block[Range]:
         """Samples at the instants of both tracks: of the body that carries the sonar, and of the other foot's frame."""
-        T_world_sensor = body.mounted(self._calibration.mount.T_body_sensor).poses()
+        T_world_sensor = body.to_sensor(self._calibration.mount.T_body_sensor).poses()
         shoe = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         shoe += other_foot.p_body_in_world[:, None]
         nearest = self._range_of_terrain(T_world_sensor)
-        for centres, radii in ((shoe, SHOE[:, 3]), *(person.balls(body.t_ns * 1e-9) for person in self._crowd)):
+        for centres, radii in ((shoe, SHOE[:, 3]), *(person.sonar_spheres(body.t_ns * 1e-9) for person in self._crowd)):
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
-        return self._block(Range, body.t_ns, distance=self._measured(nearest))
+        return self._block(Range, body.t_ns, distance=self._measure(nearest))
 
-    def _measured(self, nearest: Array) -> Array:
+    def _measure(self, nearest: Array) -> Array:
         part = self._part
         luck, where = self._luck.uniform((len(nearest), 2)).T
         ghost = part.range_min + where * (part.range_max - part.range_min)
@@ -82,7 +82,7 @@ def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
     return np.where(hit, away * np.cos(slant) - np.sqrt(np.maximum(depth, 0.0)), np.inf)
 
 
-def _fan(half_beam: float) -> Array:
+def _beam_rays(half_beam: float) -> Array:
     """Unit rays (M, 3) that fill the cone about x in rings."""
     rays = []
     for share, count in _RINGS:

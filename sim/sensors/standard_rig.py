@@ -106,30 +106,34 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
     return SensorRig(rig=rig, sensors=sensors)
 
 
-def _own(config: TwinConfig) -> OwnExo | None:
+def _own_exo(config: TwinConfig) -> OwnExo | None:
     """The user's own exoskeleton, if the wearer has one."""
     return config.exo.own if config.exo is not None else None
 
 
-def _settings(config: TwinConfig, group: str) -> SensorConfig:
+def _group_config(config: TwinConfig, group: str) -> SensorConfig:
     return config.fittings.get(group, SensorConfig())
 
 
-def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
+def _select_part(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
     """True part and nominal part of a group, and the group's configuration.
 
     `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
-    own = _settings(config, group)
+    sensor_config = _group_config(config, group)
     if not isinstance(standard, Part):
-        return *part_of(config.fittings, group, config.ideal, standard), own
-    given = config.fittings if own.part else {**config.fittings, group: replace(own, part=standard)}
-    return *part_of(given, group, config.ideal), own
+        return *part_of(config.fittings, group, config.ideal, standard), sensor_config
+    configs = (
+        config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
+    )
+    return *part_of(configs, group, config.ideal), sensor_config
 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
-    part, nominal, own = _fit(config, group, standard)
-    return MountedSensor(group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=own)
+    part, nominal, sensor_config = _select_part(config, group, standard)
+    return MountedSensor(
+        group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
+    )
 
 
 def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
@@ -149,15 +153,15 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
     )  # fmt: skip
 
 
-def foot_imu_place(config: TwinConfig, side: str) -> Array:
+def foot_imu_position(config: TwinConfig, side: str) -> Array:
     """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
-    forward, outward, up = _settings(config, "foot_imu").position_m or _FOOT_IMU
+    forward, outward, up = _group_config(config, "foot_imu").position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
 
-def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
+def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    rotation = _settings(config, "foot_imu").rotation_rad
+    rotation = _group_config(config, "foot_imu").rotation_rad
     if rotation is None:
         return np.eye(3)
     roll, pitch, yaw = rotation
@@ -166,7 +170,7 @@ def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
 
 def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
-        pose = _pose(_foot_imu_turn(config, side), foot_imu_place(config, side))
+        pose = _pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
         yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
@@ -177,7 +181,7 @@ def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
-    part, nominal, sensor_config = _fit(config, group)
+    part, nominal, sensor_config = _select_part(config, group)
     imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
@@ -193,23 +197,23 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
 
 
 def _nominal_shift(config: TwinConfig, group: str) -> float:
-    clock = _settings(config, group).clock
+    clock = _group_config(config, group).clock
     return clock.shift_s if clock.calibrated else 0.0
 
 
 def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
-    sits = _settings(config, "foot_camera").mount or FOOT_CAMERA
+    seat = _group_config(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
-        position, forward = _on_shoe(sits, side)
-        pose = _pose(_looking(forward, sits.roll_rad * -_outward(side)), position)
+        position, forward = _shoe_place(seat, side)
+        pose = _pose(_viewing_rotation(forward, seat.roll_rad * -_outward(side)), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
         yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
 
 
-def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
+def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
     """(3,) position, m, and (3,) viewing direction in the foot's frame."""
-    forward, inward, up = sits.position_m
-    towards, upward = sits.faces_rad
+    forward, inward, up = seat.position_m
+    towards, upward = seat.faces_rad
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
 
 
@@ -219,17 +223,17 @@ def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    sensor_config = _settings(config, "head_camera")
+    sensor_config = _group_config(config, "head_camera")
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
-    sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
-    turn = _looking(_direction(*sits.faces_rad), sits.roll_rad)
-    return Mount(body=body, T_body_sensor=_pose(turn, sits.position_m))
+    seat = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
+    rotation = _viewing_rotation(_direction(*seat.faces_rad), seat.roll_rad)
+    return Mount(body=body, T_body_sensor=_pose(rotation, seat.position_m))
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
-    sits = _settings(config, "foot_camera").board or FOOT_BOARD
+    seat = _group_config(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
-        position, out = _on_shoe(sits, side)
+        position, out = _shoe_place(seat, side)
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
         up /= np.linalg.norm(up)
         pose = _pose(np.column_stack([np.cross(up, out), up, out]), position)
@@ -237,8 +241,8 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
         yield Board(name=mount.body, mount=mount, squares=(6, 9), square_m=0.005)
 
 
-def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
-    part, nominal, sensor_config = _fit(config, group, more.pop("standard", None))
+def _other_sensor(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
+    part, nominal, sensor_config = _select_part(config, group, more.pop("standard", None))
     calibration = OtherSensor(
         topic=topic, kind=kind, part=more.pop("named", nominal.description), rate_hz=nominal.rate_hz, mount=mount,
         parameters=NOMINAL[kind](nominal) | more,
@@ -247,14 +251,14 @@ def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, 
 
 
 def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
-    sits = _settings(config, "sonar").mount
+    seat = _group_config(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
         inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
-        if sits is not None:
-            place, inward = _on_shoe(sits, side)
-        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(_x_along(inward), place))
-        yield _other(config, "sonar", "range", f"/foot_{side}/sonar", mount)
+        if seat is not None:
+            place, inward = _shoe_place(seat, side)
+        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(_rotation_with_x(inward), place))
+        yield _other_sensor(config, "sonar", "range", f"/foot_{side}/sonar", mount)
 
 
 def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -262,45 +266,47 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
         out = _outward(side)
         # heel, lateral ball, medial ball, toe: x and y in the foot frame
         cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
-        yield _other(config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells)
+        yield _other_sensor(
+            config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells
+        )
 
 
 def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = _own(config)
+    own_exo = _own_exo(config)
     mounts = {place: Mount(body=f"exo_{place}") for place in _AHRS_PLACES}
-    if own is not None:
-        mounts = {place: _on(seat) for place, seat in own.ahrs.items()}
+    if own_exo is not None:
+        mounts = {place: _link_mount(seat) for place, seat in own_exo.ahrs.items()}
     for place, mount in mounts.items():
         standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
+        yield _other_sensor(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
-    own = _own(config)
-    for place, (seat, part) in own.imus.items() if own is not None else ():
-        yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
-    for place in _AHRS_PLACES if own is None else ():
+    own_exo = _own_exo(config)
+    for place, (seat, part) in own_exo.imus.items() if own_exo is not None else ():
+        yield _imu(config, "exo_imu", f"/exo/{place}/imu", _link_mount(seat), part)
+    for place in _AHRS_PLACES if own_exo is None else ():
         standard = STANDARD_BACK_IMU if place == "back" else None
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = _own(config)
+    own_exo = _own_exo(config)
     moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
-    if own is not None:
-        moved = {name: own.body_moved_by(name) for name in own.encoders}
+    if own_exo is not None:
+        moved = {name: own_exo.body_moved_by(name) for name in own_exo.encoders}
     for name, body in moved.items():
-        yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
+        yield _other_sensor(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
-    own = _own(config)
+    own_exo = _own_exo(config)
     cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
-    if own is not None:
-        cuffs = [(cuff.body, cuff.link) for cuff in own.cuffs if cuff.force_cells]
+    if own_exo is not None:
+        cuffs = [(cuff.body, cuff.link) for cuff in own_exo.cuffs if cuff.force_cells]
     for place, body in cuffs:
-        yield _other(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
+        yield _other_sensor(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
 
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -309,17 +315,17 @@ def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
         name: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
         for name, m in mounted.items()
     }
-    own = _own(config)
-    if own is None:
+    own_exo = _own_exo(config)
+    if own_exo is None:
         moved = {f"{j}_{s}": f"exo_{b}_{s}" for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES}
     else:
-        moved = {name: own.body_moved_by(name) for name in mounted}
+        moved = {name: own_exo.body_moved_by(name) for name in mounted}
     for name, body in moved.items():
         more: dict[str, Any] = {"named": "actuation module" if name in mounted else "no actuation module"}
-        if own is not None:
-            more = {"standard": own.motors[name]}
+        if own_exo is not None:
+            more = {"standard": own_exo.motors[name]}
         more |= limits.get(name, {})
-        yield _other(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
+        yield _other_sensor(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
 
 
 _SENSORS = {
@@ -337,7 +343,7 @@ _SENSORS = {
 }
 
 
-def _on(seat: OnLink) -> Mount:
+def _link_mount(seat: OnLink) -> Mount:
     return Mount(body=seat.link, T_body_sensor=seat.T_link)
 
 
@@ -356,7 +362,7 @@ def _direction(left: float, up: float) -> Array:
     return np.array([math.cos(up) * math.cos(left), math.cos(up) * math.sin(left), math.sin(up)])
 
 
-def _looking(forward: Array, roll: float) -> Array:
+def _viewing_rotation(forward: Array, roll: float) -> Array:
     """Rotation of an optical frame with viewing direction `forward`, upright and then rolled clockwise."""
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -365,7 +371,7 @@ def _looking(forward: Array, roll: float) -> Array:
     return np.column_stack([cos * right + sin * down, cos * down - sin * right, forward])
 
 
-def _x_along(axis: ArrayLike) -> Array:
+def _rotation_with_x(axis: ArrayLike) -> Array:
     """Rotation of a frame whose x axis is `axis`, not vertical, and whose y axis is horizontal."""
     x = np.asarray(axis, dtype=float)
     y = np.cross([0.0, 0.0, 1.0], x)

@@ -34,7 +34,7 @@ class SensorSuite:
         for topic, sensor in sensor_rig.sensors.items():
             if not isinstance(sensor.calibration, CameraCalibration):
                 stamps = Stamps(sensor.clock, sensor.calibration.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
-                self._models.append((sensor, _model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
+                self._models.append((sensor, _make_model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
 
     @property
     def rates(self) -> set[float]:
@@ -63,13 +63,13 @@ class SensorSuite:
             if isinstance(sensor.calibration, ImuCalibration):
                 ends = step_ends(sensor.calibration.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
                 carrier = player.track(sensor.calibration.mount.body, ends)
-                block = model.read(self._mount_slips.carried(sensor.calibration.topic, carrier), t_ns)
+                block = model.read(self._mount_slips.mount_track(sensor.calibration.topic, carrier), t_ns)
             elif isinstance(sensor.calibration, OtherSensor):
                 body = sensor.calibration.mount.body  # an insole moves with the foot, not with the shoe's upper
                 carrier = motion.tracks[body] if sensor.calibration.kind == "insole" else motion.carrier(body)
-                carrier = self._mount_slips.carried(sensor.calibration.topic, carrier[motion.rows(t_ns)])
-                block = _read(sensor.calibration, model, carrier, motion, loads, t_ns)
-            yield stamps.on(block)
+                carrier = self._mount_slips.mount_track(sensor.calibration.topic, carrier[motion.rows(t_ns)])
+                block = _read_block(sensor.calibration, model, carrier, motion, loads, t_ns)
+            yield stamps.stamp_block(block)
 
 
 _MODELS: dict[str, Any] = {
@@ -84,13 +84,15 @@ _MODELS: dict[str, Any] = {
 """Model of each kind of `rig.OtherSensor`, and of an IMU."""
 
 
-def _model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
+def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
     kind = sensor.calibration.kind if isinstance(sensor.calibration, OtherSensor) else "imu"
     surroundings = (terrain, crowd) if kind == "range" else ()
     return _MODELS[kind](sensor.calibration, sensor.part, *surroundings, noise)
 
 
-def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants) -> Block[Any]:
+def _read_block(
+    sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants
+) -> Block[Any]:
     rows = motion.rows(t_ns)
     place, _, side = sensor.topic.split("/")[-2].rpartition("_")  # foot_l, thigh_r, knee_l; the back has no side
     match sensor.kind:
@@ -98,7 +100,7 @@ def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads
             return model.read(carrier, motion.tracks["foot_r" if side == "l" else "foot_l"][rows])
         case "insole":
             load = loads.feet[side]
-            return model.read(carrier, *(_between(loads.t_ns, x, t_ns) for x in (load.force, load.torque)))
+            return model.read(carrier, *(_interpolate(loads.t_ns, x, t_ns) for x in (load.force, load.torque)))
         case "ahrs":
             return model.read(carrier)
         case "encoder":
@@ -111,6 +113,6 @@ def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads
             return model.read(t_ns, torque, torque, motion.speed[hinge][rows])
 
 
-def _between(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
+def _interpolate(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
     """(N, 3) linear interpolation, at (N,) instants, of values at known ones."""
     return np.column_stack([np.interp(t_ns, at_ns, column) for column in values.T])

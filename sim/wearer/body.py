@@ -17,7 +17,7 @@ from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
-from stridetwin.sim.wearer.leaves import attach, leaf, unprefixed
+from stridetwin.sim.wearer.leaves import attach, read_leaf, silence_prefix_warnings
 
 LEG_JOINTS = (
     "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
@@ -27,7 +27,7 @@ _TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("th
 _TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
 
 
-def wearer(person: Person, with_exo: bool = True) -> Wearer:
+def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
     """Dimensions of `person` in shoes, and of the exoskeleton fitted to them.
 
     Raises:
@@ -43,7 +43,7 @@ def wearer(person: Person, with_exo: bool = True) -> Wearer:
     return Wearer(body=body, girth=girth, shoe=shoe, ankle_x=ankle_x, exo=links)
 
 
-def tracked(size: Wearer) -> tuple[str, ...]:
+def bodies_to_track(size: Wearer) -> tuple[str, ...]:
     """Bodies whose motion is reported."""
     if size.exo is None:
         return _TRACKED
@@ -57,29 +57,31 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         ConfigError: A person outside the range of the tables, or an unknown mode of the exoskeleton.
     """
     spec.compiler.degree = False  # as in the leaf files
-    size = wearer(person, exo is not None)
+    size = fit_wearer(person, exo is not None)
     if exo is not None and exo.own is not None:
         size = replace(size, exo=exo.own)
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
-    attach(root, _scaled("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth), "pelvis")
+    attach(
+        root, _scale_leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth), "pelvis"
+    )
     spec.body("root").add_freejoint(name="root")
     pelvis, torso = spec.body("pelvis"), spec.body("torso")
 
     for side in SIDES:
         y = 1.0 if side == "l" else -1.0
-        leg = _scaled("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
+        leg = _scale_leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
         leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
         for joint in ("ankle_dorsiflexion", "ankle_inversion"):
             leg.joint(joint).pos = [size.ankle_x, 0, body.ankle_height_m]
         leg.body("toe").pos = [size.shoe.toe_hinge_x, 0, size.shoe.toe_hinge_z]
         attach(pelvis, leg, "thigh", [0, y * body.hip_half_width_m, 0], side)
         for part, carrier in (("shoe_rear", "foot"), ("shoe_toe", "toe")):
-            shoe = _scaled(part, {}, 1.0)
+            shoe = _scale_leaf(part, {}, 1.0)
             _stretch_foot(shoe, body.shoe_length_m / 0.270)
             attach(spec.body(f"{carrier}_{side}"), shoe, part, side=side)
-        arm = _scaled("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
+        arm = _scale_leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
         attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
     _set_inertials(spec, body)
     if exo is not None and isinstance(size.exo, ExoLinks):
@@ -91,12 +93,12 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
 
 def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compiled model."""
-    with unprefixed():
+    with silence_prefix_warnings():
         return spec.compile()
 
 
-def _scaled(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
-    spec = leaf(name)
+def _scale_leaf(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
+    spec = read_leaf(name)
     for body in spec.bodies[1:]:
         k = length_scale.get(body.name, 1.0)
         for child in body.bodies:

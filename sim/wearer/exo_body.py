@@ -13,7 +13,7 @@ import numpy as np
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.exo_description import Link, Module, OwnExo, hinge_of
 from stridetwin.sim.wearer.exoskeleton import CUFF_SHARE, EXO_LEG_BODIES, ExoLinks, chain
-from stridetwin.sim.wearer.leaves import attach, leaf
+from stridetwin.sim.wearer.leaves import attach, read_leaf
 
 _BESIDE_BAR_M = 0.052  # a module, from the bar beside the leg
 
@@ -63,7 +63,7 @@ def add_exoskeleton(pelvis: mujoco.MjsBody, links: ExoLinks, girth: float, modul
 
 def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     """The leaf `exo_back`, fitted."""
-    spec = leaf("exo_back")
+    spec = read_leaf("exo_back")
     panel = spec.body("exo_back")
     moved, panel.ipos[0] = -links.hip6 - panel.ipos[0], -links.hip6
     for name in ("exo_back_plate", "exo_back_box", "exo_bracket_l", "exo_bracket_r"):
@@ -76,7 +76,7 @@ def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
 
 def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     """The leaf `exo_leg`, a left leg, fitted."""
-    spec = leaf("exo_leg")
+    spec = read_leaf("exo_leg")
     for name, offset in zip(EXO_LEG_BODIES, chain(links, "l")[0]):
         spec.body(name).pos = offset
     arm, beside = -links.hip6, links.hip2
@@ -123,39 +123,39 @@ def _lay_strap(
 
 def _add_module(leg: mujoco.MjSpec, joint: str, above: mujoco.MjsBody, down: float, module: Module) -> None:
     """Bolts a module to the link above its joint; the rotor turns with the joint, and the gear has friction."""
-    housing = leaf("exo_module")
+    housing = read_leaf("exo_module")
     body = housing.body("module")
     body.mass, body.inertia = module.mass_kg, module.mass_kg * np.asarray(body.inertia)
     attach(above, housing, "module", [0.0, _BESIDE_BAR_M, -down], prefix=f"exo_{joint}_")
     hinge = leg.joint(f"exo_{joint}_flexion")
     hinge.armature, hinge.frictionloss = module.reflected_inertia, module.friction_nm
     hinge.damping[0] = module.viscous_nms
-    _limit(hinge, module)
+    _limit_torque(hinge, module)
 
 
-def _limit(hinge: mujoco.MjsJoint, module: Module) -> None:
+def _limit_torque(hinge: mujoco.MjsJoint, module: Module) -> None:
     """The most that a joint's motor gives."""
     hinge.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
     hinge.actfrcrange = [-module.torque_max_nm, module.torque_max_nm]
 
 
-def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, own: OwnExo) -> None:
+def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, exo: OwnExo) -> None:
     """Attaches the exoskeleton to the pelvis."""
-    base = _add(spec, pelvis, own.base)
-    for leg in own.legs.values():
+    base = _add_link(spec, pelvis, exo.base)
+    for leg in exo.legs.values():
         parent = base
         for link in leg:
-            parent = _add(spec, parent, link)
+            parent = _add_link(spec, parent, link)
             hinge = parent.add_joint(
                 name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=link.axis, range=link.stops.tolist(),
                 limited=mujoco.mjtLimited.mjLIMITED_TRUE, armature=link.armature, frictionloss=link.friction,
             )  # fmt: skip
             hinge.damping[0] = link.damping
-    for name, module in own.modules.items():
-        _limit(spec.joint(hinge_of(name)), module)
+    for name, module in exo.modules.items():
+        _limit_torque(spec.joint(hinge_of(name)), module)
 
 
-def _add(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsBody:
+def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsBody:
     body = parent.add_body(name=link.name, pos=link.offset)
     inertia, axes = np.linalg.eigh(link.inertia)
     if np.linalg.det(axes) < 0:

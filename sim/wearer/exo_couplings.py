@@ -159,7 +159,7 @@ def leg_frame(size: Wearer, side: str) -> LegFrame:
     )  # fmt: skip
 
 
-def couplings(size: Wearer) -> list[Coupling]:
+def exo_couplings(size: Wearer) -> list[Coupling]:
     """Couplings between the exoskeleton's legs and the wearer: cuffs at thigh and shank, heel holder; [] without it.
 
     The holder is buckled over the instep and leaves the forefoot free: the heel can lift and pitch in it. On a wearer
@@ -169,68 +169,71 @@ def couplings(size: Wearer) -> list[Coupling]:
     if size.exo is None:
         return []
     if not isinstance(size.exo, ExoLinks):
-        return _own_couplings(size.exo, size)
-    links, made = size.exo, []
+        return _cuff_couplings(size.exo, size)
+    links, cuffs = size.exo, []
     for side in SIDES:
         for part, length in (("thigh", links.thigh), ("shank", links.shank)):
             on_limb = np.array([0.0, 0.0, -CUFF_SHARE[part] * length])
-            made.append(
+            cuffs.append(
                 Coupling(
                     name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
-                    p_in_exo=on_limb - [0.0, outward(side) * links.hip2, 0.0], p_in_body=on_limb, law=law("strap"),
+                    p_in_exo=on_limb - [0.0, outward(side) * links.hip2, 0.0], p_in_body=on_limb,
+                    law=coupling_law("strap"),
                 )
             )  # fmt: skip
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
-        made.append(
+        cuffs.append(
             Coupling(
                 name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}", p_in_exo=p_heel - p_holder,
-                p_in_body=p_heel, law=law("holder"),
+                p_in_body=p_heel, law=coupling_law("holder"),
             )
         )  # fmt: skip
-    return made
+    return cuffs
 
 
-def law(kind: str, given: Sequence[Array | None] = (None,) * 4) -> Array:
-    """(4, 3, 3) law of a coupling of a kind of `COMPLIANCE`; diagonals (3,) that are `given` replace the kind's."""
-    return np.array([np.diag(usual if own is None else own) for usual, own in zip(COMPLIANCE[kind], given)])
+def coupling_law(kind: str, diagonals: Sequence[Array | None] = (None,) * 4) -> Array:
+    """(4, 3, 3) law of a coupling of a kind of `COMPLIANCE`; diagonals (3,) that are `diagonals` replace the kind's."""
+    return np.array(
+        [np.diag(usual if diagonal is None else diagonal) for usual, diagonal in zip(COMPLIANCE[kind], diagonals)]
+    )
 
 
-def _own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
+def _cuff_couplings(exo: OwnExo, size: Wearer) -> list[Coupling]:
     """The cuffs, without strain while wearer and exoskeleton stand with every joint at zero.
 
     Raises:
         ConfigError: A cuff that is too far from its limb.
     """
-    at = {own.base.name: own.base.offset}
-    for leg in own.legs.values():
-        parent = own.base.name
+    origins = {exo.base.name: exo.base.offset}
+    for leg in exo.legs.values():
+        parent = exo.base.name
         for link in leg:
-            at[link.name] = at[parent] + link.offset
+            origins[link.name] = origins[parent] + link.offset
             parent = link.name
-    made = []
-    for cuff in own.cuffs:
+    cuffs = []
+    for cuff in exo.cuffs:
         body, _, side = cuff.body.partition("_")
-        p_in_body = at[cuff.link] + cuff.p_in_link - _origins(size, side)[body]
+        p_in_body = origins[cuff.link] + cuff.p_in_link - _origins(size, side)[body]
         if not np.linalg.norm(p_in_body - np.clip(p_in_body, *_limb(size, body))) < _FARTHEST_M:
-            found = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
+            place = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
             raise ConfigError(
-                own.rig, f"cuffs.{cuff.body}.at_mm", found, f"within {_FARTHEST_M * 1e3:g} mm of the limb"
+                exo.rig, f"cuffs.{cuff.body}.at_mm", place, f"within {_FARTHEST_M * 1e3:g} mm of the limb"
             )
-        made.append(
+        cuffs.append(
             Coupling(
                 name=cuff.body, exo_body=cuff.link, body=cuff.body, p_in_exo=cuff.p_in_link, p_in_body=p_in_body,
                 law=cuff.law,
             )
         )  # fmt: skip
-    return made
+    return cuffs
 
 
-def check_held(own: OwnExo, side: str, mass: Array, stiffness: Array, damping: Array) -> None:
+def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, damping: Array) -> None:
     """Rejects a leg that its cuffs do not hold, or hold too stiffly for its weight and steps of 1 ms.
 
     Args:
-        own: The exoskeleton.
+        exo: The exoskeleton.
         side: `l` or `r`.
         mass: (J, J) kg m², joints at zero.
         stiffness: (J, J) N m/rad of the cuffs, on a wearer standing upright.
@@ -239,18 +242,18 @@ def check_held(own: OwnExo, side: str, mass: Array, stiffness: Array, damping: A
     Raises:
         ConfigError: The leg is not held, or held too stiffly.
     """
-    whole, modes = np.linalg.eigh(stiffness)
-    if whole[0] < _LOOSEST * whole[-1]:
-        joint = own.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
-        raise ConfigError(own.rig, "cuffs", f"none that hold {joint}", "cuffs beyond every joint of a leg")
+    eigenvalues, modes = np.linalg.eigh(stiffness)
+    if eigenvalues[0] < _LOOSEST * eigenvalues[-1]:
+        joint = exo.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
+        raise ConfigError(exo.rig, "cuffs", f"none that hold {joint}", "cuffs beyond every joint of a leg")
     fastest = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.max()) / (2 * np.pi))
     if fastest > _HIGHEST_HZ:
         valid = f"up to {_HIGHEST_HZ:g} Hz (softer cuffs, or links and armatures with more inertia)"
-        raise ConfigError(own.rig, "cuffs", f"leg {side} at {fastest:.0f} Hz on its cuffs", valid)
+        raise ConfigError(exo.rig, "cuffs", f"leg {side} at {fastest:.0f} Hz on its cuffs", valid)
     decay = float(np.linalg.eigvals(np.linalg.solve(mass, damping)).real.max())
     if decay * _STEP_S > 1.0:
         valid = f"up to {1 / _STEP_S:g} 1/s (less damping, or links and armatures with more inertia)"
-        raise ConfigError(own.rig, "cuffs", f"leg {side} damped at {decay:.0f} 1/s", valid)
+        raise ConfigError(exo.rig, "cuffs", f"leg {side} damped at {decay:.0f} 1/s", valid)
 
 
 def _origins(size: Wearer, side: str) -> dict[str, Array]:

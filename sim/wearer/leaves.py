@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from stridetwin.assets import mjcf
 
 
-def leaf(name: str) -> mujoco.MjSpec:
+def read_leaf(name: str) -> mujoco.MjSpec:
     """The model of a leaf file."""
     return mujoco.MjSpec.from_string(mjcf(name))
 
@@ -35,12 +35,12 @@ def attach(
     if side == "r":
         _mirror(part)
     frame = parent.add_frame(pos=np.asarray(pos, dtype=float))
-    with unprefixed():
+    with silence_prefix_warnings():
         frame.attach_body(part.body(body), prefix, f"_{side}" if side else "")
 
 
 @contextmanager
-def unprefixed() -> Iterator[None]:
+def silence_prefix_warnings() -> Iterator[None]:
     """Silences MuJoCo's warnings about an empty prefix: names are unique by their side's suffix."""
     warn = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)

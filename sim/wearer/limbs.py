@@ -62,8 +62,8 @@ class Limbs:
     def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
         """The shapes at (N, nq) positions; the velocities (N, nv) have no effect."""
         tree = Tree.of(model)
-        shapes_ = shapes(model, set(tree.ids.tolist()))
-        p_body, quat, _, _ = rigid_tree.motion(tree, q, v)
+        shapes_ = find_shapes(model, set(tree.ids.tolist()))
+        p_body, quat, _, _ = rigid_tree.body_motion(tree, q, v)
         rows = np.searchsorted(tree.ids, [shape.body for shape in shapes_])
         R_body = matrix_from_quat(quat)[:, rows]
         return cls(
@@ -74,7 +74,7 @@ class Limbs:
             R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in shapes_]),
         )
 
-    def hide(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
+    def occludes(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
         """Whether a limb occludes each target from its origin.
 
         Args:
@@ -85,7 +85,7 @@ class Limbs:
         Returns:
             (M, K).
         """
-        return _hidden(
+        return _find_occluded(
             self.kind, self.size, self.reach, self.p, self.R, np.asarray(rows, np.int64),
             np.ascontiguousarray(origins, float), np.ascontiguousarray(targets, float),
         )  # fmt: skip
@@ -111,19 +111,19 @@ class Shape:
     p: Array
     R: Array
 
-    def first_touch(self, origin: Array, direction: Array) -> float:
+    def ray_distance(self, origin: Array, direction: Array) -> float:
         """Distance to the shape in multiples of `direction` (3,) from `origin` (3,), body's frame; inf for a miss."""
         o, d = self.R.T @ (origin - self.p), self.R.T @ direction
-        enters, leaves = _span_of_one(
+        enters, leaves = _inside_interval_for_python(
             self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
             (float(o[0]), float(o[1]), float(o[2])), (float(d[0]), float(d[1]), float(d[2])),
         )  # fmt: skip
         return enters if enters <= leaves and leaves >= 0.0 else math.inf
 
 
-def shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
+def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
     """Shapes on some bodies and on bodies that are fixed to these without a joint."""
-    found = []
+    shapes = []
     for geom in range(model.ngeom):
         body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], matrix_from_quat(model.geom_quat[geom])
         while body and body not in bodies and not model.body_jntnum[body]:
@@ -131,16 +131,16 @@ def shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
             p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
         if body in bodies:
             size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
-            found.append(Shape(body=body, kind=int(model.geom_type[geom]), size=size, reach=reach, p=p.copy(), R=R))
-    return found
+            shapes.append(Shape(body=body, kind=int(model.geom_type[geom]), size=size, reach=reach, p=p.copy(), R=R))
+    return shapes
 
 
 @_called
-def _hidden(
+def _find_occluded(
     kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
     targets: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    found = np.zeros(targets.shape[:2], np.bool_)
+    occluded = np.zeros(targets.shape[:2], np.bool_)
     for m in range(len(rows)):
         n = rows[m]
         eye = vec3(origins[m])
@@ -154,19 +154,19 @@ def _hidden(
                 if dot(near, near) > reach[g] * reach[g]:
                     continue
                 back = transposed(mat3(R[n, g]))
-                if _in_the_way(kind[g], vec3(size[g]), matvec(back, to), matvec(back, d)):
-                    found[m, k] = True
+                if _occludes(kind[g], vec3(size[g]), matvec(back, to), matvec(back, d)):
+                    occluded[m, k] = True
                     break
-    return found
+    return occluded
 
 
 @numba.njit(**INSIDE)
-def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
+def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     """Whether a shape occludes the segment from o to o + d, in its own frame.
 
     It does not if it begins nearer than `NEAR_M`, or if o is less than `SUNK_M` inside it; images omit it, too.
     """
-    enters, leaves = _span(kind, size, o, d)
+    enters, leaves = _inside_interval(kind, size, o, d)
     if enters > leaves or enters >= 1.0 or leaves <= 0.0:
         return False
     if enters > 0.0:
@@ -176,12 +176,12 @@ def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     thin = core[0] <= 0.0 or (core[1] <= 0.0 and kind != _SPHERE) or (core[2] <= 0.0 and kind in (_ELLIPSOID, _BOX))
     if thin:
         return False
-    enters, leaves = _span(kind, core, o, d)
+    enters, leaves = _inside_interval(kind, core, o, d)
     return enters <= 0.0 <= leaves
 
 
 @numba.njit(**INSIDE)
-def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
+def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
     """Interval of the line o + t d, in the shape's own frame, inside it; empty: (inf, -inf)."""
     if kind == _BOX:
         enters, leaves = -math.inf, math.inf
@@ -215,7 +215,7 @@ def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
     return _quadric(dx**2 + dy**2 + dz**2, ox * dx + oy * dy + oz * dz, ox**2 + oy**2 + oz**2 - 1.0)
 
 
-_span_of_one = _called(_span)  # for Python
+_inside_interval_for_python = _called(_inside_interval)  # for Python
 
 
 @numba.njit(**INSIDE)

@@ -73,7 +73,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: The file cannot be read or compiled.
     """
-    model = _compiled(path)
+    model = _compile(path)
     _check_kinds(path, model)
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base) < 1:
         known = ", ".join(model.body(b).name for b in range(1, model.nbody))
@@ -90,27 +90,28 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     def link(b: int, parent: int | None) -> Link:
         joint = model.joint(model.body_jntadr[b]) if parent is not None else None
         offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
-        own = [i for i, owner in owners.items() if owner == b]
-        mass, com, inertia = _weight(model, data, own, origin[b], to_pelvis)
+        merged = [i for i, owner in owners.items() if owner == b]
+        mass, com, inertia = _mass_properties(model, data, merged, origin[b], to_pelvis)
         if parent is not None and mass < _LIGHTEST_KG:
             raise ConfigError(path, f"mass of {model.body(b).name}", mass, f"at least {_LIGHTEST_KG:g} kg")
         dof = model.jnt_dofadr[joint.id] if joint is not None else 0
         return Link(
-            name=_called(model.body(b).name), joint="" if joint is None else names.get(joint.name, _called(joint.name)),
+            name=_exo_name(model.body(b).name),
+            joint="" if joint is None else names.get(joint.name, _exo_name(joint.name)),
             offset=np.array(offset), axis=np.zeros(3) if joint is None else to_pelvis @ data.xaxis[joint.id],
             stops=np.array(joint.range) if joint is not None and model.jnt_limited[joint.id] else _FULL_TURN.copy(),
             damping=float(model.dof_damping.reshape(model.nv, -1)[dof, 0]) if joint is not None else 0.0,
             friction=float(model.dof_frictionloss[dof]) if joint is not None else 0.0,
             armature=float(model.dof_armature[dof]) if joint is not None else 0.0,
             mass=mass, com=com, inertia=inertia,
-            shapes=tuple(_shapes(path, model, data, own, origin[b], to_pelvis)),
+            shapes=tuple(_shapes(path, model, data, merged, origin[b], to_pelvis)),
         )  # fmt: skip
 
-    made = link(root, None)
+    base_link = link(root, None)
     legs = tuple(tuple(link(b, ([root, *leg])[i]) for i, b in enumerate(leg)) for leg in chains)
-    whole = made.mass + sum(part.mass for leg in legs for part in leg)
-    if not MASS_KG[0] <= whole <= MASS_KG[1]:
-        raise ConfigError(path, "mass", round(whole, 4), f"{MASS_KG[0]:g}-{MASS_KG[1]:g} kg in all")
+    total_mass = base_link.mass + sum(part.mass for leg in legs for part in leg)
+    if not MASS_KG[0] <= total_mass <= MASS_KG[1]:
+        raise ConfigError(path, "mass", round(total_mass, 4), f"{MASS_KG[0]:g}-{MASS_KG[1]:g} kg in all")
     place = {root: (-1, 0)} | {b: (k, i) for k, leg in enumerate(chains) for i, b in enumerate(leg)}
     T_carrier = {}
     for b, owner in owners.items():
@@ -119,7 +120,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         T[:3, 3] = to_pelvis @ (data.xpos[b] - origin[owner])
         T_carrier[model.body(b).name] = T
     carrier = {model.body(b).name: place[o] for b, o in owners.items() if model.body(b).name}
-    return Chains(base=made, legs=legs, carrier=carrier, T_carrier=T_carrier)
+    return Chains(base=base_link, legs=legs, carrier=carrier, T_carrier=T_carrier)
 
 
 def files_of(path: Path) -> list[str]:
@@ -132,12 +133,12 @@ def files_of(path: Path) -> list[str]:
     text, folder = _text(path), path.absolute().parent
     with _one_line(path, "read"):
         if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
-            spec = _parsed(path, text)
+            spec = _parse_spec(path, text)
             names = (mesh.file.removeprefix("package://") for mesh in spec.meshes)
-            found = [os.path.join(folder, spec.meshdir, name) for name in names]
+            files = [os.path.join(folder, spec.meshdir, name) for name in names]
         else:
-            found = mujoco.mju_getXMLDependencies(str(path.absolute()))
-    return sorted({os.path.relpath(file, folder) for file in found if Path(file) != path.absolute()})
+            files = mujoco.mju_getXMLDependencies(str(path.absolute()))
+    return sorted({os.path.relpath(file, folder) for file in files if Path(file) != path.absolute()})
 
 
 def _text(path: Path) -> str:
@@ -145,19 +146,21 @@ def _text(path: Path) -> str:
         text = read_bytes(path, _LARGEST_FILE).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if found := re.search(r"<\s*(include|plugin|extension|replicate|composite|flexcomp|hfield|skin)\b", text):
-        raise ConfigError(path, found[1], f"<{found[1]}>", "one file of bodies, joints, geoms, meshes and materials")
+    if element := re.search(r"<\s*(include|plugin|extension|replicate|composite|flexcomp|hfield|skin)\b", text):
+        raise ConfigError(
+            path, element[1], f"<{element[1]}>", "one file of bodies, joints, geoms, meshes and materials"
+        )
     return text
 
 
 def _is_urdf(text: str) -> bool:
     """Whether the root element is a robot; comments and declarations may contain any name."""
     before, *comments = text.split("<!--")
-    root = re.search(r"<(\w+)", before + "".join(rest.partition("-->")[2] for rest in comments))
+    root = re.search(r"<(\w+)", before + "".join(after.partition("-->")[2] for after in comments))
     return root is not None and root[1] == "robot"
 
 
-def _parsed(path: Path, text: str) -> mujoco.MjSpec:
+def _parse_spec(path: Path, text: str) -> mujoco.MjSpec:
     if not _is_urdf(text) or "<mujoco" in text:
         return mujoco.MjSpec.from_file(str(path))
     folder = quoteattr(str(path.absolute().parent))
@@ -165,10 +168,10 @@ def _parsed(path: Path, text: str) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(text)
 
 
-def _compiled(path: Path) -> mujoco.MjModel:
+def _compile(path: Path) -> mujoco.MjModel:
     text = _text(path)
     with _one_line(path, "compile"):
-        spec = _parsed(path, text)
+        spec = _parse_spec(path, text)
         spec.compiler.fusestatic = False  # otherwise a base that is fixed to the world would lose its mass
         return spec.compile()
 
@@ -215,15 +218,17 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
     """Rejects links and joints whose names collide in the wearer's model."""
     links = [model.body(b).name for b in bodies]
     joints = [model.joint(model.body_jntadr[b]).name for b in bodies[1:]]
-    for kind, called in (
-        ("link", {name: _called(name) for name in links}),
-        ("joint", {name: names.get(name, _called(name)) for name in joints}),
+    for kind, wearer_names in (
+        ("link", {name: _exo_name(name) for name in links}),
+        ("joint", {name: names.get(name, _exo_name(name)) for name in joints}),
     ):
         first: dict[str, str] = {}
-        for name, there in called.items():
-            other = first.setdefault(there, name)
-            if other != name:
-                raise ConfigError(path, kind, name, f"another name: {other} is {there} in the wearer's model, too")
+        for name, wearer_name in wearer_names.items():
+            first_name = first.setdefault(wearer_name, name)
+            if first_name != name:
+                raise ConfigError(
+                    path, kind, name, f"another name: {first_name} is {wearer_name} in the wearer's model, too"
+                )
 
 
 def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
@@ -259,11 +264,11 @@ def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]
     legs = []
     for first in below.get(root, []):
         leg = [first]
-        while on := below.get(leg[-1], []):
-            if len(on) > 1:
-                names = " and ".join(model.body(b).name for b in on)
+        while next_links := below.get(leg[-1], []):
+            if len(next_links) > 1:
+                names = " and ".join(model.body(b).name for b in next_links)
                 raise ConfigError(path, f"link {model.body(leg[-1]).name}", names, "one link with a joint beyond it")
-            leg += on
+            leg += next_links
         legs.append(leg)
     counts = [len(leg) for leg in legs]
     if len(legs) != 2 or counts[0] != counts[1] or counts[0] > MOST_JOINTS:
@@ -272,7 +277,7 @@ def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]
     return legs
 
 
-def _weight(
+def _mass_properties(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> tuple[float, Array, Array]:
     """Mass, (3,) centre of mass and (3, 3) inertia about it of several bodies together."""
@@ -324,6 +329,6 @@ def _shapes(
     return shapes
 
 
-def _called(name: str) -> str:
+def _exo_name(name: str) -> str:
     """Name of a link or joint in the wearer's model."""
     return "exo_" + re.sub(r"\W", "_", name)

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
 from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
-from stridetwin.sim.parts.library import kind_of, library, part, read_part
-from stridetwin.sim.wearer.exo_couplings import law
+from stridetwin.sim.parts.library import kind_of, load_part, part_files, read_part
+from stridetwin.sim.wearer.exo_couplings import coupling_law
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import MM, FileModel, ReadAs, elsewhere, flag, folder_of, number, refused
@@ -40,56 +40,56 @@ def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs
     return ReadAs(GenericAlias(tuple, (entry,) * 3), lambda values: scale * np.array(values))
 
 
-def _part_of(kind: str) -> Any:
+def _part_field(kind: str) -> Any:
     """A part of this kind: of the library, or of the user's own beside the rig file."""
 
-    def found(name: object, info: ValidationInfo) -> Part:
+    def read_named_part(name: object, info: ValidationInfo) -> Part:
         read = None
         if isinstance(name, str) and name.endswith((".yaml", ".yml")):
             try:
                 read = read_part(folder_of(info) / name)
             except StrideTwinError as error:
                 raise elsewhere(error) from None
-        elif isinstance(name, str) and name in library():
-            read = part(name)
+        elif isinstance(name, str) and name in part_files():
+            read = load_part(name)
         if read is None or kind_of(read) != kind:
-            names = ", ".join(n for n in library() if kind_of(part(n)) == kind)
+            names = ", ".join(n for n in part_files() if kind_of(load_part(n)) == kind)
             raise refused(name, f"{names}, or the path of a .yaml file of kind {kind}")
         return read
 
-    return BeforeValidator(found, json_schema_input_type=str)
+    return BeforeValidator(read_named_part, json_schema_input_type=str)
 
 
-def _short_names(valid: str, *more: str) -> AfterValidator:
+def _check_short_names(valid: str, *more: str) -> AfterValidator:
     """Refuses keys other than `more` and names with a side."""
 
-    def checked(found: dict[str, Any]) -> dict[str, Any]:
-        for name in found:
+    def check(named: dict[str, Any]) -> dict[str, Any]:
+        for name in named:
             if name not in more and not _SHORT.fullmatch(name):
                 raise refused(name, f"names such as {valid}")
-        return found
+        return named
 
-    return AfterValidator(checked)
+    return AfterValidator(check)
 
 
-def _each_once(joints: dict[str, str]) -> dict[str, str]:
+def _check_unique(joints: dict[str, str]) -> dict[str, str]:
     names = list(joints.values())
     if twice := [name for name in names if names.count(name) > 1]:
         raise refused(twice[0], "every joint once")
     return joints
 
 
-def _of_joints(found: Any, info: ValidationInfo) -> Any:
+def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
     """Refuses names of joints that `joints` lacks."""
     joints = info.data.get("joints")
-    for i, name in enumerate(found):
+    for i, name in enumerate(names):
         if joints is not None and name not in joints:
-            below = () if isinstance(found, dict) else (i,)
+            below = () if isinstance(names, dict) else (i,)
             raise refused(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
-    return found
+    return names
 
 
-def _on_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
+def _check_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
     for body in cuffs:
         if body not in _BODIES:
             raise refused(body, f"keys {suggest(body, _BODIES)}")
@@ -127,7 +127,7 @@ class _ImuSeat(_Seat):
         part: Part of the library, or the path of a .yaml file.
     """
 
-    part: Annotated[ImuPart, _part_of("imu")]
+    part: Annotated[ImuPart, _part_field("imu")]
 
 
 class _CuffFile(FileModel):
@@ -155,8 +155,8 @@ class _CuffFile(FileModel):
 
     def law(self, body: str) -> Array:
         """(4, 3, 3) stiffness, damping, rotational stiffness and damping of a cuff on a body of the wearer."""
-        given = (self.stiffness_n_m, self.damping_ns_m, self.turn_stiffness_nm, self.turn_damping_nms)
-        return law(self.kind or ("holder" if body.startswith("foot") else "strap"), given)
+        diagonals = (self.stiffness_n_m, self.damping_ns_m, self.turn_stiffness_nm, self.turn_damping_nms)
+        return coupling_law(self.kind or ("holder" if body.startswith("foot") else "strap"), diagonals)
 
 
 class _Motor(FileModel):
@@ -170,7 +170,7 @@ class _Motor(FileModel):
 
     torque_max_nm: Annotated[float, number(above=0)]
     speed_max_radps: Annotated[float, number(above=0)] = 10.0
-    part: Annotated[ActuatorPart, _part_of("actuator")] = Field("actuation-module", validate_default=True)
+    part: Annotated[ActuatorPart, _part_field("actuator")] = Field("actuation-module", validate_default=True)
 
 
 class OwnExoFile(FileModel):
@@ -191,16 +191,18 @@ class OwnExoFile(FileModel):
     base: _Seat
     cuffs: Annotated[
         dict[str, _CuffFile],
-        AfterValidator(_on_both_legs),
+        AfterValidator(_check_both_legs),
         Field(json_schema_extra={"propertyNames": {"enum": list(_BODIES)}}),
     ]
-    joints: Annotated[dict[str, str], _short_names("hip_l, knee_r"), AfterValidator(_each_once)] = Field(
+    joints: Annotated[dict[str, str], _check_short_names("hip_l, knee_r"), AfterValidator(_check_unique)] = Field(
         default_factory=dict
     )
-    encoders: Annotated[tuple[str, ...], AfterValidator(_of_joints)] = ()
-    motors: Annotated[dict[str, _Motor], AfterValidator(_of_joints)] = Field(default_factory=dict)
-    ahrs: Annotated[dict[str, _Seat], _short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
-    imus: Annotated[dict[str, _ImuSeat], _short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
+    encoders: Annotated[tuple[str, ...], AfterValidator(_check_joint_names)] = ()
+    motors: Annotated[dict[str, _Motor], AfterValidator(_check_joint_names)] = Field(default_factory=dict)
+    ahrs: Annotated[dict[str, _Seat], _check_short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
+    imus: Annotated[dict[str, _ImuSeat], _check_short_names("back, thigh_l, foot_r", "back")] = Field(
+        default_factory=dict
+    )
 
 
 def read_own_exo(model: Path, rig: Path) -> OwnExo:
@@ -218,7 +220,7 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
     names = {joint: hinge_of(short) for short, joint in file.joints.items()}
     T_base = file.base.pose
     chains = read_model(model, file.base.link, T_base[:3, 3], T_base[:3, :3], names)
-    if errors := list(_unknown(file, chains, rig, model)):
+    if errors := list(_find_unknown_names(file, chains, rig, model)):
         raise combined(errors)
     cuffs, sides = _cuffs(file, chains, rig)
     legs = {side: chains.legs[sides[side]] for side in "lr"}
@@ -242,17 +244,17 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
     )
 
 
-def _unknown(file: OwnExoFile, chains: Chains, rig: Path, model: Path) -> Iterator[ConfigError]:
+def _find_unknown_names(file: OwnExoFile, chains: Chains, rig: Path, model: Path) -> Iterator[ConfigError]:
     """Errors of links and joints that the model lacks."""
-    there = {link.joint for leg in chains.legs for link in leg}
+    hinges = {link.joint for leg in chains.legs for link in leg}
     for short, joint in file.joints.items():
-        if hinge_of(short) not in there:
+        if hinge_of(short) not in hinges:
             yield ConfigError(rig, f"joints.{short}", joint, f"a hinge of {model}")
     for key in ("cuffs", "ahrs", "imus"):
         for place, seat in getattr(file, key).items():
             if seat.link not in chains.carrier:
-                words = f"a link of the model: {', '.join(chains.carrier)}"
-                yield ConfigError(rig, f"{key}.{place}.link", seat.link, words)
+                valid = f"a link of the model: {', '.join(chains.carrier)}"
+                yield ConfigError(rig, f"{key}.{place}.link", seat.link, valid)
 
 
 def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...], dict[str, int]]:
@@ -264,8 +266,8 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
         if leg < 0:
             raise ConfigError(rig, place, cuff.link, "a link of a leg: the base is fixed to the pelvis")
         if sides.setdefault(side, leg) != leg or any(s != side and k == leg for s, k in sides.items()):
-            words = f"a link of the leg that other cuffs tie to the wearer's {side} leg"
-            raise ConfigError(rig, place, cuff.link, words)
+            valid = f"a link of the leg that other cuffs tie to the wearer's {side} leg"
+            raise ConfigError(rig, place, cuff.link, valid)
         T = chains.T_carrier[cuff.link]
         cuffs.append(
             Cuff(

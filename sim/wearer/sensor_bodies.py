@@ -8,7 +8,7 @@ import mujoco
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
-from stridetwin.sim.wearer.leaves import leaf
+from stridetwin.sim.wearer.leaves import read_leaf
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
@@ -26,13 +26,13 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
     """
     for foot, upper in UPPERS.items():
         spec.body(foot).add_body(name=upper)
-    for name, part, _, mount in visible(rig):
+    for name, part, _, mount in visible_items(rig):
         T = mount.T_body_sensor
         frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
-        frame.attach_body(leaf(part).body(part), name.removesuffix(part), "")
+        frame.attach_body(read_leaf(part).body(part), name.removesuffix(part), "")
 
 
-def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
+def visible_items(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
     """Name of the body, leaf file, topic (empty for a board) and mount of each visible item."""
     shown: list[tuple[str, str, Mount]] = []
     for topic, camera in rig.cameras.items():

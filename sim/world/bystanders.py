@@ -29,7 +29,7 @@ PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "sha
 THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)
 UPPER_ARM_M = 0.29
 # Sonar targets: spheres (x, y, z, radius) in the frames of the parts, m.
-BALLS = {
+SONAR_SPHERES = {
     "trunk": [(0.0, 0.0, z, 0.13) for z in (0.0, 0.15, 0.30, 0.42)] + [(0.02, 0.0, 0.68, 0.10)],
     "thigh": [(0.0, 0.0, -z, 0.075) for z in (0.05, 0.15, 0.25, 0.35)],
     "shank": [(0.0, 0.0, -z, 0.052) for z in (0.02, 0.12, 0.22, 0.32, 0.40)],
@@ -100,10 +100,10 @@ class Bystander:
             knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
             shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
             swing = -_ARM_SWING_RAD * reach / _STEP_M
-            upper = _pitched(left, ahead, swing)
+            upper = _swing_limb(left, ahead, swing)
             origins += [hip, knee, ankle, shoulder, shoulder - UPPER_ARM_M * k * upper[:, :, 2]]
             axes += [_frame(left, hip - knee), _frame(left, knee - ankle), R_foot, upper]
-            axes.append(_pitched(left, ahead, swing + _ELBOW_RAD))
+            axes.append(_swing_limb(left, ahead, swing + _ELBOW_RAD))
         return np.stack(origins, 1), np.stack(axes, 1)
 
     def track(self, t_ns: NDArray[np.int64]) -> Track:
@@ -116,16 +116,16 @@ class Bystander:
             w_body=np.interp(t, self.t, np.gradient(self.yaw, self.t))[:, None] * R[:, 2],
         )  # fmt: skip
 
-    def balls(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def sonar_spheres(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """(M, B, 3) centres of the sonar targets in the world, m, and (B,) radii."""
         p, R = self.parts(t)
         rows = [
             (i, ball)
             for i, part in enumerate(PARTS)
-            for ball in BALLS.get(part.removesuffix("_l").removesuffix("_r"), [])
+            for ball in SONAR_SPHERES.get(part.removesuffix("_l").removesuffix("_r"), [])
         ]
-        which, local = np.array([i for i, _ in rows]), np.array([ball for _, ball in rows]) * self.size
-        return p[:, which] + np.einsum("mbij,bj->mbi", R[:, which], local[:, :3]), local[:, 3]
+        part_index, local = np.array([i for i, _ in rows]), np.array([ball for _, ball in rows]) * self.size
+        return p[:, part_index] + np.einsum("mbij,bj->mbi", R[:, part_index], local[:, :3]), local[:, 3]
 
     def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
         """(M, 3) ankle, (M, 3, 3) axes and (M,) m in front of the hips of one foot."""
@@ -147,7 +147,7 @@ class Bystander:
         ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
         ahead, left = _horizontal(yaw)
-        R = _pitched(left, ahead, -pitch)
+        R = _swing_limb(left, ahead, -pitch)
         reach = np.where(share > 0, 2 * ease(share) - r, -r) * _STEP_M
         return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
 
@@ -156,7 +156,7 @@ Crowd = tuple[Bystander, ...]
 """All bystanders of a walk."""
 
 
-def bystanders(
+def plan_bystanders(
     count: int, terrain: Terrain, t: Array, s: Array, p_walker: Array, rng: np.random.Generator
 ) -> Crowd:  # fmt: skip
     """People who circle around a walker.
@@ -175,10 +175,10 @@ def bystanders(
     start = rng.uniform(0.0, 1.0)
     sense = float(rng.choice([-1.0, 1.0]))
     turns = (sense * 2 * np.pi * (grid * _TURNS_PER_S + start + i / count) for i in range(count))
-    return tuple(_one(terrain, grid, along, walker, turn, size=rng.uniform(*_SIZE_RANGE)) for turn in turns)
+    return tuple(_plan_bystander(terrain, grid, along, walker, turn, size=rng.uniform(*_SIZE_RANGE)) for turn in turns)
 
 
-def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
+def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
     way, profile = terrain.layout.way, terrain.profile
     beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
@@ -225,11 +225,11 @@ def _footholds(
     ball = np.stack([x, y], -1) + _HALF_STANCE_M * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
-    ground = _ground(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
+    ground = _ground_height(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
     return np.column_stack([ball, ground.max(axis=0)]), heading, first
 
 
-def _ground(profile: Sequence[Strip], s: Array, left: Array) -> Array:
+def _ground_height(profile: Sequence[Strip], s: Array, left: Array) -> Array:
     """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way."""
     s0, s1, z0, z1, cross = np.array([(p.s0, p.s1, p.z0, p.z1, np.tan(p.cross_slope)) for p in profile]).T
     i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
@@ -279,7 +279,7 @@ def _frame(left: Array, up: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _pitched(left: Array, ahead: Array, flexion: Array) -> Array:
+def _swing_limb(left: Array, ahead: Array, flexion: Array) -> Array:
     """(N, 3, 3) axes of a hanging limb that is swung forward by (N,) rad."""
     return _frame(left, np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead)
 
@@ -292,7 +292,7 @@ _Geom = tuple[mujoco.mjtGeom, tuple[float, float, float], tuple[float, float, fl
 
 
 def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
-    """Adds `count` bystanders; `pose` places them."""
+    """Adds `count` bystanders; `pose_crowd` places them."""
     for i in range(count):
         for part in PARTS:
             body = spec.worldbody.add_body(name=f"bystander_{i}_{part}", mocap=True, pos=(0.0, 0.0, -50.0))
@@ -302,7 +302,7 @@ def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
                 )  # fmt: skip
 
 
-def pose(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:
+def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:
     """Places all bystanders at an instant."""
     for i, person in enumerate(crowd):
         p, R = person.parts(np.array([t_s]))

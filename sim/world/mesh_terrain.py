@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
-from stridetwin.sim.world.route_checks import RAMP_MAX_RAD, RISER_RANGE_M, TREAD_MIN_M
+from stridetwin.sim.world.route_checks import MAX_RAMP_RAD, MIN_TREAD_M, RISER_RANGE_M
 from stridetwin.streams.bounded import read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import DEG, file_beside, number, words
@@ -56,8 +56,8 @@ def read_triangles(path: Path, scale: float) -> Array:
     except StrideTwinError:
         raise
     except Exception as error:  # the parsers do not validate their input
-        words = " ".join(str(error).split()) or type(error).__name__
-        raise StrideTwinError(f"{path}: no {kind[1:].upper()} mesh: {words[:200]}") from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise StrideTwinError(f"{path}: no {kind[1:].upper()} mesh: {reason[:200]}") from error
     if not 0 < len(corners) <= MOST_TRIANGLES:
         raise ConfigError(path, "triangles", len(corners), f"1-{MOST_TRIANGLES}")
     if not np.all(np.abs(corners) < _FARTHEST_M):
@@ -94,7 +94,7 @@ _MAX_TREAD_DIFFERENCE_M = 0.01  # largest difference of equal treads
 _MAX_TREAD_M = 0.6  # deeper ones are levels
 _MIN_HALF_WAY_M = 0.5  # half of the shortest way
 _ROWS: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
-Part = Level | Ramp | Stairs
+MeshSegment = Level | Ramp | Stairs
 _Start = Annotated[float, number(-1000, 1000)]
 
 
@@ -119,22 +119,22 @@ class MeshWay:
     length_m: Annotated[float | None, number(1, 500)] = None
 
 
-def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[Part, ...], str]:
+def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...], str]:
     """Segments that replace a mesh along a way of a width, and a summary of the replacement and its error in words.
 
     Raises:
         ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
         StrideTwinError: The file cannot be read.
     """
-    corners = _in_way(read_triangles(way.path, way.scale), way)
+    corners = _to_way_frame(read_triangles(way.path, way.scale), way)
     length = way.length_m or float(corners[:, :, 0].max()) - _SAMPLE_M
     if not 2 * _MIN_HALF_WAY_M < length < 500.0:
         raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _MIN_HALF_WAY_M:g}-500 m")
     s = np.arange(0.0, length, _SAMPLE_M)
-    heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
+    heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
     heights -= heights[0, len(_ROWS) // 2]
     segments = _segments(s, heights[:, len(_ROWS) // 2], way)
-    off = _error(segments, s, heights, width_m, way)
+    off = _replacement_error(segments, s, heights, width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
     summary = (
@@ -145,7 +145,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[Part, ...], str]:
     return segments, summary
 
 
-def _in_way(corners: Array, way: MeshWay) -> Array:
+def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     """Triangles with x along the way, y to its left and z up, from its start."""
     x, y, z = np.moveaxis(corners, -1, 0)
     if way.up == "y":
@@ -155,7 +155,7 @@ def _in_way(corners: Array, way: MeshWay) -> Array:
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, z], -1)
 
 
-def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
+def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     """(N,) height of the ground along a line: starts nearest to 0, then the highest surface in reach of a step."""
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
@@ -164,29 +164,29 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     if np.any(flat & (normal[:, 2] > 0)):
         flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
     near = flat & (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
-    at: list[list[float]] = [[] for _ in s]
+    heights_at: list[list[float]] = [[] for _ in s]
     for (a, b, c), n in zip(corners[near], normal[near]):
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
         for i in range(first, last):
             p = s[i], left
             sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
             if min(sides) >= -1e-9 or max(sides) <= 1e-9:
-                at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
+                heights_at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
     heights = np.empty(len(s))
-    last_z = min(at[0], default=0.0, key=abs)
-    for i, found in enumerate(at):
-        low = [z for z in found if abs(z - last_z) <= _REACH_M]
+    last_z = min(heights_at[0], default=0.0, key=abs)
+    for i, surfaces in enumerate(heights_at):
+        low = [z for z in surfaces if abs(z - last_z) <= _REACH_M]
         if not low:
             where = f"{s[i]:.2f} m along, {left:+.2f} m to the left"
             valid = f"ground all along the way, without steps of more than {_REACH_M:g} m"
-            raise ConfigError(way.path, where, "no ground that can be stepped onto" if found else "a hole", valid)
+            raise ConfigError(way.path, where, "no ground that can be stepped onto" if surfaces else "a hole", valid)
         heights[i] = last_z = max(low)
     return heights
 
 
-def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
+def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
     """Levels, ramps and stairs of a profile that begins at height 0."""
-    parts: list[Part] = []
+    parts: list[MeshSegment] = []
     jumps = np.flatnonzero(np.abs(np.diff(z)) > _MIN_JUMP_M)
     starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]
     risers: list[float] = []
@@ -200,30 +200,30 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
             if risers and risers[-1] * rise < 0:
                 raise ConfigError(way.path, at, f"{1e3 * rise:.0f} mm", "one direction per flight")
             risers.append(rise)
-        run = _between(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)
+        run = _segment_length(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)
         flat = abs(z[b] - z[a]) < _MAX_LEVEL_RISE_M and np.ptp(z[a : b + 1]) < 2 * _MAX_LEVEL_RISE_M
         tread = flat and run <= _MAX_TREAD_M
         if i and i < len(starts) - 1 and tread and (z[starts[i + 1]] - z[b]) * risers[-1] > 0:
-            if run < TREAD_MIN_M:
-                valid = f"at least {1e3 * TREAD_MIN_M:g} mm"
+            if run < MIN_TREAD_M:
+                valid = f"at least {1e3 * MIN_TREAD_M:g} mm"
                 raise ConfigError(way.path, f"tread at {s[a]:.2f} m", f"{1e3 * run:.0f} mm", valid)
             treads.append(run)
             continue
         parts += _flight(risers, treads)
         risers, treads = [], []
-        parts += _lines(s, z, a, b, run, way)
+        parts += _fit_lines(s, z, a, b, run, way)
     if not isinstance(parts[0], Level) or not isinstance(parts[-1], Level):
         raise ConfigError(way.path, "start and end", "no level", "a level to start from, and one to stop on")
     return tuple(parts)
 
 
-def _between(s: Array, before: int | None, a: int, b: int, riser_after: bool) -> float:
+def _segment_length(s: Array, before: int | None, a: int, b: int, riser_after: bool) -> float:
     """Length of a segment, from the middle of the step before it to the middle of the one after it."""
     start = s[a] if before is None else 0.5 * (s[before] + s[a])
     return float((0.5 * (s[b] + s[b + 1]) if riser_after else s[b]) - start)
 
 
-def _flight(risers: list[float], treads: list[float]) -> list[Part]:
+def _flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
     """Risers with the treads between them: one stair if all treads are equal, otherwise riser by riser."""
     if not risers:
         return []
@@ -231,17 +231,17 @@ def _flight(risers: list[float], treads: list[float]) -> list[Part]:
     if not treads or max(treads) - min(treads) < _MAX_TREAD_DIFFERENCE_M:
         tread = float(np.mean(treads)) if treads else Stairs.tread_m
         return [Stairs(risers=len(risers), riser_m=heights, tread_m=tread, down=down)]
-    parts: list[Part] = []
+    parts: list[MeshSegment] = []
     for i, height in enumerate(heights):
         parts += [Level(length_m=treads[i - 1])] * (i > 0)
         parts.append(Stairs(risers=1, riser_m=(height,), down=down))
     return parts
 
 
-def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list[Part]:
+def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list[MeshSegment]:
     """Levels and ramps between two risers; `run` is their total length."""
     knots = _knots(s, z, a, b)
-    parts: list[Part] = []
+    parts: list[MeshSegment] = []
     for k, (i, j) in enumerate(pairwise(knots)):
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
         if k in (0, len(knots) - 2):  # the half steps at the ends
@@ -250,10 +250,10 @@ def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list
             parts.append(Level(length_m=length))
             continue
         angle = math.atan2(abs(rise), length)
-        if angle > RAMP_MAX_RAD:
+        if angle > MAX_RAMP_RAD:
             raise ConfigError(
                 way.path, f"slope at {s[i]:.2f} m", f"{math.degrees(angle):.1f} deg",
-                f"up to {math.degrees(RAMP_MAX_RAD):g} deg",
+                f"up to {math.degrees(MAX_RAMP_RAD):g} deg",
             )  # fmt: skip
         parts.append(Ramp(angle_rad=angle, rise_m=abs(rise), down=rise < 0))
     return parts
@@ -273,7 +273,9 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
     return done
 
 
-def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float, way: MeshWay) -> Array:
+def _replacement_error(
+    segments: tuple[MeshSegment, ...], s: Array, heights: Array, width_m: float, way: MeshWay
+) -> Array:
     """(K,) m, distance of the mesh from its replacement, over the way except near risers."""
     from stridetwin.sim.world.terrain import Terrain  # imports the simulator, which is not needed without a mesh
 

@@ -83,16 +83,16 @@ class _Frame:
 
 
 def surroundings(
-    scenery: str, layout: Layout, bottom_m: float, standing: Sequence[Landmark] = ()
+    scenery: str, layout: Layout, bottom_m: float, things: Sequence[Landmark] = ()
 ) -> tuple[Landmark, ...]:
-    """Things in `standing`, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
+    """Things in `things`, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
     groups = {"outdoor": _outdoor, "room": _room, "corridor": _corridor}[scenery](layout, bottom_m)
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
-    kept = list(standing)
+    landmarks = list(things)
     for group in groups:
-        if all(_clear(mark.box, layout, kept, clearance) for mark in group):
-            kept += group
-    return tuple(kept)
+        if all(_is_clear(mark.box, layout, landmarks, clearance) for mark in group):
+            landmarks += group
+    return tuple(landmarks)
 
 
 def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
@@ -113,7 +113,7 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
     return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
 
 
-def _clear(box: Solid, layout: Layout, others: list[Landmark], clearance: float) -> bool:
+def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: float) -> bool:
     """Whether a box keeps a distance to all walkable ground, and does not overlap another group."""
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
@@ -126,10 +126,10 @@ def _clear(box: Solid, layout: Layout, others: list[Landmark], clearance: float)
         beside |= (q > slab.left + clearance - 1e-9) | (q < -slab.right - clearance + 1e-9)
         if not beside.all():
             return False
-    return all(_apart(box, mark.box) for mark in others)
+    return all(_are_apart(box, mark.box) for mark in landmarks)
 
 
-def _apart(a: Solid, b: Solid) -> bool:
+def _are_apart(a: Solid, b: Solid) -> bool:
     """Whether two boxes do not overlap in plan (separating axes)."""
     reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
     if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
@@ -150,17 +150,17 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     for side in (-1.0, 1.0):
         for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
-                yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
+                yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
             elif i % 3 == 0:
-                yield _pillar(rng, _beside(layout, s, side, half), bottom, side)
+                yield _pillar(rng, _place_beside(layout, s, side, half), bottom, side)
             else:
-                yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
+                yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
     x, y = layout.way.point(last.s1).tolist()
     end = _Frame(x=x, y=y, yaw=float(layout.way.heading(last.s1)), z=last.z1)
     yield [end.box("brick", 0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0)]
 
 
-def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
+def _place_beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
     """The nearest place beside the way that no slab covers, lanes included."""
     x, y = layout.way.point(s).tolist()
     yaw = float(layout.way.heading(s))
@@ -210,7 +210,7 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
                 material = "brick" if math.floor((line.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
                 brick = start.box(material, _BRICK_M, _CORRIDOR_WALL_M, bottom, top, along=along, left=left)
-                free = _clear(brick.box, layout, built, 0.0)
+                free = _is_clear(brick.box, layout, built, 0.0)
                 built += [brick] * free
                 bricks.append((material if free else "", along))
             for material, run in groupby(bricks, key=itemgetter(0)):
@@ -268,7 +268,7 @@ _BANDS = {"stripe": ("white_paint", "black_paint"), "shadow": ("shadow",), "mat"
 """Materials of a flat object along the way, each on an equal part of its length."""
 
 
-def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> Iterator[tuple[Array, str]]:
+def floor_markings(things: Sequence[Thing], layout: Layout, width_m: float) -> Iterator[tuple[Array, str]]:
     """Flat objects on the way, as wide as it.
 
     Each is a level rectangle: its (4, 3) corners, m, anticlockwise seen from above, and its material.
@@ -279,21 +279,24 @@ def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> Iterator
             start, end = (thing.at_m + i * LENGTHS_M[thing.kind] / len(bands) for i in (k, k + 1))
             left = thing.left_m + 0.5 * width_m * np.array([1.0, -1.0, -1.0, 1.0])
             xy = layout.way.point(np.array([start, start, end, end]), left)
-            yield np.column_stack([xy, np.full(4, _strip(layout, start).z0 + _PAINT_LIFT_M)]), material
+            yield np.column_stack([xy, np.full(4, _strip_at(layout, start).z0 + _PAINT_LIFT_M)]), material
 
 
-def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
+def upright_things(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
     """Upright objects."""
     return tuple(
-        part for thing in things if thing.kind in _UPRIGHT for part in _UPRIGHT[thing.kind](_at(thing, layout))
+        part
+        for thing in things
+        if thing.kind in _UPRIGHT
+        for part in _UPRIGHT[thing.kind](_frame_of_thing(thing, layout))
     )
 
 
-def _at(thing: Thing, layout: Layout) -> _Frame:
+def _frame_of_thing(thing: Thing, layout: Layout) -> _Frame:
     """The middle of an object, on its ground."""
     s = thing.at_m + LENGTHS_M[thing.kind] / 2
     x, y = layout.way.point(s, thing.left_m).tolist()
-    return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip(layout, thing.at_m).z0)
+    return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip_at(layout, thing.at_m).z0)
 
 
 def _block(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
@@ -327,7 +330,7 @@ _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
 }
 
 
-def _strip(layout: Layout, s: float) -> Strip:
+def _strip_at(layout: Layout, s: float) -> Strip:
     return next((strip for strip in layout.profile if s < strip.s1), layout.profile[-1])
 
 
@@ -340,12 +343,12 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
     first, last = layout.profile[0].s0, layout.profile[-1].s1
     walked = layout.way.point(np.arange(0.0, last - RUN_OUT_M, 0.05))
     for i, thing in enumerate(things):
-        strip, end = _strip(layout, thing.at_m), thing.at_m + LENGTHS_M[thing.kind]
+        strip, end = _strip_at(layout, thing.at_m), thing.at_m + LENGTHS_M[thing.kind]
         level = strip.terrain == "level" and strip.cross_slope == 0.0
         if not (level and first <= thing.at_m and end <= strip.s1 + 1e-9):
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
-        for mark in standing((thing,), layout):
+        for mark in upright_things((thing,), layout):
             if _distance(mark.box, walked).min() < _BODY_CLEARANCE_M:
                 valid = f"{_BODY_CLEARANCE_M:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)

@@ -32,7 +32,7 @@ def lay_out(route: Route) -> Layout:
     check_segments(route)
     half = route.width_m / 2
     pen = _Pen(x=-LEAD_IN_M, y=0.0, heading=0.0, z=0.0, s=-LEAD_IN_M)
-    pen.straight(LEAD_IN_M, "level", half, half)
+    pen.lay_straight(LEAD_IN_M, "level", half, half)
     segments = (*route.segments, Level(length_m=RUN_OUT_M))
     for i, segment in enumerate(segments):
         pen.owner = i
@@ -40,14 +40,14 @@ def lay_out(route: Route) -> Layout:
         after = segments[i + 1] if i + 1 < len(segments) else None
         match segment:
             case Turn(angle_rad=angle, radius_m=radius):
-                pen.arc(angle, radius or SPOT_RADIUS_M, half)
+                pen.lay_arc(angle, radius or SPOT_RADIUS_M, half)
             case Lanes():
                 _lay_lanes(pen, segment, route.width_m)
             case Level() if isinstance(before, Lanes) or isinstance(after, Lanes):
                 _lay_landing(pen, segment, before, after, route.width_m)
             case _:
                 _lay(pen, segment, half)
-    _refuse_conflicts(pen, len(route.segments))
+    _check_conflicts(pen, len(route.segments))
     return Layout(way=join_segments(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
 
 
@@ -68,20 +68,20 @@ class _Pen:
     owners: list[int] = field(default_factory=list)
     flights: list[range] = field(default_factory=list)  # treads of each winding flight, by index of the slab
 
-    def beside(self, left: float) -> _Pen:
+    def start_beside(self, left: float) -> _Pen:
         """An empty pen on the same line, to the left."""
         x, y = self.x - left * math.sin(self.heading), self.y + left * math.cos(self.heading)
         return _Pen(x=x, y=y, heading=self.heading, z=self.z, s=self.s, owner=self.owner)
 
-    def straight(
+    def lay_straight(
         self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0,
         recess: float = 0.0,
     ) -> None:  # fmt: skip
         """Lays a slab along a line."""
-        self._slab_here(length, left, right, terrain, rise, cross_slope, recess)
-        self._go(length, 0.0, terrain, rise, cross_slope)
+        self._add_slab_here(length, left, right, terrain, rise, cross_slope, recess)
+        self._advance(length, 0.0, terrain, rise, cross_slope)
 
-    def arc(self, angle: float, radius: float, half_width: float) -> None:
+    def lay_arc(self, angle: float, radius: float, half_width: float) -> None:
         """Lays level slabs along an arc; their outer corners meet."""
         count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
         part = angle / count
@@ -92,42 +92,42 @@ class _Pen:
             toward = self.heading + part * (i + 0.5) / 2
             x = self.x + chord * math.cos(toward) - reach * math.cos(heading)
             y = self.y + chord * math.sin(toward) - reach * math.sin(heading)
-            self._slab(
+            self._add_slab(
                 Slab(x=x, y=y, heading=heading, length=2 * reach, left=half_width, right=half_width, z0=self.z,
                      z1=self.z, terrain="level")
             )  # fmt: skip
-        self._go(radius * abs(angle), math.copysign(1.0 / radius, angle))
+        self._advance(radius * abs(angle), math.copysign(1.0 / radius, angle))
 
-    def winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
+    def lay_winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
         """Lays a tread on an arc. Its lower edge is radial; its other end lies under the next higher tread."""
         radius = length / abs(angle)
         reach = (radius + half) * math.sin(abs(angle))
         inner = radius - (radius - half) * math.cos(angle)  # as far as the next edge begins
         left, right = (inner, half) if angle > 0.0 else (half, inner)
         x, y, heading = self.x, self.y, self.heading
-        self._go(length, angle / length, "stair")
+        self._advance(length, angle / length, "stair")
         if down:
             heading = self.heading
             x, y = self.x - reach * math.cos(heading), self.y - reach * math.sin(heading)
-        self._slab(
+        self._add_slab(
             Slab(x=x, y=y, heading=heading, length=reach, left=left, right=right, z0=self.z, z1=self.z,
                  terrain="stair", recess=recess)
         )  # fmt: skip
 
-    def crossing(self, length: float, aside: float, left: float, right: float) -> None:
+    def lay_crossing(self, length: float, aside: float, left: float, right: float) -> None:
         """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
-        self._slab_here(length, left, right)
+        self._add_slab_here(length, left, right)
         aslant = length - 2 * _CROSSING_STRAIGHT_M
         curvature = 4 * aside / (aslant**2 + aside**2)
         run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
         heading = self.heading
-        self._go(_CROSSING_STRAIGHT_M, 0.0)
-        self._go(run, curvature)
-        self._go(run, -curvature)
+        self._advance(_CROSSING_STRAIGHT_M, 0.0)
+        self._advance(run, curvature)
+        self._advance(run, -curvature)
         self.heading = heading  # exactly, so that lines before and after are one direction
-        self._go(_CROSSING_STRAIGHT_M, 0.0)
+        self._advance(_CROSSING_STRAIGHT_M, 0.0)
 
-    def _go(
+    def _advance(
         self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
         """Advances, and appends to the way and its profile."""
@@ -147,21 +147,21 @@ class _Pen:
         self.heading = float(way.heading(here.s1))
         self.s, self.z = here.s1, strip.z1
 
-    def _slab_here(
+    def _add_slab_here(
         self, length: float, left: float, right: float, terrain: str = "level", rise: float = 0.0, cross: float = 0.0,
         recess: float = 0.0,
     ) -> None:  # fmt: skip
-        self._slab(
+        self._add_slab(
             Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
                  z1=self.z + rise, terrain=terrain, cross_slope=cross, recess=recess)
         )  # fmt: skip
 
-    def rounded(self, radius: float) -> None:
+    def round_last_edge(self, radius: float) -> None:
         """Rounds the end of the last slab."""
         if self.slabs:
             self.slabs[-1] = replace(self.slabs[-1], end_radius=radius)
 
-    def _slab(self, slab: Slab) -> None:
+    def _add_slab(self, slab: Slab) -> None:
         """Adds a slab; merges it with the last one if both are on one level."""
         slab, self.edge_radius = replace(slab, start_radius=self.edge_radius), 0.0
         if self.slabs and slab.terrain == "level":
@@ -178,19 +178,19 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
     """Lays one segment of level ground, stairs or a ramp."""
     match segment:
         case Level(length_m=length, cross_slope_rad=cross):
-            pen.straight(length, "level", half, half, cross_slope=cross)
+            pen.lay_straight(length, "level", half, half, cross_slope=cross)
         case Ramp(angle_rad=angle, rise_m=rise, down=down):
-            pen.straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
+            pen.lay_straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
         case Stairs(heights_m=heights, tread_m=tread, down=down):
             way, first = -1.0 if down else 1.0, len(pen.slabs)
             recess, rise = tread if segment.open_risers else segment.nosing_m, tread * math.tan(segment.tread_slope_rad)
             for i, height in enumerate(heights):
                 if i and segment.turn_rad:
-                    pen.winder(tread, segment.turn_rad / (len(heights) - 1), half, way * recess, down)
+                    pen.lay_winder(tread, segment.turn_rad / (len(heights) - 1), half, way * recess, down)
                 elif i:
-                    pen.straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
+                    pen.lay_straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
                 if down:
-                    pen.rounded(segment.edge_radius_m)
+                    pen.round_last_edge(segment.edge_radius_m)
                 else:
                     pen.edge_radius = segment.edge_radius_m
                 pen.z += way * height
@@ -200,14 +200,14 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
 
 def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
     """Lays terrains side by side; the pen continues at the end of the walked one."""
-    pens = [pen if i == group.walk else pen.beside((group.walk - i) * width) for i in range(len(group.lanes))]
+    pens = [pen if i == group.walk else pen.start_beside((group.walk - i) * width) for i in range(len(group.lanes))]
     for lane_pen, lane in zip(pens, group.lanes):
         for segment in lane:
             _lay(lane_pen, segment, width / 2)
     end = max(p.s for p in pens)
     for lane_pen in pens:
         if end - lane_pen.s > 1e-6:
-            lane_pen.straight(end - lane_pen.s, "level", width / 2, width / 2)
+            lane_pen.lay_straight(end - lane_pen.s, "level", width / 2, width / 2)
         if lane_pen is not pen:
             pen.slabs += lane_pen.slabs
             pen.owners += lane_pen.owners
@@ -225,7 +225,7 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
         sides.append(_sides(after, width, aside))
     left, right = np.max(sides, axis=0).tolist()
     if aside == 0.0:
-        pen.straight(level.length_m, "level", left, right)
+        pen.lay_straight(level.length_m, "level", left, right)
         return
     arcs_m = math.sqrt(max(4 * _CROSSING_RADIUS_M * abs(aside) - aside**2, aside**2))
     shortest = 2 * _CROSSING_STRAIGHT_M + arcs_m
@@ -233,7 +233,7 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
         at = f"segments[{pen.owner}].length_m"
         valid = f"at least {shortest:.2f} m, to cross over to a lane {abs(aside):.2f} m away"
         raise ConfigError("route", at, level.length_m, valid)
-    pen.crossing(level.length_m, aside, left, right)
+    pen.lay_crossing(level.length_m, aside, left, right)
 
 
 def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
@@ -247,7 +247,7 @@ def _in_flight(treads: range, i: int, k: int) -> bool:
     return (i in treads or k in treads) and i in near and k in near
 
 
-def _refuse_conflicts(pen: _Pen, count: int) -> None:
+def _check_conflicts(pen: _Pen, count: int) -> None:
     """Rejects ground that overlaps other ground at another height: a way cannot pass under or through it.
 
     Treads of a winding flight lie partly under higher ones and under the upper landing.
@@ -256,15 +256,20 @@ def _refuse_conflicts(pen: _Pen, count: int) -> None:
         along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
         across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
         points = slab.point(*np.meshgrid(along, across)).reshape(-1, 3)
-        for k, (other, its_owner) in enumerate(zip(pen.slabs, pen.owners)):
+        for k, (other_slab, other_owner) in enumerate(zip(pen.slabs, pen.owners)):
             if k == i or any(_in_flight(flight, i, k) for flight in pen.flights):
                 continue
-            u, v = other.local(points[:, :2])
-            inside = (u > 0.01) & (u < other.length - 0.01) & (v > 0.01 - other.right) & (v < other.left - 0.01)
-            gap = np.where(inside, points[:, 2] - other.point(u, v)[:, 2], 0.0)
+            u, v = other_slab.local(points[:, :2])
+            inside = (
+                (u > 0.01)
+                & (u < other_slab.length - 0.01)
+                & (v > 0.01 - other_slab.right)
+                & (v < other_slab.left - 0.01)
+            )
+            gap = np.where(inside, points[:, 2] - other_slab.point(u, v)[:, 2], 0.0)
             worst = int(np.argmax(np.abs(gap)))
             if abs(gap[worst]) > _SAME_HEIGHT_M:
-                late, early = max(owner, its_owner), min(owner, its_owner)
+                late, early = max(owner, other_owner), min(owner, other_owner)
                 names = [
                     "the start" if k < 0 else "the run-out" if k == count else f"segments[{k}]" for k in (late, early)
                 ]

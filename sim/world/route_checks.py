@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from stridetwin.sim.config import (
-    BYSTANDERS_MAX,
-    LANES_MAX,
     LIGHT_RANGE,
+    MAX_BYSTANDERS,
+    MAX_LANES,
     SCENERIES,
     TEXTURES,
     THINGS,
@@ -23,16 +23,16 @@ from stridetwin.sim.config import (
 from stridetwin.streams.errors import ConfigError
 
 RISER_RANGE_M = (0.02, 0.25)
-TREAD_MIN_M = 0.2
-WINDING_MAX_RAD = math.radians(270.0)
-WINDER_MAX_RAD = math.radians(30.0)
-POLE_MIN_M = 0.1
-RAMP_MAX_RAD = math.radians(20.0)
-CROSS_SLOPE_MAX_RAD = math.radians(5.0)
-TURN_RADIUS_MIN_M = 1.0
-TURN_MAX_RAD = math.radians(360.0)
-LEVEL_BY_TURN_M = 0.5
-WIDTH_MIN_M = 0.8
+MIN_TREAD_M = 0.2
+MAX_WINDING_RAD = math.radians(270.0)
+MAX_WINDER_RAD = math.radians(30.0)
+MIN_POLE_M = 0.1
+MAX_RAMP_RAD = math.radians(20.0)
+MAX_CROSS_SLOPE_RAD = math.radians(5.0)
+MIN_TURN_RADIUS_M = 1.0
+MAX_TURN_RAD = math.radians(360.0)
+MIN_LEVEL_BY_TURN_M = 0.5
+MIN_WIDTH_M = 0.8
 PASSING_WIDTH_M = 1.6
 _TINY = 1e-9
 
@@ -43,19 +43,19 @@ def check_segments(route: Route) -> None:
     Raises:
         ConfigError: The message names field, value and range.
     """
-    _demand("width_m", route.width_m, route.width_m >= WIDTH_MIN_M, f"at least {WIDTH_MIN_M} m")
-    _demand("scenery", route.scenery, route.scenery in SCENERIES, ", ".join(SCENERIES))
-    _demand("texture", route.texture, route.texture in TEXTURES, ", ".join(TEXTURES))
+    _require("width_m", route.width_m, route.width_m >= MIN_WIDTH_M, f"at least {MIN_WIDTH_M} m")
+    _require("scenery", route.scenery, route.scenery in SCENERIES, ", ".join(SCENERIES))
+    _require("texture", route.texture, route.texture in TEXTURES, ", ".join(TEXTURES))
     dark, bright = LIGHT_RANGE
-    _demand("light", route.light, dark <= route.light <= bright, f"{dark}-{bright}, 1 is daylight")
-    few = isinstance(route.bystanders, int) and 0 <= route.bystanders <= BYSTANDERS_MAX
-    _demand("bystanders", route.bystanders, few, f"a whole number, 0-{BYSTANDERS_MAX}")
+    _require("light", route.light, dark <= route.light <= bright, f"{dark}-{bright}, 1 is daylight")
+    few = isinstance(route.bystanders, int) and 0 <= route.bystanders <= MAX_BYSTANDERS
+    _require("bystanders", route.bystanders, few, f"a whole number, 0-{MAX_BYSTANDERS}")
     for i, thing in enumerate(route.things):
-        _demand(f"things[{i}].kind", thing.kind, thing.kind in THINGS, ", ".join(THINGS))
+        _require(f"things[{i}].kind", thing.kind, thing.kind in THINGS, ", ".join(THINGS))
     uneven = any(isinstance(s, Stairs | Ramp | Lanes) for s in route.segments)
     wide = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY
     valid = f"at least {PASSING_WIDTH_M} m, for bystanders to pass on stairs and ramps"
-    _demand("width_m", route.width_m, wide, valid)
+    _require("width_m", route.width_m, wide, valid)
     _check_chain(route.segments, "segments")
     for i, segment in enumerate(route.segments):
         neighbours = [(k, route.segments[k]) for k in (i - 1, i + 1) if 0 <= k < len(route.segments)]
@@ -67,7 +67,7 @@ def check_segments(route: Route) -> None:
         if isinstance(segment, Lanes):
             for k, other in neighbours:
                 level = isinstance(other, Level) and other.cross_slope_rad == 0.0
-                _demand(f"segments[{k}]", _kind(other), level, "a level without cross slope before and after lanes")
+                _require(f"segments[{k}]", _kind(other), level, "a level without cross slope before and after lanes")
 
 
 def _check_chain(segments: Sequence[Segment], name: str) -> None:
@@ -75,75 +75,79 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
         at = f"{name}[{i}]"
         match segment:
             case Level(length_m=length, cross_slope_rad=cross):
-                _demand(f"{at}.length_m", length, length > 0, "more than 0 m")
-                limit = f"up to {CROSS_SLOPE_MAX_RAD:.4f} rad (5 deg) either way"
-                _demand(f"{at}.cross_slope_rad", cross, abs(cross) <= CROSS_SLOPE_MAX_RAD + _TINY, limit)
+                _require(f"{at}.length_m", length, length > 0, "more than 0 m")
+                limit = f"up to {MAX_CROSS_SLOPE_RAD:.4f} rad (5 deg) either way"
+                _require(f"{at}.cross_slope_rad", cross, abs(cross) <= MAX_CROSS_SLOPE_RAD + _TINY, limit)
             case Ramp(angle_rad=angle, rise_m=rise):
-                limit = f"above 0 up to {RAMP_MAX_RAD:.4f} rad (20 deg)"
-                _demand(f"{at}.angle_rad", angle, 0 < angle <= RAMP_MAX_RAD + _TINY, limit)
-                _demand(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` gives the direction)")
+                limit = f"above 0 up to {MAX_RAMP_RAD:.4f} rad (20 deg)"
+                _require(f"{at}.angle_rad", angle, 0 < angle <= MAX_RAMP_RAD + _TINY, limit)
+                _require(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` gives the direction)")
             case Stairs():
                 _check_stairs(segment, at)
                 landing = not any(isinstance(s, Stairs) for s in segments[i + 1 : i + 2])
-                _demand(f"{name}[{i + 1}]", "stairs", landing, "a level or a ramp after stairs, for the last riser")
+                _require(f"{name}[{i + 1}]", "stairs", landing, "a level or a ramp after stairs, for the last riser")
             case Turn(angle_rad=angle, radius_m=radius):
-                valid = f"up to {TURN_MAX_RAD:.4f} rad (360 deg) either way, but not 0"
-                _demand(f"{at}.angle_rad", angle, 0 < abs(angle) <= TURN_MAX_RAD + _TINY, valid)
-                valid = f"0 (on the spot), or at least {TURN_RADIUS_MIN_M} m"
-                _demand(f"{at}.radius_m", radius, radius == 0 or radius >= TURN_RADIUS_MIN_M, valid)
+                valid = f"up to {MAX_TURN_RAD:.4f} rad (360 deg) either way, but not 0"
+                _require(f"{at}.angle_rad", angle, 0 < abs(angle) <= MAX_TURN_RAD + _TINY, valid)
+                valid = f"0 (on the spot), or at least {MIN_TURN_RADIUS_M} m"
+                _require(f"{at}.radius_m", radius, radius == 0 or radius >= MIN_TURN_RADIUS_M, valid)
             case Lanes(lanes=lanes, walk=walk):
-                _demand(f"{at}.lanes", len(lanes), 2 <= len(lanes) <= LANES_MAX, f"2-{LANES_MAX} lanes")
-                _demand(f"{at}.walk", walk, 0 <= walk < len(lanes), f"0-{len(lanes) - 1}, the existing lanes")
+                _require(f"{at}.lanes", len(lanes), 2 <= len(lanes) <= MAX_LANES, f"2-{MAX_LANES} lanes")
+                _require(f"{at}.walk", walk, 0 <= walk < len(lanes), f"0-{len(lanes) - 1}, the existing lanes")
                 for k, lane in enumerate(lanes):
                     straight = bool(lane) and all(isinstance(s, Level | Stairs | Ramp) for s in lane)
-                    _demand(f"{at}.lanes[{k}]", lane, straight, "level, stairs and ramps")
+                    _require(f"{at}.lanes[{k}]", lane, straight, "level, stairs and ramps")
                     _check_chain(lane, f"{at}.lanes[{k}]")
                     for m, part in enumerate(lane):  # the landing beside it belongs to all lanes
                         if isinstance(part, Stairs):
                             radius = part.edge_radius_m
-                            _demand(f"{at}.lanes[{k}][{m}].edge_radius_m", radius, radius == 0, "0 m")
-                            _demand(f"{at}.lanes[{k}][{m}].turn_rad", part.turn_rad, part.turn_rad == 0, "0 rad")
+                            _require(f"{at}.lanes[{k}][{m}].edge_radius_m", radius, radius == 0, "0 m")
+                            _require(f"{at}.lanes[{k}][{m}].turn_rad", part.turn_rad, part.turn_rad == 0, "0 rad")
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:
     low, high = RISER_RANGE_M
     risers, heights = stairs.risers, stairs.heights_m
-    _demand(f"{at}.risers", risers, isinstance(risers, int) and risers >= 1, "a whole number from 1 on")
-    _demand(f"{at}.riser_m", heights, len(heights) == risers, f"one height, or one for each of {risers} risers")
+    _require(f"{at}.risers", risers, isinstance(risers, int) and risers >= 1, "a whole number from 1 on")
+    _require(f"{at}.riser_m", heights, len(heights) == risers, f"one height, or one for each of {risers} risers")
     for height in heights:
-        _demand(f"{at}.riser_m", height, low - _TINY <= height <= high + _TINY, f"{low} to {high} m")
-    _demand(f"{at}.tread_m", stairs.tread_m, stairs.tread_m >= TREAD_MIN_M, f"at least {TREAD_MIN_M} m")
-    radius, whole = stairs.edge_radius_m, not (stairs.nosing_m or stairs.open_risers)
-    _demand(f"{at}.edge_radius_m", radius, 0 <= radius <= min(heights) + _TINY, "0 m up to the lowest riser")
-    _demand(f"{at}.edge_radius_m", radius, whole or radius == 0, "0 m with nosings or open risers")
+        _require(f"{at}.riser_m", height, low - _TINY <= height <= high + _TINY, f"{low} to {high} m")
+    _require(f"{at}.tread_m", stairs.tread_m, stairs.tread_m >= MIN_TREAD_M, f"at least {MIN_TREAD_M} m")
+    radius, is_solid = stairs.edge_radius_m, not (stairs.nosing_m or stairs.open_risers)
+    _require(f"{at}.edge_radius_m", radius, 0 <= radius <= min(heights) + _TINY, "0 m up to the lowest riser")
+    _require(f"{at}.edge_radius_m", radius, is_solid or radius == 0, "0 m with nosings or open risers")
 
 
 def _check_winding(stairs: Stairs, at: str, width: float) -> None:
     turn, treads = abs(stairs.turn_rad), stairs.risers - 1
-    _demand(f"{at}.risers", stairs.risers, treads >= 2, "3 or more risers of a stair that winds")
-    _demand(f"{at}.turn_rad", stairs.turn_rad, turn <= WINDING_MAX_RAD + _TINY, "up to 4.7124 rad (270 deg) either way")
-    valid = f"up to {WINDER_MAX_RAD:.4f} rad (30 deg) per tread"
-    _demand(f"{at}.turn_rad", stairs.turn_rad, turn <= treads * WINDER_MAX_RAD + _TINY, valid)
-    _demand(f"{at}.open_risers", stairs.open_risers, not stairs.open_risers, "false on a stair that winds")
+    _require(f"{at}.risers", stairs.risers, treads >= 2, "3 or more risers of a stair that winds")
+    _require(
+        f"{at}.turn_rad", stairs.turn_rad, turn <= MAX_WINDING_RAD + _TINY, "up to 4.7124 rad (270 deg) either way"
+    )
+    valid = f"up to {MAX_WINDER_RAD:.4f} rad (30 deg) per tread"
+    _require(f"{at}.turn_rad", stairs.turn_rad, turn <= treads * MAX_WINDER_RAD + _TINY, valid)
+    _require(f"{at}.open_risers", stairs.open_risers, not stairs.open_risers, "false on a stair that winds")
     slope = stairs.tread_slope_rad
-    _demand(f"{at}.tread_slope_rad", slope, slope == 0.0, "0 rad on a stair that winds")
-    widest = 2.0 * (treads * stairs.tread_m / turn - POLE_MIN_M)
+    _require(f"{at}.tread_slope_rad", slope, slope == 0.0, "0 rad on a stair that winds")
+    widest = 2.0 * (treads * stairs.tread_m / turn - MIN_POLE_M)
     valid = f"up to {widest:.2f} m, so that the treads of its winding stairs do not meet at the pole"
-    _demand("width_m", width, bool(width <= widest + _TINY), valid)
+    _require("width_m", width, bool(width <= widest + _TINY), valid)
 
 
 def _check_beside_turn(at: str, segment: Segment) -> None:
     suits = isinstance(segment, Turn) or (
-        isinstance(segment, Level) and segment.cross_slope_rad == 0.0 and segment.length_m >= LEVEL_BY_TURN_M - _TINY
+        isinstance(segment, Level)
+        and segment.cross_slope_rad == 0.0
+        and segment.length_m >= MIN_LEVEL_BY_TURN_M - _TINY
     )
-    valid = f"a turn, or a level of at least {LEVEL_BY_TURN_M} m without cross slope, beside a turn"
-    _demand(at, _kind(segment), suits, valid)
+    valid = f"a turn, or a level of at least {MIN_LEVEL_BY_TURN_M} m without cross slope, beside a turn"
+    _require(at, _kind(segment), suits, valid)
 
 
 def _kind(segment: Segment) -> str:
     return type(segment).__name__.lower()
 
 
-def _demand(field: str, value: object, valid: bool, range_in_words: str) -> None:
+def _require(field: str, value: object, valid: bool, range_in_words: str) -> None:
     if not valid:
         raise ConfigError("route", field, value, range_in_words)

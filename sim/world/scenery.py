@@ -23,44 +23,44 @@ from stridetwin.streams.samples import Array
 _TINY_M = 1e-6
 
 
-def without(polygon: Array, holes: Iterable[Array]) -> list[Array]:
+def subtract_holes(polygon: Array, holes: Iterable[Array]) -> list[Array]:
     """Convex parts, without overlap, of a polygon outside all holes; all are (N, 2), convex and anticlockwise."""
     parts = [polygon]
     for hole in holes:
         low, high = hole.min(axis=0), hole.max(axis=0)
         left = []
         for part in parts:
-            left += [part] if np.any((part.max(axis=0) < low) | (part.min(axis=0) > high)) else _outside(part, hole)
+            left += [part] if np.any((part.max(axis=0) < low) | (part.min(axis=0) > high)) else _cut_outside(part, hole)
         parts = left
     return parts
 
 
 def split_into_quads(polygon: Array) -> list[Array]:
     """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2) whose diagonals have areas on both sides."""
-    rest, found = polygon, []
-    while len(rest) > 4:
-        found.append(rest[:4])
-        rest = np.concatenate([rest[:1], rest[3:]])
-    if len(rest) == 3:
-        rest = np.array([rest[0], rest[1], (rest[1] + rest[2]) / 2, rest[2]])
-    return [*found, rest]
+    remaining, quads = polygon, []
+    while len(remaining) > 4:
+        quads.append(remaining[:4])
+        remaining = np.concatenate([remaining[:1], remaining[3:]])
+    if len(remaining) == 3:
+        remaining = np.array([remaining[0], remaining[1], (remaining[1] + remaining[2]) / 2, remaining[2]])
+    return [*quads, remaining]
 
 
-def _outside(part: Array, hole: Array) -> list[Array]:
+def _cut_outside(part: Array, hole: Array) -> list[Array]:
     """Cuts off the part beyond each side of the hole in sequence; the final rest is inside the hole."""
-    found: list[Array] = []
+    parts: list[Array] = []
     for a, b in zip(hole, np.roll(hole, -1, axis=0)):
-        beyond = _clip(part, a, b, -1.0)
+        beyond = _clip_half_plane(part, a, b, -1.0)
         if beyond is not None:
-            found.append(beyond)
-        inside = _clip(part, a, b, 1.0)
+            parts.append(beyond)
+        inside = _clip_half_plane(part, a, b, 1.0)
         if inside is None:
-            return found
+            return parts
         part = inside
-    return found
+    return parts
 
 
-def _clip(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
+def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
     """The part of a polygon to the left (1) or right (-1) of the line from a to b; None if empty."""
     run = (b - a) / np.linalg.norm(b - a)
     away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
@@ -112,32 +112,32 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
             for other in solids[:i]
             if abs(other.start - solid.start) < _TINY_M and abs(other.end - solid.end) < _TINY_M
         ]
-        low, high = (min(_NOSING_M, solid.length) * _falls(solid, end, surface) for end in (-1.0, 1.0))
-        quads += _sides(solid, _SIDE)
+        low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
+        quads += _side_quads(solid, _SIDE)
         for start, end, material in (
             (0.0, low, _NOSING),
             (low, solid.length - high, _TOP[solid.terrain]),
             (solid.length - high, solid.length, _NOSING),
         ):
             if end > start:
-                quads += _top(solid, start, end, material, painted)
+                quads += _top_quads(solid, start, end, material, painted)
     return quads
 
 
 def paint_box(box: Solid, material: str) -> list[Quad]:
     """Textured faces of a box of one material."""
-    return [*_sides(box, material), *_top(box, 0.0, box.length, material)]
+    return [*_side_quads(box, material), *_top_quads(box, 0.0, box.length, material)]
 
 
-def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
+def _has_drop(solid: Solid, end: float, surface: SolidSet) -> bool:
     """Whether there is ground one riser lower beyond the start (-1) or the end (1) of a top."""
     beyond = end * (solid.length / 2 + 0.01)
     x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
-    height, which = surface.top_facet([x, y])
-    return bool(which >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
+    height, solid_index = surface.top_facet([x, y])
+    return bool(solid_index >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
 
 
-def _top(solid: Solid, start: float, end: float, material: str, painted: Sequence[Array] = ()) -> list[Quad]:
+def _top_quads(solid: Solid, start: float, end: float, material: str, painted: Sequence[Array] = ()) -> list[Quad]:
     """Part of the top between two distances along the solid's length, except for areas that are painted already."""
     cos, sin = math.cos(solid.yaw), math.sin(solid.yaw)
     axes = np.array([[cos, sin], [-sin, cos]])
@@ -145,18 +145,18 @@ def _top(solid: Solid, start: float, end: float, material: str, painted: Sequenc
     slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])
     local = np.array([[start, 0.0], [end, 0.0], [end, solid.width], [start, solid.width]]) - half
     quads = []
-    for part in without(centre + local @ axes, [other[:, :2] for other in painted]):
+    for part in subtract_holes(centre + local @ axes, [other[:, :2] for other in painted]):
         for quad in split_into_quads(part):
-            own = (quad - centre) @ axes.T
-            z = (solid.start + solid.end) / 2 + own @ slope
+            local_quad = (quad - centre) @ axes.T
+            z = (solid.start + solid.end) / 2 + local_quad @ slope
             # level ground has texture coordinates of the world, so that adjacent slabs show one paving
             paved = solid.is_box and solid.terrain == "level"
-            uv = quad if paved else (own + half) * np.hypot(1.0, slope)
+            uv = quad if paved else (local_quad + half) * np.hypot(1.0, slope)
             quads.append(Quad(np.column_stack([quad, z]), uv, material))
     return quads
 
 
-def _sides(solid: Solid, material: str) -> list[Quad]:
+def _side_quads(solid: Solid, material: str) -> list[Quad]:
     c = corners(solid)
     quads = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):

@@ -21,7 +21,7 @@ _called = cached(__file__)
 
 
 @_called
-def cast(origins: Array, directions: Array, normals: Array, offsets: Array, ground: float) -> tuple[Array, Array]:
+def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array, ground: float) -> tuple[Array, Array]:
     """Nearest intersections of rays with solids or the ground plane.
 
     A convex solid is the intersection of half-spaces n.p <= c: a ray is inside from its last entry to its first exit.
@@ -72,14 +72,14 @@ def cast(origins: Array, directions: Array, normals: Array, offsets: Array, grou
 
 
 @_called
-def top(
+def find_tops(
     points: Array, centre: Array, axes: Array, half: Array, mid: Array, slope: Array, touch: float
 ) -> tuple[Array, NDArray[np.intp]]:
     """Highest top over (N, 2) points: (N,) height, -inf for none, and (N,) index of the solid."""
     n = len(points)
-    height, which = np.empty(n), np.empty(n, np.int64)
+    height, index = np.empty(n), np.empty(n, np.int64)
     for i in range(n):
-        height[i], which[i] = -np.inf, -1
+        height[i], index[i] = -np.inf, -1
         for s in range(len(mid)):
             x, y = points[i, 0] - centre[s, 0], points[i, 1] - centre[s, 1]
             along = axes[s, 0, 0] * x + axes[s, 0, 1] * y
@@ -91,8 +91,8 @@ def top(
                     + slope[s, 1] * min(max(across, -half[s, 1]), half[s, 1])
                 )
                 if z > height[i]:
-                    height[i], which[i] = z, s
-    return height, which
+                    height[i], index[i] = z, s
+    return height, index
 
 
 _TOUCH = 1e-9  # m; points this close to a footprint's border belong to it
@@ -170,20 +170,20 @@ class SolidSet:
         A point on a border belongs to the higher side.
         """
         points = np.asarray(xy, dtype=float)
-        height, which = top(
+        height, index = find_tops(
             np.ascontiguousarray(points.reshape(-1, 2)), self._centre, self._axes, self._half, self._mid, self._slope,
             _TOUCH,
         )  # fmt: skip
-        which[height < self._ground] = -1
+        index[height < self._ground] = -1
         height = np.maximum(height, self._ground)
-        return height.reshape(points.shape[:-1]), which.reshape(points.shape[:-1])
+        return height.reshape(points.shape[:-1]), index.reshape(points.shape[:-1])
 
-    def top_normal(self, which: NDArray[np.intp]) -> Array:
+    def top_normal(self, index: NDArray[np.intp]) -> Array:
         """(..., 3) unit normals in the world of the tops of solids (...); -1 is the ground plane."""
         gradient = np.einsum("sa,sai->si", self._slope, self._axes)
         normal = np.concatenate([-gradient, np.ones((len(gradient), 1))], axis=-1)
         normal = np.concatenate([normal, [[0.0, 0.0, 1.0]]])  # index -1
-        return normal[which] / np.linalg.norm(normal[which], axis=-1, keepdims=True)
+        return normal[index] / np.linalg.norm(normal[index], axis=-1, keepdims=True)
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """Nearest intersections of rays with the surface, from (N, 3) origins along (N, 3) directions of any length.
@@ -194,7 +194,7 @@ class SolidSet:
         """
         o, d = np.broadcast_arrays(np.asarray(origins, dtype=float), np.asarray(directions, dtype=float))
         d = d / np.linalg.norm(d, axis=-1, keepdims=True)
-        return cast(np.ascontiguousarray(o), d, *self._half_spaces, self._ground)
+        return cast_rays(np.ascontiguousarray(o), d, *self._half_spaces, self._ground)
 
     @cached_property
     def _half_spaces(self) -> tuple[Array, Array]:

@@ -72,8 +72,8 @@ class Terrain:
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
         """Objects beside the way and at its end, out of the walker's reach."""
-        standing = obstacles.standing(self.route.things, self.layout)
-        return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M, standing)
+        things = obstacles.upright_things(self.route.things, self.layout)
+        return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M, things)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the terrain to a model.
@@ -83,10 +83,10 @@ class Terrain:
         """
         for i, solid in enumerate(self.solids):
             _add_collision(spec, f"terrain_{i}", solid)
-        quads = paint_slabs(self.solids, self._set)
+        quads = paint_slabs(self.solids, self._solid_set)
         for mark in self.landmarks:
             quads += paint_box(mark.box, mark.material)
-        for area, material in obstacles.painted(self.route.things, self.layout, self.route.width_m):
+        for area, material in obstacles.floor_markings(self.route.things, self.layout, self.route.width_m):
             quads.append(Quad(area, area[:, :2], material))  # textured in world coordinates
         add_quads(spec, quads, self.route.texture)
         # Last, so that little of it is rendered where something occludes it.
@@ -98,21 +98,21 @@ class Terrain:
         return SolidSet([*self.solids, *(mark.box for mark in self.landmarks)], self.ground_m)
 
     @cached_property
-    def _set(self) -> SolidSet:
+    def _solid_set(self) -> SolidSet:
         return SolidSet(self.solids, self.ground_m)
 
     def height(self, xy: ArrayLike) -> Array:
         """Height of the surface, m, (...), at (..., 2) points in the world; on a riser the upper one."""
-        return self._set.top_facet(xy)[0]
+        return self._solid_set.top_facet(xy)[0]
 
     def normal(self, xy: ArrayLike) -> Array:
         """Unit normal of the surface in the world (..., 3) at (..., 2) points."""
-        return self._set.top_normal(self._set.top_facet(xy)[1])
+        return self._solid_set.top_normal(self._solid_set.top_facet(xy)[1])
 
     def terrain_class(self, xy: ArrayLike) -> NDArray[np.str_]:
         """level, stair or ramp, (...), at (..., 2) points; landings and the ground around are level."""
         names = [*(s.terrain for s in self.solids), "level"]  # index -1 is the ground plane
-        return np.array(names)[self._set.top_facet(xy)[1]]
+        return np.array(names)[self._solid_set.top_facet(xy)[1]]
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> Array:
         """(N,) distance, m, along rays to the surface or a landmark, as for `SolidSet.ray_cast`."""

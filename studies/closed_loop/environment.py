@@ -135,7 +135,7 @@ class WalkPhysics(control.Physics):
 
 def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
     """(N, 4) N m and rad/s of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of a walk."""
-    _, speed = walk.moving(walk.t)
+    _, speed = walk.position_velocity(walk.t)
     names = walk.coordinates.names[6:]
     dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
     return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
@@ -265,7 +265,7 @@ class Assistance(control.Task):
     def get_termination(self, physics: WalkPhysics) -> float | None:
         """0 after a fall, 1 at the end of the route, else None."""
         simulation = physics.live.simulation
-        return None if not simulation.over else 0.0 if simulation.fell_at is not None else 1.0
+        return None if not simulation.is_over else 0.0 if simulation.fell_at is not None else 1.0
 
 
 def environment(

@@ -12,7 +12,7 @@ from platformdirs import user_cache_path
 
 from stridetwin.batch.versions import digest
 from stridetwin.sim.dynamics.plan import plan_control
-from stridetwin.sim.gait.reference import reference
+from stridetwin.sim.gait.reference import plan_reference
 from stridetwin.sim.twin import Twin
 
 MAX_BYTES = 1 << 30
@@ -32,7 +32,7 @@ def stored(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[...
     memory.reduce_size(bytes_limit=MAX_BYTES)
     version = digest(Twin.__module__, estimators=False)
     return (
-        _stored(memory, version, reference, "the motion"),
+        _stored(memory, version, plan_reference, "the motion"),
         _stored(memory, version, plan_control, "the control of the simulation"),
     )
 

@@ -32,7 +32,7 @@ from stridetwin.reference.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
-from stridetwin.sim.sensors.imu import increments
+from stridetwin.sim.sensors.imu import compute_increments
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import Rig
@@ -103,7 +103,7 @@ class SteadyWalk:
 
 def ideal_imu(sensor: Track) -> tuple[Array, Array]:
     """(N - 1, 3) mean rates (rad/s) and specific forces (m/s²) between N instants of an IMU, with Earth rotation."""
-    dt, rate, force = increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
+    dt, rate, force = compute_increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
     to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
     velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
     coriolis = 2.0 * np.cross(EARTH_RATE_IN_WORLD, velocity)
@@ -146,7 +146,7 @@ class Simulation:
         self._views = {f: self._view(f, self.t_ns[2::2]) for f in FEET}
         t_sonar = np.arange(1, math.floor(walk.duration_s * 25.0)) * 40_000_000
         mounts = {f: self.rig.others[f"/foot_{f}/sonar"].mount.T_body_sensor for f in FEET}
-        left, right = (walk.foot(f, t_sonar).mounted(mounts[f]).p_body_in_world for f in FEET)
+        left, right = (walk.foot(f, t_sonar).to_sensor(mounts[f]).p_body_in_world for f in FEET)
         self._echoes = t_sonar, np.linalg.norm(left - right, axis=1)
 
     def start(self) -> dict[str, StartPose]:
@@ -212,7 +212,7 @@ class Simulation:
         return one, one / math.sqrt(2.0)
 
     def _imu(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
-        return self.walk.foot(foot, t_ns).mounted(self.rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor)
+        return self.walk.foot(foot, t_ns).to_sensor(self.rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor)
 
     def _view(self, foot: str, t_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
         """Observations of the other foot's board by a foot's camera, when the whole board is in the image.
@@ -225,8 +225,8 @@ class Simulation:
         camera, board = self.rig.cameras[f"/foot_{foot}/camera"], self.rig.boards[f"foot_{other}"]
         half = board.square_m * (np.array(board.squares) / 2 - 1)
         points = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
-        T_world_camera = self.walk.foot(foot, t_ns).mounted(camera.mount.T_body_sensor).poses()
-        T_world_board = self.walk.foot(other, t_ns).mounted(board.mount.T_body_sensor).poses()
+        T_world_camera = self.walk.foot(foot, t_ns).to_sensor(camera.mount.T_body_sensor).poses()
+        T_world_board = self.walk.foot(other, t_ns).to_sensor(board.mount.T_body_sensor).poses()
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0

@@ -19,7 +19,7 @@ from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.rendering.renderer import FilmCamera
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.wearer.body import add_wearer, compile_model
-from stridetwin.sim.wearer.limbs import shapes
+from stridetwin.sim.wearer.limbs import find_shapes
 from stridetwin.sim.wearer.sensor_bodies import UPPERS, add_rig
 from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
@@ -147,7 +147,7 @@ def _panel(
     rotation = T.xmat.reshape(3, 3)
     points = np.array([d.p_in_body for d in dots]) @ rotation.T + T.xpos
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
-    axis = T.xpos + rotation @ np.mean([shape.p for shape in shapes(model, {model.body(body).id})], axis=0)
+    axis = T.xpos + rotation @ np.mean([shape.p for shape in find_shapes(model, {model.body(body).id})], axis=0)
     out = (points - axis).mean(axis=0)[:2]
     azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
     lookat = (middle + np.array([*axis[:2], middle[2]])) / 2

@@ -45,7 +45,7 @@ def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
-    away = min(shape.first_touch(origin, -out) for shape in _shapes(surface, person))
+    away = min(shape.ray_distance(origin, -out) for shape in _shapes(surface, person))
     if not math.isfinite(away) or away > _OUTSIDE_M:
         raise StrideTwinError(f"the {surface} has no surface at a height of {1e3 * up_m:g} mm in that direction")
     return np.asarray(origin + (off_m - away) * out)
@@ -56,12 +56,12 @@ def _shapes(surface: str, person: Person) -> list[Shape]:
     import mujoco  # a placement's file is read without, to be listed
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
-    from stridetwin.sim.wearer.limbs import shapes
+    from stridetwin.sim.wearer.limbs import find_shapes
 
     spec = mujoco.MjSpec()
     add_wearer(spec, person, None)
     model = compile_model(spec)
-    return shapes(model, {model.body(SURFACES[surface]).id})
+    return find_shapes(model, {model.body(SURFACES[surface]).id})
 
 
 _DIGITS = 6  # of a number that is chosen: of any unit and size

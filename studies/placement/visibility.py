@@ -70,7 +70,7 @@ def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
     offs = [step.t_off for step in steps if np.isfinite(step.t_off)]
     ends = [step.t_touch for step in steps if np.isfinite(step.t_touch)]
     t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)
-    q, v = twin.walk.moving(t)
+    q, v = twin.walk.position_velocity(t)
     motion = twin.player().motion(np.round(t * 1e9).astype(np.int64))
     bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
@@ -140,7 +140,7 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
     behind, buried = np.zeros_like(in_view), np.zeros_like(in_view)
     rows = np.flatnonzero(in_view)
     if len(rows):
-        behind[rows] = walk.limbs.hide(rows, eye[rows], points[rows]).any(axis=1)
+        behind[rows] = walk.limbs.occludes(rows, eye[rows], points[rows]).any(axis=1)
         buried[rows] = _buried(walk, eye[rows], points[rows]).any(axis=1)
     seen = in_view & ~behind & ~buried
     sharp = seen & (blur_px < seeing.blur_squares * px)
@@ -178,12 +178,12 @@ def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float,
     ground = walk.ground[rows]
     seen_from = (ground - eye[:, None]) @ R
     seen = in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
-    seen &= ~walk.limbs.hide(rows, eye, ground) & ~_buried(walk, eye, ground)
+    seen &= ~walk.limbs.occludes(rows, eye, ground) & ~_buried(walk, eye, ground)
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
     fu, fv, pu, pv = camera.intrinsics
     rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
     fan = rays @ np.swapaxes(R, 1, 2) + eye[:, None]
-    return float(seen.mean()), float(walk.limbs.hide(rows, eye, fan).mean())
+    return float(seen.mean()), float(walk.limbs.occludes(rows, eye, fan).mean())
 
 
 def geometric_scores(

@@ -28,7 +28,7 @@ from stridetwin.sim.config import (
     Turn,
     TwinConfig,
 )
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.studies.zhao2023.mode_walks import MOUNTS
@@ -241,7 +241,7 @@ def _dim(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Noisy depth outdoors, with shadows."""
     route = replace(config.route, scenery="outdoor", light=float(rng.uniform(1.1, 1.3)))
-    seen = _seen_by(replace(config, route=route), part=part("D455-sunlight"), shadows=True)
+    seen = _seen_by(replace(config, route=route), part=load_part("D455-sunlight"), shadows=True)
     return _stair_and_ramp(seen, rng, 3.5, 8.0)
 
 
@@ -334,10 +334,10 @@ KINDS = {
     "turn_at_stair": Entry("a turn just before a stair", _turn_at_stair),
     "lanes": Entry("stair, ramp and level side by side", _lanes, tuned=False),
     "mount_off": Entry("a mount 2° off", _mount_off),
-    "d435": Entry("camera D435", _camera(part=part("D435"))),
-    "d435i": Entry("camera D435i, infrared", _camera(part=part("D435i")), tuned=False),
-    "oak_d": Entry("camera OAK-D", _camera(part=part("OAK-D")), tuned=False),
-    "azure_kinect": Entry("camera Azure Kinect", _camera(part=part("Azure-Kinect")), tuned=False),
+    "d435": Entry("camera D435", _camera(part=load_part("D435"))),
+    "d435i": Entry("camera D435i, infrared", _camera(part=load_part("D435i")), tuned=False),
+    "oak_d": Entry("camera OAK-D", _camera(part=load_part("OAK-D")), tuned=False),
+    "azure_kinect": Entry("camera Azure Kinect", _camera(part=load_part("Azure-Kinect")), tuned=False),
     "slow_camera": Entry("15 images per second", _camera(rate_hz=15.0), tuned=False),
     "dim": Entry("white walls in dim light", _dim),
     "sunlight": Entry("sunlight", _sunlight),

@@ -62,7 +62,7 @@ def run_case(case: Case) -> dict[str, Any]:
 def repeat(fault: Fault, begins_s: Sequence[float]) -> list[Fault]:
     """A temporary fault at each of these instants, s; any other one as it is."""
     if isinstance(fault, TimedFault) and fault.duration_s is not None:
-        return [replace(fault, at_s=t, name=f"{fault.own_name} {t:.3f}") for t in begins_s]
+        return [replace(fault, at_s=t, name=f"{fault.full_name} {t:.3f}") for t in begins_s]
     return [fault]
 
 

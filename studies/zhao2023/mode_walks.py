@@ -29,7 +29,7 @@ from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.pose_feed import PoseFeed
 from stridetwin.outputs.truth import FOOTPRINTS, TruePath, true_footprints
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.wearer.body import wearer
+from stridetwin.sim.wearer.body import fit_wearer
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.terrain_truth import terrain_layout
@@ -123,7 +123,7 @@ def run_case(case: Case, poses: str = "dvio", methods: Sequence[str] = METHODS) 
 
 def sole_length_m(config: TwinConfig) -> float:
     """Length of the walker's soles, m."""
-    return float(wearer(config.person, with_exo=config.exo is not None).body.shoe_length_m)
+    return float(fit_wearer(config.person, with_exo=config.exo is not None).body.shoe_length_m)
 
 
 class SharedMap(TerrainMap):

@@ -10,7 +10,7 @@ from stridetwin.cli.commands import SCHEMAS
 from stridetwin.cli.main import main
 from stridetwin.scenarios.campaign.campaign_file import campaigns
 from stridetwin.scenarios.scenario_file import catalogue
-from stridetwin.sim.parts.library import library
+from stridetwin.sim.parts.library import part_files
 from stridetwin.studies.placement.problem_file import problems
 
 ROOT = Path(__file__).parents[2]
@@ -19,7 +19,7 @@ FILES = {
     "scenario": catalogue(),
     "campaign": campaigns(),
     "placement": problems(),
-    "part": library(),
+    "part": part_files(),
     "own_exo": OWN_EXO,
 }
 LINE = re.compile(r"# yaml-language-server: \$schema=(\S+)")

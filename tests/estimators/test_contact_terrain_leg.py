@@ -15,7 +15,7 @@ from stridetwin.estimators.contact_terrain.leg import at_stop, forward, leg_angl
 from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.sim.config import Level, Person, Route, TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
-from stridetwin.sim.wearer.body import wearer
+from stridetwin.sim.wearer.body import fit_wearer
 from stridetwin.streams.errors import ConfigError
 from tests.estimators.from_python import from_python
 from tests.sim.dh_kinematics import forward_kinematics
@@ -28,7 +28,7 @@ joint_angles = from_python(compiled.joint_angles)
 
 def exoskeleton():
     rig = standard_rig(TwinConfig(name="x", route=Route(segments=(Level(length_m=5.0),))))
-    return geometry(wearer(Person()), rig)
+    return geometry(fit_wearer(Person()), rig)
 
 
 EXO = exoskeleton()
@@ -46,7 +46,7 @@ OTHER = (
 def test_forward_kinematics_are_the_product_of_the_table(q, side):
     leg = links(EXO.legs[side])
     poses = forward(leg.table, leg.turns, q)
-    assert poses == pytest.approx(forward_kinematics(wearer(Person()).exo, side, q), abs=1e-12)
+    assert poses == pytest.approx(forward_kinematics(fit_wearer(Person()).exo, side, q), abs=1e-12)
     T, angles = np.eye(4), iter(q)
     for row, pose in zip(EXO.legs[side].rows, poses):
         turn, shift = np.eye(4), np.eye(4)

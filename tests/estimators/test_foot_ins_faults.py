@@ -47,7 +47,7 @@ def end_error(truth: Walk, path: FootInsPath) -> float:
         (Saturation(topic=TOPIC, at_s=0, fraction=1.0), 0.05),
         (Freeze(topic=TOPIC, rate_per_min=12, duration_s=0.03), 0.05),
     ],
-    ids=lambda v: v.own_name if isinstance(v, Fault) else "",
+    ids=lambda v: v.full_name if isinstance(v, Fault) else "",
 )
 def test_a_fault_costs_no_more_than_it_must(fault: Fault, share: float) -> None:
     _, path = under(WALK, fault)

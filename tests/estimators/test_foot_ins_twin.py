@@ -12,7 +12,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.outputs.path.scores import compare, score
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block
@@ -33,7 +33,7 @@ def test_end_error_and_certainty(scenario: str) -> None:
 @pytest.mark.parametrize("scenario", ["level_20m", "stair_up_down"])
 def test_an_uncalibrated_part_keeps_its_height_and_knows_its_error(scenario: str, name: str) -> None:
     config = replace(load_scenario(scenario).config, sensors=("foot_imu",))
-    twin = Twin(replace(config, fittings={"foot_imu": SensorConfig(part=part(name))}), 7)
+    twin = Twin(replace(config, fittings={"foot_imu": SensorConfig(part=load_part(name))}), 7)
     chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in twin.blocks()]
     for foot in "lr":
         imu, truth = (

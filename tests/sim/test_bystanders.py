@@ -8,11 +8,11 @@ from stridetwin.sim.config import Level, Route, Stairs, Turn, TwinConfig
 from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.parts.library import make_ideal
 from stridetwin.sim.rendering.renderer import SensorView
 from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.world.bystanders import PARTS, pose
+from stridetwin.sim.world.bystanders import PARTS, pose_crowd
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 
@@ -83,7 +83,7 @@ def test_a_crowd_leaves_the_simulated_walker_alone_and_is_seen_as_in_the_plan() 
     for twin in (planned, walked):
         data = mujoco.MjData(twin.model)
         data.qpos = planned.reference.state(np.array([at_s]))[0][0]
-        pose(twin.model, data, twin.crowd, at_s)
+        pose_crowd(twin.model, data, twin.crowd, at_s)
         mujoco.mj_forward(twin.model, data)
         T = np.eye(4)  # over the walker's head, looking down on both
         T[:3, :3], T[:3, 3] = np.diag([1.0, -1.0, -1.0]), [data.qpos[0], data.qpos[1], 6.0]
@@ -107,7 +107,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     T[:3, :3], T[:3, 3] = toward, eye
     data = mujoco.MjData(twin.model)
     data.qpos = twin.reference.state(np.array([at_s]))[0][0]
-    pose(twin.model, data, twin.crowd, at_s)
+    pose_crowd(twin.model, data, twin.crowd, at_s)
     mujoco.mj_forward(twin.model, data)
     with SensorView(twin.model, 64, 48) as view:
         _, depth = view.frame(data, T, (60.0, 60.0, 31.5, 23.5))
@@ -127,7 +127,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     }
     body = Track(p_body_in_world=T_world_body[None, :3, 3], **still)
     away = Track(p_body_in_world=np.full((1, 3), 100.0), **still)
-    model = SonarModel(sonar.calibration, ideal(sonar.part), twin.terrain, twin.crowd, Noise(None))
+    model = SonarModel(sonar.calibration, make_ideal(sonar.part), twin.terrain, twin.crowd, Noise(None))
     heard = float(model.read(body, away).columns["distance"][0])
     assert 0.5 < heard <= seen + 0.03
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.nominal import CalibrationSd, depth_scale
 from stridetwin.sim.parts.sensor_config import SensorConfig
-from stridetwin.sim.rendering.cameras import Cameras, Due
+from stridetwin.sim.rendering.cameras import Cameras, FrameRequest
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Depth
@@ -53,7 +53,7 @@ def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_s
 
 def test_only_a_rolling_shutter_has_a_readout_time_and_its_error_is_a_share_of_it() -> None:
     def readout_s(name: str, sd: float, seed: int = 0) -> float:
-        camera = SensorConfig(part=part(name), calibration_sd=CalibrationSd(readout=sd))
+        camera = SensorConfig(part=load_part(name), calibration_sd=CalibrationSd(readout=sd))
         worn = sensor_rig(replace(CONFIG, fittings={"head_camera": camera}))
         return worn.nominal(seed).cameras["/head/color"].readout_s
 
@@ -78,7 +78,10 @@ def test_calibration_errors_change_no_sample_but_the_scale_of_depth() -> None:
 def depth_seen(twin: Twin) -> np.ndarray:
     """An image in the middle of the walk."""
     t_ns = np.array([round(0.5e9 * twin.duration_s)])
-    motion, due = twin.player().motion(t_ns), Due(t_ns=int(t_ns[0]), topic="/head/color", twist=np.zeros((2, 6)))
+    motion, due = (
+        twin.player().motion(t_ns),
+        FrameRequest(t_ns=int(t_ns[0]), topic="/head/color", twist=np.zeros((2, 6))),
+    )
     with Cameras(twin.model, twin.sensor_rig, twin.crowd, twin.seed) as cameras:
         taken = list(cameras.frames([due], motion.qpos, motion.upper_poses(np.arange(1))))
     (depth,) = [item.depth for item in taken if isinstance(item, Depth)]

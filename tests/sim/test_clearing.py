@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.gait.foot_path import smoothest_above
+from stridetwin.sim.gait.foot_path import min_jerk_height
 from stridetwin.sim.kinematics.smooth import ease
 
 FREE = np.full(61, -np.inf)
@@ -16,7 +16,7 @@ AT = np.linspace(0.0, 1.0, 61)
 
 @pytest.mark.parametrize("rise", [-0.33, 0.33])
 def test_a_free_way_is_the_minimum_jerk_step(rise: float) -> None:
-    height, jerk = smoothest_above(rise, FREE)
+    height, jerk = min_jerk_height(rise, FREE)
     assert np.abs(height(AT) - rise * ease(AT)).max() < 0.004
     assert jerk == pytest.approx(720.0 * rise**2, rel=0.25)
 
@@ -28,11 +28,11 @@ def test_it_rests_at_both_ends_and_stays_above_with_bounded_acceleration(
 ) -> None:
     least = FREE.copy()
     least[first : first + length] = edge
-    height, jerk = smoothest_above(rise, least)
+    height, jerk = min_jerk_height(rise, least)
     assert height(0.0) == pytest.approx(0.0, abs=1e-9)
     assert height(1.0) == pytest.approx(rise, abs=1e-9)
     for order in (1, 2):
         assert np.abs(height([0.0, 1.0], order)).max() < 1e-6
     assert (height(AT) >= least - 1e-6).all()
-    assert jerk >= 0.99 * smoothest_above(rise, FREE)[1]
+    assert jerk >= 0.99 * min_jerk_height(rise, FREE)[1]
     assert np.abs(height(np.linspace(0, 1, 500), 2)).max() < 60.0 * (abs(rise) + abs(edge) + 0.01) / 0.2**2 / 6.0

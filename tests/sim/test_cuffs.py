@@ -17,7 +17,7 @@ from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
+from stridetwin.sim.wearer.exo_couplings import Pose, exo_couplings, wrench
 from stridetwin.sim.wearer.exoskeleton import EXO_LEG_JOINTS
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block
@@ -44,7 +44,7 @@ def settled(twin: Twin, place: str, push: float) -> float:
     """Force of a cuff on a standing wearer, N, forward positive, once a forward push on the frame there has settled."""
     model, dt = twin.model, 1e-3
     own = np.array([model.joint(f"{j}_{s}").dofadr[0] for s in "lr" for j in EXO_LEG_JOINTS])
-    ties = [(c, model.body(c.exo_body).id, model.body(c.body).id) for c in couplings(twin.size)]
+    ties = [(c, model.body(c.exo_body).id, model.body(c.body).id) for c in exo_couplings(twin.size)]
     cuff = next(tie for tie in ties if tie[0].name == place)
     data, needed, full = mujoco.MjData(model), np.empty(model.nv), np.empty((model.nv, model.nv))
     data.qpos = twin.reference.state(np.zeros(1))[0][0]
@@ -117,7 +117,7 @@ def test_cells_only_press_and_their_difference_is_the_force(push: float) -> None
 def test_a_wearer_without_exoskeleton_has_no_couplings_to_simulate() -> None:
     bare = TwinConfig(name="bare", route=Route(segments=(Level(length_m=4.0),)), exo=None, sensors=())
     twin = Twin(bare, 4)
-    none = CouplingSet.of(twin.model, couplings(twin.size))
+    none = CouplingSet.of(twin.model, exo_couplings(twin.size))
     assert none.bodies.shape == (0, 2)
     assert none.bodies.dtype == np.int64
     assert none.chain.dtype == np.bool_

@@ -11,17 +11,17 @@ from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics import spatial, whole_body_problem
-from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_numbers, subtract_bias
+from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_point_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan, advance
 from stridetwin.sim.dynamics.plan import plan_control
-from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
+from stridetwin.sim.dynamics.simulate import apply_disturbances, misstep_offsets, push_forces
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_weights
 from stridetwin.sim.dynamics.spatial import State, chain_of
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
+from stridetwin.sim.wearer.exo_couplings import Pose, exo_couplings, wrench
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 from tests.estimators.from_python import from_python
@@ -137,7 +137,7 @@ def test_reference_accelerations_of_contacts_include_the_missing_term(twin: Twin
 
 
 def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) -> None:
-    model, coupled = twin.model, couplings(twin.size)
+    model, coupled = twin.model, exo_couplings(twin.size)
     got = coupling_forces(CouplingSet.of(model, coupled), State.of(moving))
     expected, read = np.zeros(model.nv), np.empty(6)
 
@@ -274,7 +274,7 @@ def test_a_point_in_contact_stays_so_until_it_is_well_off_the_floor(twin: Twin) 
     plan = plan_control(twin.reference, twin.model)
     model = copy.copy(twin.model)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, soles = mujoco.MjData(model), sole_numbers(model)
+    data, soles = mujoco.MjData(model), sole_point_numbers(model)
     none, every = np.zeros((2, 8), dtype=bool), np.ones((2, 8), dtype=bool)
     found = {}
     for height in (-0.0005, 0.001, 0.003):
@@ -354,7 +354,7 @@ def test_help_at_the_root_is_soft_and_recorded() -> None:
 
 
 def test_the_body_and_the_floor_are_as_disturbed(twin: Twin) -> None:
-    model = disturbed(twin.model, Dynamics(mass_error=0.05, floor_offset_m=-0.008, friction=0.5))
+    model = apply_disturbances(twin.model, Dynamics(mass_error=0.05, floor_offset_m=-0.008, friction=0.5))
     assert model.body_subtreemass[0] == pytest.approx(1.05 * twin.model.body_subtreemass[0])
     ground = twin.model.geom("ground").id
     assert model.geom_pos[ground, 2] == pytest.approx(twin.model.geom_pos[ground, 2] - 0.008)
@@ -364,11 +364,11 @@ def test_the_body_and_the_floor_are_as_disturbed(twin: Twin) -> None:
 
 def test_pushes_and_missteps_happen_at_the_configured_times_and_places(twin: Twin) -> None:
     plan = plan_control(twin.reference, twin.model)
-    push = pushing(Dynamics(pushes=(Push(at_s=3.0, duration_s=0.2, left_n=100.0),)), plan)
+    push = push_forces(Dynamics(pushes=(Push(at_s=3.0, duration_s=0.2, left_n=100.0),)), plan)
     on = (plan.t >= 3.0) & (plan.t < 3.2)
     assert np.allclose(push[on], [0.0, 100.0], atol=1.0)
     assert np.abs(push[~on]).max() == 0.0
-    off = misplaced(Dynamics(missteps=(Misstep(at_s=4.0, forward_m=0.05),)), plan)
+    off = misstep_offsets(Dynamics(missteps=(Misstep(at_s=4.0, forward_m=0.05),)), plan)
     foot = int(np.abs(off).max(axis=(0, 2)).argmax())
     during = np.flatnonzero(off[:, foot, 0])
     landing = plan.t[during[-1]] + plan.feet.until_landing[during[-1], foot]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Exo, Person
-from stridetwin.sim.wearer.body import add_wearer, compile_model, wearer
+from stridetwin.sim.wearer.body import add_wearer, compile_model, fit_wearer
 from stridetwin.sim.wearer.exo_body import back_panel, leg_of
 from stridetwin.sim.wearer.exoskeleton import EXO_LEG_JOINTS, RANGE_RAD, ExoLinks
 
@@ -54,7 +54,7 @@ def test_exoskeleton_of_a_tall_person_is_as_before() -> None:
 @pytest.mark.parametrize("fit", [back_panel, leg_of])
 def test_leaf_is_that_of_the_mean_person(fit) -> None:  # type: ignore[no-untyped-def]
     """Fitting it to the person whose it is leaves every number as the file has it."""
-    links = wearer(MEAN).exo
+    links = fit_wearer(MEAN).exo
     assert isinstance(links, ExoLinks)
     name = {back_panel: "exo_back", leg_of: "exo_leg"}[fit]
     file, fitted = mujoco.MjModel.from_xml_path(str(LEAVES / f"{name}.xml")), fit(links, 1.0).compile()

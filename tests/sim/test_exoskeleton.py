@@ -17,15 +17,15 @@ from stridetwin.reference.norms import reference as published
 from stridetwin.sim.config import Exo, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.gait import exo_fit_kernel
-from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, Limbs, fit_leg, limbs
+from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, LegPose, fit_leg, leg_pose
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.anthropometry import PEOPLE
-from stridetwin.sim.wearer.body import add_wearer, compile_model, wearer
-from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, strain, wrench
+from stridetwin.sim.wearer.body import add_wearer, compile_model, fit_wearer
+from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, exo_couplings, strain, wrench
 from stridetwin.sim.wearer.exoskeleton import (
     DH_SIGNS,
     EXO_LEG_BODIES,
@@ -85,7 +85,7 @@ def config(route: str, exo: Exo | None = MODE_0, **rest: object) -> TwinConfig:
 
 
 def links_of(person: Person):  # type: ignore[no-untyped-def]
-    links = wearer(person).exo
+    links = fit_wearer(person).exo
     assert links is not None
     return links
 
@@ -147,7 +147,7 @@ def test_right_leg_mirrors_the_left(angles: Array) -> None:
 
 @pytest.mark.parametrize("person", WEARERS)
 def test_axes_of_abduction_and_flexion_meet_in_the_hip(person: Person) -> None:
-    links, size = links_of(person), wearer(person)
+    links, size = links_of(person), fit_wearer(person)
     T = frame_0_in_pelvis(links) @ forward_kinematics(links, "l", np.zeros(6))
     np.testing.assert_allclose(T[0, :3, 3], [0, size.body.hip_half_width_m, 0], atol=5.1e-3)
     np.testing.assert_allclose(T[4, [0, 2], 3], 0.0, atol=1e-12)
@@ -255,9 +255,9 @@ def test_joints_that_a_mode_does_not_power_are_refused(exo: Exo, text: str) -> N
         modules(exo)
 
 
-def posed(rng: np.random.Generator, side: str, n: int) -> Limbs:
+def posed(rng: np.random.Generator, side: str, n: int) -> LegPose:
     """A leg of the wearer in mid swing, shaken."""
-    size = wearer(Person())
+    size = fit_wearer(Person())
 
     def turned(pitch: float) -> Array:
         return Rotation.from_rotvec(rng.normal(0, 0.04, (n, 3)) + [0, pitch, 0]).as_matrix()
@@ -266,13 +266,13 @@ def posed(rng: np.random.Generator, side: str, n: int) -> Limbs:
     arm = np.array([-size.ankle_x, 0.0, -size.body.ankle_height_m])
     ankle = R_thigh @ [0, 0, -size.body.thigh_m] + R_shank @ [0, 0, -size.body.shank_m] + R_foot @ arm
     hip = np.array([0.0, size.body.hip_half_width_m * (1 if side == "l" else -1), 0.0])
-    return limbs(size, side, R_thigh, R_shank, hip + ankle, R_foot)
+    return leg_pose(size, side, R_thigh, R_shank, hip + ankle, R_foot)
 
 
 @pytest.mark.parametrize("side", ["l", "r"])
 def test_strains_agree_with_their_jacobian_and_the_fit_has_no_gradient_left(side: str) -> None:
     rng = np.random.default_rng(3)
-    leg, on, h = ExoLeg(wearer(Person()), side), posed(rng, side, 6), 1e-6
+    leg, on, h = ExoLeg(fit_wearer(Person()), side), posed(rng, side, 6), 1e-6
     q = rng.uniform(-0.3, 0.3, (6, 6))
     _, jacobian = leg.strains(q, on)
     for j, step in enumerate(h * np.eye(6)):
@@ -296,24 +296,24 @@ def strained(c: Coupling, data: mujoco.MjData) -> Array:
 
 @pytest.mark.parametrize("side", ["l", "r"])
 def test_compiled_strains_are_those_of_the_couplings_on_the_model(side: str) -> None:
-    rng, size, model = np.random.default_rng(8), wearer(Person()), MODELS[0]
+    rng, size, model = np.random.default_rng(8), fit_wearer(Person()), MODELS[0]
     data, leg, pelvis = mujoco.MjData(model), ExoLeg(size, side), model.body("pelvis").id
     for _ in range(5):
         data.qpos[7:] = rng.uniform(-0.4, 0.4, model.nq - 7)
         mujoco.mj_kinematics(model, data)
         R = data.xmat[pelvis].reshape(3, 3)
         body = {part: data.body(f"{part}_{side}") for part in ("thigh", "shank", "foot")}
-        held = Limbs(
+        held = LegPose(
             p={part: ((b.xpos - data.xpos[pelvis]) @ R)[None] for part, b in body.items()},
             R={part: (R.T @ b.xmat.reshape(3, 3))[None] for part, b in body.items()},
         )
         q = np.array([data.joint(f"{joint}_{side}").qpos for joint in EXO_LEG_JOINTS]).T
-        wanted = np.concatenate([strained(c, data) for c in couplings(size) if c.name.endswith(f"_{side}")])
+        wanted = np.concatenate([strained(c, data) for c in exo_couplings(size) if c.name.endswith(f"_{side}")])
         np.testing.assert_allclose(leg.strains(q, held)[0][0], wanted, atol=1e-9)
 
 
 def test_compiled_stops_are_the_stops() -> None:
-    leg = ExoLeg(wearer(Person()), "l").kernel
+    leg = ExoLeg(fit_wearer(Person()), "l").kernel
     for q in np.linspace(RANGE_RAD[:, 0] - 0.05, RANGE_RAD[:, 1] + 0.05, 40):
         compiled = np.array([stop_torque(leg, j, angle) for j, angle in enumerate(q)]).T
         np.testing.assert_allclose(compiled, stops(q), rtol=1e-9, atol=1e-9)
@@ -339,7 +339,7 @@ def after(pose: Pose, dt: float) -> tuple[Array, Array]:
 def test_wrench_is_the_gradient_of_the_energy(name: str) -> None:
     """The power that both bodies lose is the growth of the energy (no damping), whatever the motion."""
     rng, h = np.random.default_rng(5), 1e-6
-    c = next(c for c in couplings(wearer(Person())) if c.name == name)
+    c = next(c for c in exo_couplings(fit_wearer(Person())) if c.name == name)
     c = replace(c, law=c.law * np.array([1.0, 0.0, 1.0, 0.0])[:, None, None])
     for _ in range(20):
         exo, body = moving(rng), moving(rng)
@@ -352,7 +352,7 @@ def test_wrench_is_the_gradient_of_the_energy(name: str) -> None:
 
 def test_damping_takes_energy_away() -> None:
     rng = np.random.default_rng(6)
-    for c in couplings(wearer(Person())):
+    for c in exo_couplings(fit_wearer(Person())):
         damper = replace(c, law=c.law * np.array([0.0, 1.0, 0.0, 1.0])[:, None, None])
         for _ in range(10):
             exo, body = moving(rng), moving(rng)
@@ -363,7 +363,7 @@ def test_damping_takes_energy_away() -> None:
 
 @pytest.mark.parametrize("forward", [0.01, -0.01])
 def test_limb_that_pushes_forward_presses_the_front_cell(forward: float) -> None:
-    cuff: Coupling = next(c for c in couplings(wearer(Person())) if c.name == "thigh_l")
+    cuff: Coupling = next(c for c in exo_couplings(fit_wearer(Person())) if c.name == "thigh_l")
     still = Pose(p=np.zeros(3), R=np.eye(3), v=np.zeros(3), w=np.zeros(3))
     limb = replace(still, p=cuff.p_in_exo - cuff.p_in_body + [forward, 0.0, 0.03])
     force, _, _ = wrench(cuff, still, limb)
@@ -423,7 +423,7 @@ def test_forward_simulation_of_the_legs_follows_the_plan(level: Twin) -> None:
     twin = level
     model, dt, start = twin.model, 1e-3, 3.0  # a whole stride, after the steps from standing
     own = np.array([model.joint(f"{j}_{s}").dofadr[0] for s in "lr" for j in EXO_LEG_JOINTS])
-    bodies = [(c, model.body(c.exo_body).id, model.body(c.body).id) for c in couplings(twin.size)]
+    bodies = [(c, model.body(c.exo_body).id, model.body(c.body).id) for c in exo_couplings(twin.size)]
     q, v, a = twin.reference.state(np.arange(start, start + 1.5, dt))
     data, needed, full = mujoco.MjData(model), np.empty(model.nv), np.empty((model.nv, model.nv))
     angle, speed, away = q[0, own + 1], v[0, own], []
@@ -500,10 +500,10 @@ def test_people_of_the_papers_are_in_the_catalogue() -> None:
             assert person.height_m == pytest.approx(cm / 100)
             assert person.mass_kg / person.height_m**2 == pytest.approx(22.5, abs=0.02)
     assert len(PEOPLE) == 22
-    assert all(wearer(person).shoe.toe_tip_x > 0.15 for person in PEOPLE.values())
+    assert all(fit_wearer(person).shoe.toe_tip_x > 0.15 for person in PEOPLE.values())
 
 
 def test_shoe_size_out_of_range_is_refused() -> None:
-    assert wearer(Person(shoe_m=0.28)).body.shoe_length_m > wearer(Person(shoe_m=0.25)).body.shoe_length_m
+    assert fit_wearer(Person(shoe_m=0.28)).body.shoe_length_m > fit_wearer(Person(shoe_m=0.25)).body.shoe_length_m
     with pytest.raises(ConfigError, match=r"0\.20-0\.32"):
-        wearer(Person(shoe_m=0.4))
+        fit_wearer(Person(shoe_m=0.4))

@@ -29,7 +29,7 @@ from stridetwin.sim.faults.sample_faults import (
     Saturation,
 )
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import full_scales, part
+from stridetwin.sim.parts.library import full_scales, load_part
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -169,7 +169,7 @@ def test_saturation_clips_at_its_share_of_the_parts_full_scale() -> None:
 
 @pytest.mark.parametrize("name", ["MW-AHRSv1-imu", "3DM-GX4-25-imu", "MPU-9250"])
 def test_a_part_has_its_own_full_scale_and_not_that_of_a_shorter_name(name: str) -> None:
-    worn = part(name)
+    worn = load_part(name)
     assert isinstance(worn, ImuPart)
     own = {"angular_rate": worn.gyroscope.range, "specific_force": worn.accelerometer.range}
     assert full_scales(worn.description) == full_scales(f"an {name} of ours") == own
@@ -474,7 +474,7 @@ HARMLESS = (
 )
 
 
-@pytest.mark.parametrize("fault", [*REFUSED, *HARMLESS], ids=lambda f: f.own_name)
+@pytest.mark.parametrize("fault", [*REFUSED, *HARMLESS], ids=lambda f: f.full_name)
 def test_a_recording_with_a_fault_is_refused_by_name_or_read_and_always_read_leniently(tmp_path, fault) -> None:
     path = tmp_path / "a.mcap"
     with RecordingWriter(path, RIG) as writer:

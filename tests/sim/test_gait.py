@@ -13,7 +13,7 @@ from benchmarks import gait
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
-from stridetwin.sim.playback import Playback, share_out
+from stridetwin.sim.playback import Playback, split_wrench
 from stridetwin.sim.truth import CONTACT, FLAT, HEEL_OFF, SWING, foot_phase
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
@@ -309,13 +309,13 @@ def test_shared_load_balances_any_wrench() -> None:
     share = rng.uniform(0.1, 0.9, n)
     planned = {"l": rng.normal(0, 0.2, (n, 3)), "r": rng.normal(0, 0.2, (n, 3))}
     feet = {"l": rng.normal(0, 0.2, (n, 3)), "r": rng.normal(0, 0.2, (n, 3))}
-    loads, left_force, left_torque = share_out(force, torque, origin, {"l": share, "r": 1 - share}, planned, feet)
+    loads, left_force, left_torque = split_wrench(force, torque, origin, {"l": share, "r": 1 - share}, planned, feet)
     assert np.abs(left_force).max() < 1e-9
     total = sum(load.torque + np.cross(feet[f] - origin, load.force) for f, load in loads.items())
     assert np.allclose(total + left_torque, torque, atol=1e-9)
     # the feet may stand at two heights, so a sideways force leaves a small moment; on one plane none is left
     flat = {f: p * [1, 1, 0] for f, p in planned.items()}
-    *_, rest = share_out(force, torque, origin, {"l": share, "r": 1 - share}, flat, feet)
+    *_, rest = split_wrench(force, torque, origin, {"l": share, "r": 1 - share}, flat, feet)
     assert np.abs(rest).max() < 1e-9
 
 

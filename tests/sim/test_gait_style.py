@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from benchmarks import gait_norms
 from stridetwin.sim.config import Level, Person
-from stridetwin.sim.gait.foot_placement import preferred_step
+from stridetwin.sim.gait.foot_placement import level_step_length
 from stridetwin.sim.gait.style import Style, level_style
 from stridetwin.sim.kinematics.smooth import bump, soft_ease
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.body import wearer
+from stridetwin.sim.wearer.body import fit_wearer
 
 
 def level(speed_mps: float, person: Person) -> Twin:
@@ -57,14 +57,14 @@ def test_stance_is_exactly_flat_between_landing_and_heel_off() -> None:
 
 @given(st.floats(0.0, 1.0))
 def test_style_goes_to_a_vector_and_back(pace: float) -> None:
-    x = level_style(pace).vector()
-    assert np.array_equal(Style.of_vector(x).vector(), x)
+    x = level_style(pace).to_vector()
+    assert np.array_equal(Style.from_vector(x).to_vector(), x)
 
 
 @given(st.floats(0.06, 2.0), st.floats(1.5, 1.95))
 def test_faster_people_take_longer_and_quicker_steps(speed_mps: float, height_m: float) -> None:
-    size = wearer(Person(height_m=height_m))
-    slow, fast = preferred_step(speed_mps, size), preferred_step(1.05 * speed_mps, size)
+    size = fit_wearer(Person(height_m=height_m))
+    slow, fast = level_step_length(speed_mps, size), level_step_length(1.05 * speed_mps, size)
     assert fast > slow
     assert 1.05 * speed_mps / fast > speed_mps / slow
 

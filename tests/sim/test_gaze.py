@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.gait.footsteps import check_gait
-from stridetwin.sim.gait.posture import Look, look
+from stridetwin.sim.gait.posture import GazeMotion, plan_gaze
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.terrain_truth import Strip
 
@@ -21,13 +21,13 @@ T = np.arange(0.0, 16.0, 0.005)
 S = 1.2 * T
 
 
-def looked(gaze: Gaze, seed: int = 0) -> Look:
-    return look(gaze, T, S, np.zeros_like(T), PROFILE, LEG_M, np.random.default_rng(seed))
+def looked(gaze: Gaze, seed: int = 0) -> GazeMotion:
+    return plan_gaze(gaze, T, S, np.zeros_like(T), PROFILE, LEG_M, np.random.default_rng(seed))
 
 
 def test_looking_ahead_draws_nothing() -> None:
     rng = np.random.default_rng(5)
-    look(Gaze(), T, S, np.zeros_like(T), PROFILE, LEG_M, rng)
+    plan_gaze(Gaze(), T, S, np.zeros_like(T), PROFILE, LEG_M, rng)
     assert rng.uniform() == np.random.default_rng(5).uniform()
 
 

@@ -17,7 +17,7 @@ from stridetwin.sim.gait.heel_strike import SHOE, vibration
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.parts.library import make_ideal
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array, Block
@@ -40,7 +40,7 @@ def every(twin: Twin, rate_hz: float, begin: float = 0.0, end: float | None = No
 def perfect_imu(twin: Twin, topic: str, rate_hz: float) -> ImuModel:
     part = twin.sensor_rig.sensors[topic].part
     assert isinstance(part, ImuPart)
-    return ImuModel(twin.rig.imu(topic), replace(ideal(part), rate_hz=rate_hz), Noise(None))
+    return ImuModel(twin.rig.imu(topic), replace(make_ideal(part), rate_hz=rate_hz), Noise(None))
 
 
 def test_ideal_sensors_and_rigid_shoes_ride_on_the_foot(twin: Twin) -> None:
@@ -89,7 +89,7 @@ def test_nothing_is_left_of_it_in_mid_swing_and_it_stays_small(twin: Twin) -> No
 def test_the_imu_integrates_back_to_the_upper(twin: Twin, rate_hz: float, path_m: float) -> None:
     track = twin.player().motion(every(twin, rate_hz)).uppers["foot_r"]
     imu = twin.rig.imu("/foot_r/imu")
-    sensor = track.mounted(imu.mount.T_body_sensor)
+    sensor = track.to_sensor(imu.mount.T_body_sensor)
     block = perfect_imu(twin, "/foot_r/imu", rate_hz).read(track, track.t_ns)
     v, p, R = velocity_path_attitude(block.columns["angular_rate"], block.columns["specific_force"], sensor)
     np.testing.assert_allclose(v, sensor.v_body_in_world[-1], atol=1e-7)
@@ -125,7 +125,7 @@ def test_strikes_are_felt_beyond_8_g_at_1_khz(twin: Twin) -> None:
 
 def test_a_shoe_in_stance_is_not_perfectly_still(twin: Twin) -> None:
     imu = twin.rig.imu("/foot_l/imu")
-    sensor = twin.player().motion(every(twin, 500.0)).uppers["foot_l"].mounted(imu.mount.T_body_sensor)
+    sensor = twin.player().motion(every(twin, 500.0)).uppers["foot_l"].to_sensor(imu.mount.T_body_sensor)
     speed, t = np.linalg.norm(sensor.v_body_in_world, axis=1), sensor.t_ns * 1e-9
     slowest = [
         speed[(t > s.t_touch + 0.15) & (t < s.t_off - 0.15)].min()

@@ -4,7 +4,7 @@ import pytest
 
 from stridetwin.sim.config import Exo, Person
 from stridetwin.sim.wearer.body import add_wearer, compile_model
-from stridetwin.sim.wearer.limbs import NEAR_M, Limbs, shapes
+from stridetwin.sim.wearer.limbs import NEAR_M, Limbs, find_shapes
 
 BALL = {"kind": np.array([2]), "size": np.array([[0.1, 0.0, 0.0]]), "reach": np.array([0.1])}
 
@@ -33,7 +33,7 @@ def test_lines_of_sight_are_hidden_where_mujocos_rays_meet_a_limb():
     rows = np.repeat(np.arange(len(q)), 60)
     eyes = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.9], (len(rows), 3))
     targets = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.8], (len(rows), 6, 3))
-    hidden = limbs.hide(rows, eyes, targets)
+    hidden = limbs.occludes(rows, eyes, targets)
     data, compared, blocked = mujoco.MjData(model), 0, 0
     for row, eye, places, occluded in zip(rows, eyes, targets, hidden):
         data.qpos = q[row]
@@ -62,13 +62,13 @@ def inside(limbs, row, eye):
 def test_shapes_nearer_than_images_show_hide_nothing_and_an_eye_may_be_a_little_inside_its_carrier(depth, hidden):
     ball = Limbs(**BALL, p=np.zeros((1, 1, 3)), R=np.eye(3)[None, None])
     eye, through = np.array([[-0.1 + depth, 0.0, 0.0]]), np.array([[[1.0, 0.0, 0.0]]])
-    assert ball.hide(np.array([0]), eye, through)[0, 0] == hidden
+    assert ball.occludes(np.array([0]), eye, through)[0, 0] == hidden
 
 
 def test_shapes_of_a_foot_are_those_of_its_shoe():
     model = wearer()
-    foot = shapes(model, {model.body("foot_l").id})
+    foot = find_shapes(model, {model.body("foot_l").id})
     assert len(foot) == 5
-    assert min(shape.first_touch(np.array([-1.0, 0.0, 0.05]), np.array([1.0, 0.0, 0.0])) for shape in foot) == (
+    assert min(shape.ray_distance(np.array([-1.0, 0.0, 0.05]), np.array([1.0, 0.0, 0.0])) for shape in foot) == (
         pytest.approx(1.0 - 0.042, abs=2e-3)
     )

@@ -11,7 +11,7 @@ from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.sim.live import LATENCY_S, LiveTwin
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
@@ -32,7 +32,7 @@ def test_what_arrives_live_is_what_a_recording_holds() -> None:
     }  # fmt: skip
     delivered, at = 0, 0.0
     with LiveTwin(Twin(WALK, 3)) as live:
-        while not live.simulation.over:
+        while not live.simulation.is_over:
             at += 0.05
             for sample in live.advance(at):
                 assert sample.t_ns * 1e-9 <= live.simulation.time_s - LATENCY_S
@@ -46,7 +46,7 @@ def test_what_arrives_live_is_what_a_recording_holds() -> None:
 
 
 def test_an_imu_of_narrow_bandwidth_waits_for_the_motion_that_it_needs() -> None:
-    standard = part("ADIS16485")
+    standard = load_part("ADIS16485")
     assert isinstance(standard, ImuPart)
     slow = replace(
         standard, gyroscope=replace(standard.gyroscope, bandwidth_hz=20.0),

@@ -72,7 +72,7 @@ def test_the_walker_goes_as_fast_as_asked(twins: dict[str, Twin], name: str, spe
 def test_styles_change_smoothly_and_slow_walkers_stay_on_both_feet(pace: float, more: float) -> None:
     slow, fast = style_at(pace), style_at(pace + more)
     assert float(fast.double_support) <= float(slow.double_support) + 0.01
-    assert np.abs(fast.vector() - slow.vector()).max() < 12.0 * more + 0.01
+    assert np.abs(fast.to_vector() - slow.to_vector()).max() < 12.0 * more + 0.01
     assert 0.05 < float(fast.double_support) < 0.9
 
 

@@ -42,7 +42,7 @@ def tumbling(t: np.ndarray) -> Track:
 @pytest.mark.parametrize("slips", [(SLIP,), (SLIP, LATER)], ids=["one", "two"])
 def test_velocities_are_those_of_the_poses(slips: tuple[Slip, ...]) -> None:
     mount_slips, t, h = MountSlips(slips={"/a": slips}), np.linspace(0.1, 2.0, 400), 1e-5
-    before, now, after = (mount_slips.carried("/a", tumbling(t + d)) for d in (-h, 0.0, h))
+    before, now, after = (mount_slips.mount_track("/a", tumbling(t + d)) for d in (-h, 0.0, h))
     v = (after.p_body_in_world - before.p_body_in_world) / (2 * h)
     w = (before.rotation.inv() * after.rotation).as_rotvec() / (2 * h)
     np.testing.assert_allclose(now.v_body_in_world, v, atol=1e-6)
@@ -55,8 +55,8 @@ def test_cameras_and_inertial_sensors_slip_alike() -> None:
     T = np.array(
         [T_world @ mount_slips.T_body_frame("/a", t_ns) for T_world, t_ns in zip(body.poses(), body.t_ns.tolist())]
     )
-    np.testing.assert_allclose(mount_slips.carried("/a", body).poses(), T, atol=1e-12)
-    assert mount_slips.carried("/b", body) is body
+    np.testing.assert_allclose(mount_slips.mount_track("/a", body).poses(), T, atol=1e-12)
+    assert mount_slips.mount_track("/b", body) is body
 
 
 def test_before_it_slips_all_holds_and_after_it_stays() -> None:

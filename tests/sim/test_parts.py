@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.sim.parts.kinds import Gyroscope, ImuPart
-from stridetwin.sim.parts.library import IDEAL, ideal, kind_of, library, part, read_part
+from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, make_ideal, part_files, read_part
 from stridetwin.sim.parts.sensor_config import KIND, STANDARD, STANDARD_BACK_AHRS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.yaml_file import read_yaml
@@ -26,7 +26,7 @@ def written(folder, text):
     return path
 
 
-@pytest.mark.parametrize("name", library())
+@pytest.mark.parametrize("name", part_files())
 def test_every_figure_of_the_library_has_a_source(name):
     def sourced(node, at):
         for key, value in node.items():
@@ -37,31 +37,31 @@ def test_every_figure_of_the_library_has_a_source(name):
             else:
                 sourced(value, f"{at}{key}.")
 
-    sourced(read_yaml(library()[name]), f"{name}: ")
-    assert part(name).name == name
+    sourced(read_yaml(part_files()[name]), f"{name}: ")
+    assert load_part(name).name == name
 
 
 def test_every_group_has_a_standard_part_of_its_kind():
     assert set(STANDARD) == set(KIND)
-    assert all(kind_of(part(name)) == KIND[group] for group, name in STANDARD.items())
-    assert kind_of(part(STANDARD_BACK_AHRS)) == "ahrs"
+    assert all(kind_of(load_part(name)) == KIND[group] for group, name in STANDARD.items())
+    assert kind_of(load_part(STANDARD_BACK_AHRS)) == "ahrs"
 
 
 def test_figures_come_in_si():
-    imu = part("ADIS16485")
+    imu = load_part("ADIS16485")
     assert isinstance(imu, ImuPart)
     assert imu.gyroscope.range == pytest.approx(math.radians(450))
     assert imu.gyroscope.noise_density == pytest.approx(math.radians(0.3) / 60)
     assert imu.accelerometer.noise_density == pytest.approx(0.023 / 60, rel=1e-3)
     assert imu.gyroscope.bias_instability == pytest.approx(math.radians(6.25) / 3600)
-    assert part("AMT203").bits == 12
-    assert part("SRF08").step == pytest.approx(0.043)
+    assert load_part("AMT203").bits == 12
+    assert load_part("SRF08").step == pytest.approx(0.043)
 
 
-@pytest.mark.parametrize("name", library())
+@pytest.mark.parametrize("name", part_files())
 def test_an_ideal_twin_is_of_the_same_size_without_errors(name):
-    real, twin = part(name), part(name + IDEAL)
-    assert twin == ideal(real) == ideal(twin)
+    real, twin = load_part(name), load_part(name + IDEAL)
+    assert twin == make_ideal(real) == make_ideal(twin)
     assert (twin.name, twin.rate_hz, type(twin)) == (real.name, real.rate_hz, type(real))
     if isinstance(twin, ImuPart):
         own = dataclasses.asdict(twin.gyroscope)
@@ -102,7 +102,7 @@ def test_a_missing_file_and_an_unknown_name_are_reported(tmp_path):
     with pytest.raises(StrideTwinError, match="cannot be read"):
         read_part(tmp_path / "none.yaml")
     with pytest.raises(ConfigError, match="ADIS16485"):
-        part("ADIS1648")
+        load_part("ADIS1648")
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
@@ -118,7 +118,7 @@ def test_a_figure_is_within_its_bounds_or_refused(tmp_path_factory, value):
 
 
 def test_a_nested_figure_is_named_by_its_path(tmp_path):
-    text = library()["MPU-9250"].read_text(encoding="utf-8").replace("range_dps", "range_deg")
+    text = part_files()["MPU-9250"].read_text(encoding="utf-8").replace("range_dps", "range_deg")
     with pytest.raises(ConfigError, match=r"mine.yaml: gyroscope: invalid 'range_deg'"):
         read_part(written(tmp_path, text))
     assert {f.name for f in dataclasses.fields(Gyroscope)} > {"g_sensitivity"}

@@ -16,7 +16,7 @@ from tests.estimators.from_python import from_python
 
 exp, inverse, log = (from_python(f) for f in (quaternions.exp, quaternions.inverse, quaternions.log))
 multiply, rotate = from_python(quaternions.multiply), from_python(quaternions.rotate)
-matrix, of_matrix = from_python(quaternions.matrix), from_python(quaternions.of_matrix)
+matrix, of_matrix = from_python(quaternions.matrix), from_python(quaternions.from_matrix)
 
 part = st.floats(-1.0, 1.0)
 vector = st.tuples(part, part, part)

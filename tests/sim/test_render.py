@@ -7,7 +7,7 @@ import pytest
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
 from stridetwin.sim.rendering import renderer as render
-from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mounted_pose, swap_camera_convention
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, mount_pose, swap_camera_convention
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import CameraCalibration, Mount
 
@@ -168,7 +168,7 @@ def test_the_camera_rides_on_its_body():
     camera = CameraCalibration(
         topic="/head/color", part="", rate_hz=30, mount=mount, width=4, height=4, intrinsics=(1, 1, 1, 1)
     )
-    T = mounted_pose(data, camera.mount)
+    T = mount_pose(data, camera.mount)
     np.testing.assert_allclose(T[:3, 3], [0.9, 2.0, 3.2], atol=1e-12)
     np.testing.assert_allclose(T[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)
     assert model.nbody == 2
@@ -238,7 +238,7 @@ def test_what_is_out_of_view_is_left_out_and_nothing_else(world, monkeypatch):
         for T in poses:
             culled.append(view.color(data, T, (196.0, 194.0, 165.0, 114.0)))
             shown.append(view.scene.ngeom)
-        monkeypatch.setattr(render, "_in_view", lambda model, *_: np.ones(model.ngeom, bool))
+        monkeypatch.setattr(render, "_find_geoms_in_view", lambda model, *_: np.ones(model.ngeom, bool))
         for T, image, count in zip(poses, culled, shown):
             np.testing.assert_array_equal(view.color(data, T, (196.0, 194.0, 165.0, 114.0)), image)
             assert count <= view.scene.ngeom

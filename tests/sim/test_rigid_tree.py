@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES, Exo, Person
-from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads, hinge_torques, motion, root_wrench
+from stridetwin.sim.kinematics.rigid_tree import Tree, body_motion, chain_loads, hinge_torques, root_wrench
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.exoskeleton import EXO_LEG_BODIES
 from stridetwin.streams.samples import Array
@@ -38,7 +38,7 @@ def moves(model: mujoco.MjModel) -> tuple[Array, Array, Array]:
 def test_poses_and_velocities_are_those_of_mujoco(model: mujoco.MjModel) -> None:
     tree, data, twist = Tree.of(model), mujoco.MjData(model), np.empty(6)
     q, v, _ = moves(model)
-    p, quat, speed, w = motion(tree, q, v)
+    p, quat, speed, w = body_motion(tree, q, v)
     for i in range(N):
         data.qpos, data.qvel = q[i], v[i]
         mujoco.mj_kinematics(model, data)
@@ -86,7 +86,7 @@ def test_mass_and_loads_of_the_exoskeletons_legs_are_those_of_mujoco(exo: Exo, a
     names = [[f"{body}_{side}" for body in EXO_LEG_BODIES] for side in SIDES]
     chains = legs(tree, model, names)
     if alone:
-        tree = tree.only(chains.ravel().tolist())
+        tree = tree.subtree(chains.ravel().tolist())
         chains = legs(tree, model, names)
     q, v, a = moves(model)
     mass, load = chain_loads(tree, chains, q, v, a, model.opt.gravity)
@@ -103,7 +103,7 @@ def test_mass_and_loads_of_the_exoskeletons_legs_are_those_of_mujoco(exo: Exo, a
 
 
 def legs(tree: Tree, model: mujoco.MjModel, names: list[list[str]]) -> NDArray[np.int64]:
-    return np.array([[tree.row(model.body(name).id) for name in own] for own in names])
+    return np.array([[tree.index_of(model.body(name).id) for name in own] for own in names])
 
 
 def rne(model: mujoco.MjModel, data: mujoco.MjData, q: Array, v: Array, a: Array, needed: Array) -> None:

@@ -15,8 +15,8 @@ from stridetwin.cli.main import main
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.composition import compose
 from stridetwin.sim.config import Exo, Level, Person, Route, Stairs, TwinConfig
-from stridetwin.sim.rendering.renderer import mounted_pose, swap_camera_convention
-from stridetwin.sim.scene.exact_xml import numbers
+from stridetwin.sim.rendering.renderer import mount_pose, swap_camera_convention
+from stridetwin.sim.scene.exact_xml import format_numbers
 from stridetwin.sim.scene.scene_files import scene_files, write_scene
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.streams.errors import StrideTwinError
@@ -130,7 +130,7 @@ def test_cameras_look_where_the_twins_look_and_as_far(walk: tuple[TwinConfig, Pa
         found = data.camera(topic.strip("/").replace("/", "_"))
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = found.xmat.reshape(3, 3), found.xpos
-        np.testing.assert_allclose(swap_camera_convention(T), mounted_pose(data, camera.mount), atol=1e-9)
+        np.testing.assert_allclose(swap_camera_convention(T), mount_pose(data, camera.mount), atol=1e-9)
         fovy = math.radians(scene.cam_fovy[found.id])
         assert 0.5 * camera.height / math.tan(0.5 * fovy) == pytest.approx(camera.intrinsics[1], rel=1e-6)
         assert scene.cam_resolution[found.id].tolist() == [camera.width, camera.height]
@@ -181,5 +181,5 @@ def test_a_scenario_called_wearer_is_refused() -> None:
 
 
 def test_numbers_have_the_digits_that_they_need() -> None:
-    assert numbers(np.array([0.92, 1.0], np.float32)) == "0.92 1"
-    assert numbers([-0.0, 0.1 + 0.2, 1e-13]) == "0 0.30000000000000004 1e-13"
+    assert format_numbers(np.array([0.92, 1.0], np.float32)) == "0.92 1"
+    assert format_numbers([-0.0, 0.1 + 0.2, 1e-13]) == "0 0.30000000000000004 1e-13"

@@ -10,7 +10,7 @@ from stridetwin.sim.config import Level, Route, Stairs, TwinConfig
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.figure import G
-from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.parts.library import make_ideal
 from stridetwin.sim.parts.sensor_config import Clock
 from stridetwin.sim.sensors.exo_sensors import ActuatorModel, AhrsModel, EncoderModel
 from stridetwin.sim.sensors.force_cells import ForceCells, InsoleModel, InteractionModel, cell_shares
@@ -29,7 +29,7 @@ IDEAL = Noise(None)
 def made(kind, topic, noise, *more):
     """Model of a sensor of the standard rig; an ideal one where there is no noise."""
     sensor = SENSOR_RIG.sensors[topic]
-    return kind(sensor.calibration, ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
+    return kind(sensor.calibration, make_ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
 
 
 def still(positions, yaw=0.0, pitch=0.0):
@@ -61,7 +61,7 @@ def test_sonar_hears_a_riser_and_silence():
     far_off = still([[0.0, 50.0, 0.0]])
     facing = still([[2.0, 0.0, 0.0]], yaw=np.pi / 2)  # the left sonar looks to the right: along +x
     block = sonar.read(facing, far_off)
-    ahead = facing.mounted(RIG.others["/foot_l/sonar"].mount.T_body_sensor).p_body_in_world[0, 0]
+    ahead = facing.to_sensor(RIG.others["/foot_l/sonar"].mount.T_body_sensor).p_body_in_world[0, 0]
     assert block.columns["distance"][0] == pytest.approx(3.0 - ahead, abs=1e-6)
     in_the_open = still([[-1.9, 0.0, 4.0]], yaw=-np.pi / 2)  # above all, looking back
     assert sonar.read(in_the_open, far_off).columns["distance"][0] == 0
@@ -155,7 +155,7 @@ def ahrs_paths(pitch, seeds, seconds=60.0):
     body = replace(body, w_body=np.zeros((2, 3)))
     measured = [made(AhrsModel, topic, Noise.of_topic(seed, topic)).read(body).columns for seed in seeds]
     rotations = [Rotation.from_quat(columns["q_world_sensor"], scalar_first=True) for columns in measured]
-    sensor = body.mounted(SENSOR_RIG.sensors[topic].calibration.mount.T_body_sensor).rotation
+    sensor = body.to_sensor(SENSOR_RIG.sensors[topic].calibration.mount.T_body_sensor).rotation
     return np.array([(rotation * sensor.inv()).as_rotvec() for rotation in rotations])
 
 
@@ -265,7 +265,7 @@ def test_stamps_increase_whatever_the_clock(offset, drift, jitter, latency):
     clock = Clock(offset_s=offset, drift_ppm=drift, jitter_s=jitter, latency_s=latency)
     t = np.round(np.arange(500) * 1e9 / 120).astype(np.int64)
     stamps = Stamps(clock, 120.0, Noise.of_topic(1, "x"))
-    measured = np.concatenate([stamps.of(t[:200]), stamps.of(t[200:])])
+    measured = np.concatenate([stamps.stamp(t[:200]), stamps.stamp(t[200:])])
     kept = measured[measured >= 0]
     assert np.all(np.diff(kept) > 0)
     late = (measured - t)[measured >= 0] * 1e-9 - offset - latency - drift * 1e-6 * t[measured >= 0] * 1e-9

@@ -8,18 +8,18 @@ from hypothesis import strategies as st
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor, Imager
-from stridetwin.sim.parts.library import ideal, part
-from stridetwin.sim.rendering.imager import SPARE, Lens, Sensor
+from stridetwin.sim.parts.library import load_part, make_ideal
+from stridetwin.sim.rendering.imager import SPARE, ImageSensor, RenderedLens
 from stridetwin.sim.rendering.stereo_depth import DepthModel
 from stridetwin.sim.rendering.sweep import Sweep
 from stridetwin.streams.rig import CameraCalibration, Mount
 
-SHOE: Imager = part("acA800-200gc").imager
-D455 = part("D455")
+SHOE: Imager = load_part("acA800-200gc").imager
+D455 = load_part("D455")
 
 
 def sensor(imager=SHOE, light=1.0, shape=(200, 300)):
-    return Sensor(shape, imager, light, Noise.of_topic(1, "/foot_l/camera"))
+    return ImageSensor(shape, imager, light, Noise.of_topic(1, "/foot_l/camera"))
 
 
 def flat(level, shape=(200, 300)):
@@ -30,7 +30,7 @@ def flat(level, shape=(200, 300)):
 @pytest.mark.parametrize("light", [1.0, 0.1])
 def test_shot_and_read_noise_follow_the_electrons(level, light):
     bare = replace(SHOE, vignetting=0.0)
-    seen = sensor(bare, light).exposed(1, flat(level)).astype(float)
+    seen = sensor(bare, light).expose(1, flat(level)).astype(float)
     electrons = level / 255 * bare.full_well * light
     sd = 255 / bare.full_well * np.sqrt(electrons + bare.read_noise**2)
     assert seen.mean() == pytest.approx(level * light, abs=0.6)
@@ -42,9 +42,9 @@ def test_automatic_exposure_makes_low_light_bright_and_noisy_after_its_lag():
     imager = replace(D455.imager, vignetting=0.0)
     camera = sensor(imager, shape=(200, 300, 3))
     frame_ns = 33_333_333
-    bright = [camera.exposed(k * frame_ns, flat(200, (200, 300, 3))).mean() for k in range(3)]
+    bright = [camera.expose(k * frame_ns, flat(200, (200, 300, 3))).mean() for k in range(3)]
     assert bright[-1] == pytest.approx(0.45 * 255, rel=0.02)
-    dark = [camera.exposed(k * frame_ns, flat(20, (200, 300, 3))) for k in range(3, 60)]
+    dark = [camera.expose(k * frame_ns, flat(20, (200, 300, 3))) for k in range(3, 60)]
     means = np.array([p.mean() for p in dark])
     assert means[0] < 20
     assert np.all(np.diff(means[:20]) > 0)
@@ -52,18 +52,18 @@ def test_automatic_exposure_makes_low_light_bright_and_noisy_after_its_lag():
     after = int(np.argmax(np.log(means / means[0]) > (1 - np.exp(-1)) * np.log(means[-1] / means[0])))
     assert after * frame_ns * 1e-9 == pytest.approx(imager.auto_exposure_s, rel=0.25)
     # the same level, of fewer electrons
-    dim = sensor(replace(imager, auto_exposure_s=1e-9), 0.02, (200, 300, 3)).exposed(1, flat(200, (200, 300, 3)))
-    lit = sensor(replace(imager, auto_exposure_s=1e-9), 1.0, (200, 300, 3)).exposed(1, flat(200, (200, 300, 3)))
+    dim = sensor(replace(imager, auto_exposure_s=1e-9), 0.02, (200, 300, 3)).expose(1, flat(200, (200, 300, 3)))
+    lit = sensor(replace(imager, auto_exposure_s=1e-9), 1.0, (200, 300, 3)).expose(1, flat(200, (200, 300, 3)))
     assert dim.mean() == pytest.approx(lit.mean(), rel=0.05)
     assert dim.std() > 4 * lit.std()
 
 
 def test_corners_are_darker_by_the_vignetting_and_an_ideal_sensor_changes_nothing():
-    seen = sensor(replace(SHOE, full_well=np.inf, read_noise=0.0), shape=(600, 800)).exposed(1, flat(200, (600, 800)))
+    seen = sensor(replace(SHOE, full_well=np.inf, read_noise=0.0), shape=(600, 800)).expose(1, flat(200, (600, 800)))
     assert seen[0, 0] == pytest.approx(200 * (1 - SHOE.vignetting), abs=2)
     assert seen[300, 400] == 200
     clean = np.random.default_rng(0).integers(0, 256, (200, 300), dtype=np.uint8)
-    np.testing.assert_array_equal(sensor(ideal(part("acA800-200gc")).imager).exposed(1, clean), clean)
+    np.testing.assert_array_equal(sensor(make_ideal(load_part("acA800-200gc")).imager).expose(1, clean), clean)
 
 
 @pytest.mark.parametrize("shape", [(60, 80), (60, 80, 3)])
@@ -71,7 +71,7 @@ def test_levels_are_those_of_the_formula(shape):
     clean = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
     imager, light = replace(SHOE, vignetting=0.3, read_noise=9.0, full_well=5000.0), 0.8
     noise = Noise.of_topic(4, "/camera")
-    measured = Sensor(shape, imager, light, noise).exposed(7, clean)
+    measured = ImageSensor(shape, imager, light, noise).expose(7, clean)
     normal = Noise.of_topic(4, "/camera").normal(1.0, (60 + SPARE, 80 + SPARE, *shape[2:]))
     row, column = noise.at(7).integers((SPARE, SPARE))
     level = np.moveaxis(clean, -1, 0).astype(float) if len(shape) == 3 else clean.astype(float)
@@ -89,15 +89,15 @@ def test_levels_are_those_of_the_formula(shape):
 
 def test_noise_is_that_of_the_instant_and_does_not_wrap_round():
     a, b = sensor(), sensor()
-    b.exposed(2, flat(90))
-    np.testing.assert_array_equal(a.exposed(1, flat(90)), b.exposed(1, flat(90)))
-    assert not np.array_equal(a.exposed(1, flat(90)), a.exposed(2, flat(90)))
+    b.expose(2, flat(90))
+    np.testing.assert_array_equal(a.expose(1, flat(90)), b.expose(1, flat(90)))
+    assert not np.array_equal(a.expose(1, flat(90)), a.expose(2, flat(90)))
     for level in (0, 255):
-        assert np.abs(sensor(replace(SHOE, vignetting=0.0)).exposed(1, flat(level)).astype(int) - level).max() < 30
+        assert np.abs(sensor(replace(SHOE, vignetting=0.0)).expose(1, flat(level)).astype(int) - level).max() < 30
 
 
 def test_a_part_has_the_noise_of_its_place_in_the_image():
-    whole, part = sensor().exposed(1, flat(90)), sensor().exposed(1, flat(90)[40:90, 100:180], 40, 100)
+    whole, part = sensor().expose(1, flat(90)), sensor().expose(1, flat(90)[40:90, 100:180], 40, 100)
     np.testing.assert_array_equal(whole[40:90, 100:180], part)
 
 
@@ -114,7 +114,7 @@ def test_blur_is_as_long_as_speed_times_exposure_times_focal_length_over_distanc
     assert moving.path_px(exposure, 149.5, 99.5) == pytest.approx(expected, rel=1e-9)
     edge = np.zeros((200, 300), np.uint8)
     edge[:, 150:] = 255
-    row = moving.blurred(edge, exposure)[100].astype(float) / 255
+    row = moving.blur(edge, exposure)[100].astype(float) / 255
     if expected > 2:  # a step becomes a ramp of that length, whose variance is length² / 12
         density = np.clip(np.diff(row), 0, None)
         at = np.arange(len(density))
@@ -127,7 +127,7 @@ def test_a_rolling_shutter_leans_what_moves_sideways():
     line = np.zeros((200, 300), np.uint8)
     line[:, 149:152] = 255
     moving = sweep(velocity=(1.0, 0.0, 0.0))
-    rolled = moving.rolled(line, 0.02)
+    rolled = moving.apply_rolling_shutter(line, 0.02)
     column = [np.average(np.arange(300), weights=r) for r in rolled[[0, 100, 199]].astype(float)]
     assert column[1] == pytest.approx(150, abs=0.3)
     assert column[2] - column[0] == pytest.approx(0.02 * 540 / 0.4, abs=0.5)
@@ -140,13 +140,13 @@ def test_a_distorted_image_is_where_the_calibration_says(model):
         intrinsics=(200.0, 200.0, 159.5, 119.5), distortion_model=model,
         distortion=(-0.25, 0.06, 0.001, -0.002) if model == "radtan" else (0.02, -0.01, 0.0, 0.0),
     )  # fmt: skip
-    lens = Lens(calibration)
+    lens = RenderedLens(calibration)
     point = np.array([[[0.45, -0.3, 1.0]]])
     fu, fv, pu, pv = lens.intrinsics
     straight = np.zeros((lens.height, lens.width), np.uint8)
     u, v = fu * 0.45 + pu, fv * -0.3 + pv
     cv2.circle(straight, (round(u * 16), round(v * 16)), 64, 255, -1, shift=4)
-    bent = lens.bent(straight).astype(float)
+    bent = lens.distort(straight).astype(float)
     rows, columns = np.mgrid[:240, :320]
     found = np.array([(columns * bent).sum(), (rows * bent).sum()]) / bent.sum()
     project = cv2.projectPoints if model == "radtan" else cv2.fisheye.projectPoints
@@ -244,7 +244,7 @@ def test_measured_depth_is_that_of_the_formula():
 
 def test_ideal_depth_is_exact_within_its_range():
     depth = np.linspace(0.1, 8.0, 240 * 320, dtype=np.float32).reshape(240, 320)
-    measured = depth_model(ideal(D455).depth).image(1, depth)
+    measured = depth_model(make_ideal(D455).depth).image(1, depth)
     within = (depth >= D455.depth.range_min) & (depth <= D455.depth.range_max)
     np.testing.assert_array_equal(measured[within], depth[within])
     assert np.all(measured[~within] == 0)

@@ -10,7 +10,7 @@ from benchmarks import allan
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import FLOOR, Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
-from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.parts.library import make_ideal
 from stridetwin.sim.sensors import imu as imu_model
 from stridetwin.sim.sensors.model import step_ends
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
@@ -109,8 +109,8 @@ def test_an_ideal_imu_integrates_back_to_the_true_path(rate_hz):
     lever = np.eye(4)
     lever[:3, :3] = Rotation.from_euler("XYZ", [0.3, -0.2, 0.5]).as_matrix()
     lever[:3, 3] = [-0.03, 0.04, 0.06]
-    block = ImuModel(imu(lever, rate_hz), STILL, ideal(PART)).read(track)
-    sensor = track.mounted(lever)
+    block = ImuModel(imu(lever, rate_hz), STILL, make_ideal(PART)).read(track)
+    sensor = track.to_sensor(lever)
     path, v, R = strapdown(block, sensor)
     error = np.linalg.norm(path - sensor.p_body_in_world, axis=1)
     assert error[-1] < 1e-4
@@ -137,7 +137,7 @@ def test_at_rest_it_feels_gravity_upwards():
         v_body_in_world=np.zeros((len(t), 3)),
         w_body=np.zeros((len(t), 3)),
     )
-    block = ImuModel(imu(), STILL, ideal(PART)).read(still)
+    block = ImuModel(imu(), STILL, make_ideal(PART)).read(still)
     np.testing.assert_allclose(block.columns["specific_force"], np.tile([0, 0, 9.81], (len(t), 1)), atol=1e-12)
     np.testing.assert_allclose(block.columns["angular_rate"], 0.0, atol=1e-12)
     assert next(iter(block)).specific_force.shape == (3,)
@@ -170,7 +170,7 @@ def test_a_mounted_track_is_a_rigid_body(seed):
     T[:3, 3] = rng.normal(0, 0.2, 3)
     h = 1e-4
     t = rng.uniform(0, 5) + np.array([-h, 0.0, h])
-    sensor = foot_like(t).mounted(T)
+    sensor = foot_like(t).to_sensor(T)
     speed = (sensor.p_body_in_world[2] - sensor.p_body_in_world[0]) / (2 * h)
     np.testing.assert_allclose(sensor.v_body_in_world[1], speed, atol=1e-4)
     turn = (sensor.rotation[0].inv() * sensor.rotation[2]).as_rotvec() / (2 * h)
@@ -194,7 +194,7 @@ def at_steps(track, rate_hz, steps):
 
 
 def limited(**gyroscope):
-    return replace(ideal(PART), gyroscope=replace(ideal(PART).gyroscope, **gyroscope))
+    return replace(make_ideal(PART), gyroscope=replace(make_ideal(PART).gyroscope, **gyroscope))
 
 
 def test_steps_join_without_coning_or_sculling_error():
@@ -204,7 +204,7 @@ def test_steps_join_without_coning_or_sculling_error():
     ends, t_ns = at_steps(foot_like(instants(120.0, 3.0)), 120.0, model.steps)
     track = foot_like(ends * 1e-9)
     stepped = model.read(track, t_ns)
-    whole = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t_ns * 1e-9))
+    whole = ImuModel(imu(), STILL, make_ideal(PART)).read(foot_like(t_ns * 1e-9))
     for name in ("angular_rate", "specific_force"):
         np.testing.assert_allclose(stepped.columns[name][1:], whole.columns[name][1:], atol=2e-5)
 
@@ -214,7 +214,7 @@ def test_a_gyroscope_saturates_at_its_range():
     model = imu_model.ImuModel(imu(), limited(range=limit), STILL)
     ends, t_ns = at_steps(foot_like(instants(120.0, 3.0)), 120.0, model.steps)
     measured = model.read(foot_like(ends * 1e-9), t_ns).columns["angular_rate"]
-    true = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t_ns * 1e-9)).columns["angular_rate"]
+    true = ImuModel(imu(), STILL, make_ideal(PART)).read(foot_like(t_ns * 1e-9)).columns["angular_rate"]
     assert np.abs(true).max() > 1.5 * limit
     assert np.abs(measured).max() <= limit * 1.001
     beyond = np.abs(true[:, 1]) > 1.2 * limit
@@ -254,7 +254,7 @@ def test_the_bandwidth_is_where_a_part_feels_0_7_of_a_vibration_and_its_delay_is
 def test_errors_that_grow_with_the_motion_are_those_of_the_part():
     part = limited(scale_factor=0.01, misalignment=0.002, g_sensitivity=1e-3)
     t = instants(120.0, 2.0)
-    true = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t)).columns
+    true = ImuModel(imu(), STILL, make_ideal(PART)).read(foot_like(t)).columns
     spread = []
     for seed in range(60):
         measured = ImuModel(imu(), Noise.of_topic(seed, "/foot_l/imu"), part).read(foot_like(t)).columns["angular_rate"]

@@ -7,7 +7,7 @@ import pytest
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
-from stridetwin.sim.wearer.sensor_bodies import add_rig, visible
+from stridetwin.sim.wearer.sensor_bodies import add_rig, visible_items
 from stridetwin.streams.errors import ConfigError
 
 CONFIG = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))
@@ -118,7 +118,7 @@ def test_the_inertial_sensors_of_the_ahrs_are_there_when_asked_for():
         assert imu.part.startswith(ahrs.part.split(",")[0])
         assert (imu.mount.body, imu.rate_hz) == (ahrs.mount.body, ahrs.rate_hz)
     assert not any(topic.startswith("/exo") for topic in RIG.imus)
-    assert not list(visible(rig))  # they sit inside
+    assert not list(visible_items(rig))  # they sit inside
 
 
 def test_unknown_groups_and_places_are_refused():

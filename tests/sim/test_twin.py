@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, Stairs, TwinConfig
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import Clock, SensorConfig
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.rendering.camera_processes import CameraProcesses
@@ -115,7 +115,10 @@ def test_the_fast_track_of_a_body_is_that_of_the_physics_engine(quiet: Twin, bod
 def test_another_part_or_clock_of_one_group_changes_no_other_sensor(plain: dict[str, list[Block]]) -> None:
     late = Clock(offset_s=0.002, drift_ppm=50.0, jitter_s=0.0002)
     other = Twin(
-        replace(QUIET, fittings={"foot_imu": SensorConfig(part=part("MPU-9250")), "sonar": SensorConfig(clock=late)}), 5
+        replace(
+            QUIET, fittings={"foot_imu": SensorConfig(part=load_part("MPU-9250")), "sonar": SensorConfig(clock=late)}
+        ),
+        5,
     )
     changed = blocks(other)
     for topic, own in plain.items():
@@ -135,7 +138,7 @@ def test_the_number_of_rendering_processes_changes_no_pixel(short: Twin) -> None
     taken = []
     for count in (1, 2):
         with CameraProcesses(short.model, short.sensor_rig, Crowd(), 5, processes=count) as processes:
-            taken.append(list(processes.ask(motion, int(t_ns[0]) - 1, int(t_ns[-1]))))
+            taken.append(list(processes.request(motion, int(t_ns[0]) - 1, int(t_ns[-1]))))
     assert len(taken[0]) == len(taken[1]) == 2 * 8 + 2 * 4
     for a, b in zip(*taken):
         assert (a.topic, a.t_ns) == (b.topic, b.t_ns)
@@ -148,7 +151,7 @@ def test_a_rendering_process_that_dies_is_reported(short: Twin) -> None:
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(short.model, short.reference).motion(t_ns)
     with CameraProcesses(short.model, short.sensor_rig, Crowd(), 5) as processes:
-        images = processes.ask(motion, -1, int(t_ns[-1]))
+        images = processes.request(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):
             list(images)
@@ -165,7 +168,7 @@ def test_an_ideal_imu_integrates_back_onto_the_true_path() -> None:
         rate = np.concatenate([b.columns["angular_rate"] for b in streams[topic]])
         force = np.concatenate([b.columns["specific_force"] for b in streams[topic]])
         imu = twin.rig.imu(topic)
-        truth = playback.motion(t_ns).tracks[imu.mount.body].mounted(imu.mount.T_body_sensor)
+        truth = playback.motion(t_ns).tracks[imu.mount.body].to_sensor(imu.mount.T_body_sensor)
         R, p, v = truth.rotation[0].as_matrix(), truth.p_body_in_world[0], truth.v_body_in_world[0]
         end = int(np.searchsorted(t_ns, 20_000_000_000))
         assert end < len(t_ns)

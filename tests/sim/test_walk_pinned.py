@@ -11,7 +11,7 @@ import pytest
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
-from stridetwin.sim.gait.footsteps import Footstep, plan
+from stridetwin.sim.gait.footsteps import Footstep, plan_footsteps
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block
 from tests.pinned import SAME_RATES, assert_pinned, columns
@@ -52,7 +52,7 @@ def usual() -> Twin:
 def test_footsteps(name: str, usual: Twin, num_regression: Any) -> None:
     segments, gait = WALKS[name]
     layout = usual.terrain.from_route(Route(segments=segments)).layout
-    steps, duration = plan(layout, usual.size, gait, np.random.default_rng(3))
+    steps, duration = plan_footsteps(layout, usual.size, gait, np.random.default_rng(3))
     rows = [_finite(step) for step in steps]
     assert_pinned(num_regression, columns(rows) | {"duration_s": np.array([duration])})
 

@@ -213,7 +213,7 @@ def test_what_is_left_of_a_polygon_and_its_holes_cover_it_once(seed, count):
 
     polygon = rectangle(0.0, np.zeros(2))
     fan = [rectangle(0.17 * k, rng.uniform(-0.3, 0.3, 2) * (seed % 2)) for k in range(1, count + 1)]
-    quads = [q for p in scenery.without(polygon, fan) for q in scenery.split_into_quads(p)]
+    quads = [q for p in scenery.subtract_holes(polygon, fan) for q in scenery.split_into_quads(p)]
     points = rng.uniform([-2, -1], [2, 1], (400, 2))
     expected = ~np.any([inside(hole, points) for hole in fan], axis=0)
     found = np.sum([inside(p, points) for p in quads], axis=0) if quads else np.zeros(len(points))

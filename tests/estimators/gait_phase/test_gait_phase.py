@@ -192,7 +192,7 @@ def test_under_any_faults_estimates_are_valid(seed: int, faults: list[Fault]) ->
         (Repeat(topic=TOPIC, rate_per_min=60, duration_s=0.2), 1e-9),
         (Saturation(topic=TOPIC, at_s=0, fraction=0.7), 1.0),
     ],
-    ids=lambda v: v.own_name if isinstance(v, Fault) else "",
+    ids=lambda v: v.full_name if isinstance(v, Fault) else "",
 )
 def test_a_fault_costs_little(fault: Fault, extra_pct: float) -> None:
     walk = walk_on("level", 10)[0]

@@ -24,7 +24,7 @@ from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.campaign.walk import WalkTask
 from stridetwin.scenarios.check import check_recording
 from stridetwin.sim import parts
-from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.library import load_part
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 
@@ -69,7 +69,7 @@ def test_a_manifest_lists_the_files(one, campaign):
         recording = Recording(file)
         assert recording.metadata["seed"] == str(walk["seed"])
         assert float(recording.metadata["person_height_m"]) == manifest["people"][walk["person"]]["height_m"]
-        assert recording.rig.imus["/foot_l/imu"].part == part("MPU-9250").description
+        assert recording.rig.imus["/foot_l/imu"].part == load_part("MPU-9250").description
         assert check_recording(Recording(file, lenient=True)).data["valid"]
         assert walk["findings"] == []
         assert recording.duration == pytest.approx(walk["duration_s"], abs=1e-3)

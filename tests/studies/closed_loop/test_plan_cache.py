@@ -10,7 +10,7 @@ import pytest
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.plan import plan_control
-from stridetwin.sim.gait.reference import reference
+from stridetwin.sim.gait.reference import plan_reference
 from stridetwin.sim.twin import Twin
 from stridetwin.studies.closed_loop import plan_cache
 from stridetwin.studies.closed_loop.environment import environment
@@ -25,7 +25,7 @@ WALK = TwinConfig(
 def planned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the functions that plan, in the order of the calls."""
     calls = []
-    for function in (reference, plan_control):
+    for function in (plan_reference, plan_control):
 
         def counted(*arguments: object, _function: object = function) -> object:
             calls.append(_function.__name__)  # type: ignore[attr-defined]
@@ -45,7 +45,7 @@ def walked(config: TwinConfig, seed: int, folder: Path) -> np.ndarray:
 def test_a_plan_is_found_again_and_is_the_same(tmp_path: Path, planned: list[str], capsys) -> None:
     plain = Twin(WALK, 3)
     first, again = walked(WALK, 3, tmp_path), walked(WALK, 3, tmp_path)
-    assert planned == ["reference", "plan_control"]
+    assert planned == ["plan_reference", "plan_control"]
     assert np.array_equal(first, again)
     assert np.array_equal(first[: plain.reference.splines.c.size], plain.reference.splines.c.ravel())
     assert capsys.readouterr().err.count("planning the motion") == 1
@@ -55,7 +55,7 @@ def test_another_seed_or_walk_is_planned_anew(tmp_path: Path, planned: list[str]
     walked(WALK, 3, tmp_path)
     walked(WALK, 4, tmp_path)
     walked(replace(WALK, person=replace(WALK.person, height_m=1.6)), 3, tmp_path)
-    assert planned.count("reference") == 3
+    assert planned.count("plan_reference") == 3
 
 
 def test_the_environment_plans_through_it(tmp_path: Path, planned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,5 +64,5 @@ def test_the_environment_plans_through_it(tmp_path: Path, planned: list[str], mo
         env = environment(WALK, 3, sensors=("encoder",))
         env.reset()
         env.physics.close()
-    assert planned == ["reference", "plan_control"]
+    assert planned == ["plan_reference", "plan_control"]
     assert (tmp_path / "plans").is_dir()
