@@ -25,7 +25,7 @@ from stridetwin.estimators.dvio.state import (
     ImuNoise,
     ImuSamples,
     Preintegration,
-    Window,
+    WindowState,
 )
 from stridetwin.estimators.matrices import (
     clear,
@@ -34,9 +34,9 @@ from stridetwin.estimators.matrices import (
     identity,
     mat3,
     mul,
-    propagated,
     rotate,
     rotate_back,
+    transform_covariance,
     transposed,
     vec3,
 )
@@ -101,7 +101,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
             B[6 + i, 3 + j] = -dt * v_by_accel[i, j]
     # White noise of density s is a bias of standard deviation s / √dt over the interval.
     by_rate, by_force = rate_density / math.sqrt(dt), force_density / math.sqrt(dt)
-    P, by_bias = propagated(F, z.covariance), mul(F, z.by_bias)
+    P, by_bias = transform_covariance(F, z.covariance), mul(F, z.by_bias)
     for i in range(9):
         for j in range(6):
             z.by_bias[i, j] = by_bias[i, j] + B[i, j]
@@ -122,7 +122,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
 
 
 @njit(error_model="numpy", **INSIDE)
-def _first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
+def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
     """Index of the first stamp after a time, by bisection."""
     low, high = 0, t_ns.shape[0]
     while low < high:
@@ -142,7 +142,7 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
     """
     reset(z, bias)
     at, t_ns = start_ns, imu.t_ns
-    i = _first_after(t_ns, start_ns)
+    i = _find_first_after(t_ns, start_ns)
     while at < end_ns and i < t_ns.shape[0]:
         until = min(t_ns[i], end_ns)
         if at == start_ns and until == end_ns:
@@ -162,7 +162,7 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
 
 
 @njit(error_model="numpy", **INSIDE)
-def _moved(
+def _relative_motion(
     R: Array, pi: Array, vi: Array, pj: Array, vj: Array, dt: float, gravity: float, p: Array, v: Array
 ) -> None:  # fmt: skip
     """Changes of position, p (3,), and velocity, v (3,), within `dt` beyond free fall, in the axes R of the earlier."""
@@ -176,33 +176,33 @@ def _moved(
 
 
 @njit(error_model="numpy", **INSIDE)
-def motion(window: Window, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
+def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
     """IMU residual from frame k to the next, docs/dvio.md (4): `r` (9,) of position, rotation and velocity.
 
     Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if the factors say so.
     """
     frames, zs, gravity = window.frames, window.preintegrations, factors.gravity
-    dt, held, of_z = zs.dt[k, 0], frames.held, zs.by_bias[k]
+    dt, in_prior, of_z = zs.dt[k, 0], frames.in_prior, zs.by_bias[k]
     Ri, Rj = frames.R[k], frames.R[k + 1]
     pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
-    moved, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
+    bias_correction, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
     for i in range(9):
         for j in range(6):
-            moved[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
+            bias_correction[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
     for i in range(3):
-        rotation[i] = moved[3 + i]
-    _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
+        rotation[i] = bias_correction[3 + i]
+    _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     expected = mul(zs.delta_R[k], exp(rotation))
     e = log(mul(transposed(expected), mul(transposed(Ri), Rj)))
     for i in range(3):
-        r[i] = p[i] - zs.delta_p[k, i] - moved[i]
+        r[i] = p[i] - zs.delta_p[k, i] - bias_correction[i]
         r[3 + i] = e[i]
-        r[6 + i] = v[i] - zs.delta_v[k, i] - moved[6 + i]
-    if factors.first_estimates and held[k]:
+        r[6 + i] = v[i] - zs.delta_v[k, i] - bias_correction[6 + i]
+    if factors.first_estimates and in_prior[k]:
         Ri, pi, vi = frames.R_first[k], frames.p_first[k], frames.v_first[k]
-    if factors.first_estimates and held[k + 1]:
+    if factors.first_estimates and in_prior[k + 1]:
         Rj, pj, vj = frames.R_first[k + 1], frames.p_first[k + 1], frames.v_first[k + 1]
-    _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
+    _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
     by_turn = mul(inverse, mul(transposed(Rj), Ri))
     # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
@@ -221,17 +221,17 @@ def motion(window: Window, k: int, factors: FactorParameters, r: Array, J: Array
             J[6 + i, D_VELOCITY + j] = -Ri[j, i]
             J[6 + i, n + D_VELOCITY + j] = Ri[j, i]
         for j in range(6):
-            turned = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
+            by_gyro_bias = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
             J[i, D_GYRO_BIAS + j] = -of_z[i, j]
-            J[3 + i, D_GYRO_BIAS + j] = -turned
+            J[3 + i, D_GYRO_BIAS + j] = -by_gyro_bias
             J[6 + i, D_GYRO_BIAS + j] = -of_z[6 + i, j]
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor from frame k to the next, Zhao 2023 (9), and the walk of its biases; returns the cost."""
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    motion(window, k, factors, r, J)
+    imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
     WJ = mul(weight, J)
     o = CALIBRATION + FRAME * k
@@ -278,11 +278,11 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_inertial(window: Window, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
+def add_imu_factors(window: WindowState, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
     """Adds the IMU factors of the oldest `frames` to H and b of all states; returns their cost."""
     f, cost = window.frames, 0.0
     for k in range(frames):
         cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)
         if k + 1 < f.count[0]:
-            cost += add_motion(window, k, factors, H, b)
+            cost += add_imu_factor(window, k, factors, H, b)
     return cost

@@ -14,7 +14,7 @@ import numpy as np
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.level import covariance_of
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, WindowState
 from stridetwin.streams.samples import Array
 
 # Rows of the IMU residual, docs/dvio.md (4): rotation is the gyroscope's, position and velocity the accelerometer's.
@@ -56,14 +56,14 @@ class ImuInflation:
         """Begins a window; what is known of the noise remains."""
         self._factors.clear()
 
-    def follow(self, window: Window, factors: FactorParameters, L: Array) -> None:
+    def update(self, window: WindowState, factors: FactorParameters, L: Array) -> None:
         """Takes the increments up to a keyframe, the newest frame; L is the Cholesky factor of the normal equations."""
         self._factors.append(self.factor)
         if len(self._factors) == _INCREMENTS:
             k = int(window.frames.count[0]) - 1 - _INCREMENTS
-            self.take(*residuals(window, k, factors, L), self._factors[0])
+            self.add_residuals(*residuals(window, k, factors, L), self._factors[0])
 
-    def take(self, squared: Array, expected: Array, factor: Array) -> None:
+    def add_residuals(self, squared: Array, expected: Array, factor: Array) -> None:
         """Takes squared residuals and their expectation, (2,), of an increment integrated with a factor (2,)."""
         expected = np.maximum(expected, 0.0)
         squared = np.clip(squared, 0.0, _MAX_RATIO * expected)
@@ -75,17 +75,17 @@ class ImuInflation:
         self.factor = np.sqrt(np.maximum(ratio / CONSISTENT_SHARE**2, 1.0))
 
 
-def residuals(window: Window, k: int, factors: FactorParameters, L: Array) -> tuple[Array, Array]:
+def residuals(window: WindowState, k: int, factors: FactorParameters, L: Array) -> tuple[Array, Array]:
     """Weighted squared residuals of the increment after frame k, and their expectation, each (2,), by sensor.
 
     With the noise as assumed, the residuals r = e + J x of an increment of noise e and covariance C have the covariance
     C − J P Jᵀ, where P is that of the states x.
     """
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    kernel.motion(window, k, factors, r, J)
+    kernel.imu_residual(window, k, factors, r, J)
     # The rest of L is that of the later frames alone, after the earlier ones are eliminated.
-    own = slice(CALIBRATION + FRAME * k, CALIBRATION + FRAME * int(window.frames.count[0]))
-    P = covariance_of(np.arange(2 * FRAME), L[own, own], own.stop - own.start)
+    states = slice(CALIBRATION + FRAME * k, CALIBRATION + FRAME * int(window.frames.count[0]))
+    P = covariance_of(np.arange(2 * FRAME), L[states, states], states.stop - states.start)
     weight, covariance = window.preintegrations.weight[k], window.preintegrations.covariance[k]
     squared = r * (weight @ r)
     expected = np.diag(weight @ (covariance - J @ P @ J.T))

@@ -17,7 +17,7 @@ from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.noise_model import LATER_DEPTH_SD
 from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.projection import directions
-from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.sliding_window import SlidingWindow
 from stridetwin.estimators.dvio.state import LANDMARK_SLOTS, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
     Observations,
@@ -130,17 +130,19 @@ class Alignment(Motion):
         return 0.5 * (out + out.T)
 
 
-def aligned(structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
+def align_vision_imu(
+    structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors
+) -> Alignment | None:
     """State at the newest of K ≥ 3 images, at angular rates (K, 3) rad/s; None if vision and IMU are inconsistent."""
     bias = priors.bias.copy()
-    bias[:3] += gyro_bias(structure, preintegrations, priors)
-    start = _linear(structure, preintegrations, bias, priors)
+    bias[:3] += solve_gyro_bias(structure, preintegrations, priors)
+    start = _solve_linear(structure, preintegrations, bias, priors)
     if start is None:
         return None
-    return _refined(start, structure, preintegrations, rates, priors)
+    return _refine(start, structure, preintegrations, rates, priors)
 
 
-def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
+def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
     """(3,) rad/s correction of the bias that the intervals were integrated at (Qin 2018 (15))."""
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
@@ -152,7 +154,7 @@ def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Pri
     return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
 
 
-def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
+def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
     """Velocities, gravity of free magnitude and scale (Qin 2018 (16)-(19))."""
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
@@ -186,7 +188,7 @@ def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors
     )  # fmt: skip
 
 
-def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
+def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
     """Gauss–Newton over all unknowns."""
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K
@@ -198,23 +200,23 @@ def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, p
     )
     prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
     free[TILT + 2 :] = prior_sd > 0
-    moved = np.zeros(n)
+    deviation = np.zeros(n)
     index = [np.r_[6 * k : 6 * k + 12, V + 3 * k : V + 3 * k + 6, TILT : TILT + 16] for k in range(K - 1)]
-    moved[TILT + 2 : TILT + 8] = s.bias - priors.bias
+    deviation[TILT + 2 : TILT + 8] = s.bias - priors.bias
     large = True
     for step in range(_STEPS):
         if step == 0 or large:
-            r, J = _derived(s, z, rates, priors.gravity)
+            r, J = _residual_jacobian(s, z, rates, priors.gravity)
         else:
-            r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
-        H, b = np.diag(prior), -prior * moved
+            r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
+        H, b = np.diag(prior), -prior * deviation
         H[:V, :V] += structure.information
-        b[:V] -= structure.information @ moved[:V]
+        b[:V] -= structure.information @ deviation[:V]
         JtW = np.swapaxes(J, 1, 2) @ z.weight
-        own, b_own = JtW @ J, -(JtW @ r[..., None])[..., 0]
+        H_interval, b_interval = JtW @ J, -(JtW @ r[..., None])[..., 0]
         for k in range(K - 1):
-            H[np.ix_(index[k], index[k])] += own[k]
-            b[index[k]] += b_own[k]
+            H[np.ix_(index[k], index[k])] += H_interval[k]
+            b[index[k]] += b_interval[k]
         e = np.zeros(n)
         try:
             P = np.linalg.inv(H[np.ix_(free, free)])
@@ -223,32 +225,32 @@ def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, p
         e[free] = P @ b[free]
         if not np.isfinite(e).all():
             return None
-        s = _moved(s, e, K)
+        s = _apply_step(s, e, K)
         # Attitude errors add to first order, as their information is of that order.
-        moved += e
+        deviation += e
         size = np.abs(e[6 * K :]).max()
         large = size > _LARGE
         if size < _SETTLED:
             break
-    r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
-    cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + moved[:V] @ structure.information @ moved[:V])
-    whole = np.zeros((n, n))
-    whole[np.ix_(free, free)] = P
+    r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
+    cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + deviation[:V] @ structure.information @ deviation[:V])
+    full_covariance = np.zeros((n, n))
+    full_covariance[np.ix_(free, free)] = P
     out = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]
-    covariance = whole[np.ix_(out, out)]
+    covariance = full_covariance[np.ix_(out, out)]
     if not (np.isfinite(covariance).all() and (np.diag(covariance) >= 0).all()):
         return None
     return Alignment(**vars(s), covariance=covariance, misfit=cost / (9 * (K - 1) - 3 * K - 2))
 
 
-def _derived(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
+def _residual_jacobian(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
     """(K − 1, 9) residuals, docs/dvio.md (4), and their (K − 1, 9, 34) derivatives."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
-    r = _mismatch(s, z, rates, gravity, x)
+    r = _residuals(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
 
 
-def _mismatch(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
+def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
     """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
@@ -275,7 +277,7 @@ def _mismatch(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Arr
     return r
 
 
-def _moved(s: Motion, e: Array, K: int) -> Motion:
+def _apply_step(s: Motion, e: Array, K: int) -> Motion:
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
@@ -293,7 +295,7 @@ class Initializer:
         core: Provides tracker, lens, IMU and calibration, which no window needs yet.
     """
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: SlidingWindow) -> None:
         self._core = core
         self._t_ns: list[int] = []
         self._before_ns = 0
@@ -306,41 +308,41 @@ class Initializer:
         self._t_ns.clear()
         self._alive[:] = False
 
-    def take(self, frame: CameraFrame) -> Alignment | None:
+    def process_image(self, frame: CameraFrame) -> Alignment | None:
         """Takes an image whose time the IMU has reached; returns the state there once it is certain enough."""
         core, t_ns = self._core, self._core.imu_time(frame.t_ns)
-        heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
-        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
+        is_covered = not self._t_ns or core.inertial.covers(self._t_ns[0])
+        if not is_covered or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
             self.reset()
-        core.tracker.take(frame.grey)
-        self._follow(t_ns)
+        core.tracker.set_image(frame.grey)
+        self._track(t_ns)
         self._before_ns = t_ns
         if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < _MIN_INTERVAL_S:
             return None
-        self._keep(frame, t_ns)
+        self._store_observations(frame, t_ns)
         if len(self._t_ns) < _MIN_IMAGES:
             return None
-        found = self._align()
-        if found is None or found.misfit > _MAX_MISFIT:
+        alignment = self._align()
+        if alignment is None or alignment.misfit > _MAX_MISFIT:
             return None
-        variance = found.covariance.diagonal()
-        sure = variance[:2].max() < _MAX_TILT_SD_RAD**2 and variance[2:5].sum() < _MAX_SPEED_SD_MPS**2
-        return found if sure else None
+        variance = alignment.covariance.diagonal()
+        is_certain = variance[:2].max() < _MAX_TILT_SD_RAD**2 and variance[2:5].sum() < _MAX_SPEED_SD_MPS**2
+        return alignment if is_certain else None
 
-    def _follow(self, t_ns: int) -> None:
+    def _track(self, t_ns: int) -> None:
         """Tracks the points of the previous image, from their gyroscope predictions."""
         ids = np.flatnonzero(self._alive)
         if not len(ids):
             return
         core, z = self._core, blank_preintegration()
-        kernel.integrate(z, core.inertial.kept, self._before_ns, t_ns, core.nav.bias, core.noise)
-        R_ic, was = core.window.calibration.R, self._pixels[ids]
-        rays = directions(core.lens.normalised(was)) @ (R_ic.T @ z.delta_R @ R_ic)
-        there, good = core.tracker.follow(was, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
+        kernel.integrate(z, core.inertial.imu_samples, self._before_ns, t_ns, core.nav.bias, core.noise)
+        R_ic, previous_px = core.window.calibration.R, self._pixels[ids]
+        rays = directions(core.lens.to_normalized(previous_px)) @ (R_ic.T @ z.delta_R @ R_ic)
+        tracked_px, good = core.tracker.track(previous_px, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
         self._alive[ids] = good
-        self._pixels[ids] = there
+        self._pixels[ids] = tracked_px
 
-    def _keep(self, frame: CameraFrame, t_ns: int) -> None:
+    def _store_observations(self, frame: CameraFrame, t_ns: int) -> None:
         """Stores observations and searches for new points."""
         core, c = self._core, self._core.window.calibration
         if len(self._t_ns) == _IMAGES:
@@ -356,20 +358,22 @@ class Initializer:
         self._pixels[new], self._alive[new] = points, True
         ids = np.flatnonzero(self._alive)
         self._seen[k], self._rho[k] = self._alive, 0.0
-        self._at[k, ids] = core.lens.normalised(self._pixels[ids]) * (1.0 + c.focal)
-        self._rho[k, ids] = core.depth(frame, self._pixels[ids]) / c.scale[0]
+        self._at[k, ids] = core.lens.to_normalized(self._pixels[ids]) * (1.0 + c.focal)
+        self._rho[k, ids] = core.inverse_depths(frame, self._pixels[ids]) / c.scale[0]
 
     def _align(self) -> Alignment | None:
-        found = self._structure()
-        if found is None:
+        structure = self._estimate_structure()
+        if structure is None:
             return None
-        core, t_ns = self._core, self._t_ns[found.first :]
+        core, t_ns = self._core, self._t_ns[structure.first :]
         preintegrations = blank_preintegration(len(t_ns) - 1)
         for k in range(len(t_ns) - 1):
-            preintegrate(preintegrations, k, core.inertial.kept, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise)
-        return aligned(found, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._priors())
+            preintegrate(preintegrations, k, core.inertial.imu_samples, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise)
+        return align_vision_imu(
+            structure, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._build_priors()
+        )
 
-    def _structure(self) -> Structure | None:
+    def _estimate_structure(self) -> Structure | None:
         """Structure from at least as many images as an alignment needs."""
         p, K = self._core.parameters, len(self._t_ns)
         often = self._seen[:K].sum(axis=0) > 1
@@ -377,10 +381,10 @@ class Initializer:
             seen=self._seen[:K, often], at=self._at[:K, often], rho=self._rho[:K, often],
             sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=LATER_DEPTH_SD * p.inverse_depth_sd_per_m,
         )  # fmt: skip
-        found = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
-        return None if found is None or len(found.R) < _MIN_IMAGES else found
+        structure = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
+        return None if structure is None or len(structure.R) < _MIN_IMAGES else structure
 
-    def _priors(self) -> Priors:
+    def _build_priors(self) -> Priors:
         core, c, prior = self._core, self._core.window.calibration, self._core.calibration_prior
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p

@@ -22,14 +22,14 @@ from stridetwin.estimators.dvio.projection import (
     OBSERVER,
     RESIDUAL,
     Views,
-    at_exposure,
     directions,
     huber,
     observation_jacobian,
+    pose_at_exposure,
     project,
-    ray,
     set_camera,
     set_relative,
+    to_ray,
 )
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -41,7 +41,7 @@ from stridetwin.estimators.dvio.state import (
     FactorParameters,
     Frames,
     Landmarks,
-    Window,
+    WindowState,
 )
 from stridetwin.estimators.matrices import REORDERED, clear, clear_block, mul, transposed
 from stridetwin.streams.samples import Array
@@ -61,34 +61,35 @@ class CameraEquations(NamedTuple):
         b: (M,).
         pairs: (F, 22, 24) sums per host and observing frame: products of the Jacobian and, in column 22,
                 with the residual.
-        own: (L,) information on each inverse depth.
-        b_own: (L,).
+        depth_information: (L,) information on each inverse depth.
+        b_depth: (L,).
         cross: (L, M) between landmark and the rest.
         J: (3, 24) buffer for an observation's Jacobian and residual.
-        J_own: (3,) buffer for its derivative by the inverse depth.
+        J_depth: (3,) buffer for its derivative by the inverse depth.
     """
 
     H: Array
     b: Array
     pairs: Array
-    own: Array
-    b_own: Array
+    depth_information: Array
+    b_depth: Array
     cross: Array
     J: Array
-    J_own: Array
+    J_depth: Array
 
 
 def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
     """Workspace for F frames and L landmarks."""
     m = CALIBRATION + POSE * frames
     return CameraEquations(
-        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)), own=np.zeros(landmarks),
-        b_own=np.zeros(landmarks), cross=np.zeros((landmarks, m)), J=np.zeros((3, COLUMNS)), J_own=np.zeros(3),
+        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)),
+        depth_information=np.zeros(landmarks), b_depth=np.zeros(landmarks), cross=np.zeros((landmarks, m)),
+        J=np.zeros((3, COLUMNS)), J_depth=np.zeros(3),
     )  # fmt: skip
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
-def _add(
+def _add_landmark(
     frames: Frames, marks: Landmarks, calibration: Calibration, factors: FactorParameters, views: Views,
     s: CameraEquations, l: int, last: int, host_depth: bool,
 ) -> float:  # fmt: skip
@@ -96,24 +97,24 @@ def _add(
 
     See docs/dvio.md (7)-(9); (8) only if `host_depth`.
     """
-    J, Jl, at = s.J, s.J_own, marks.at[l]
+    J, Jl, at = s.J, s.J_depth, marks.at[l]
     host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
-    x, y = ray(calibration, at[host, 0], at[host, 1])
+    x, y = to_ray(calibration, at[host, 0], at[host, 1])
     cross = s.cross[l]
     clear(cross)
-    own, b_own, cost = _LOOSE, 0.0, 0.0
+    depth_information, b_depth, cost = _LOOSE, 0.0, 0.0
     rho = marks.rho[l, host]
     if rho > 0.0:
         if factors.depth_fixed:
-            own += _FIXED
+            depth_information += _FIXED
         elif host_depth:
             # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
             r = scale * xi - rho
             c, w = huber(r * r * factors.depth_weight, factors.huber_sd)
             w *= factors.depth_weight
             cost += c
-            own += w * scale * scale
-            b_own -= w * scale * r
+            depth_information += w * scale * scale
+            b_depth -= w * scale * r
             cross[D_SCALE] += w * scale * xi
             s.H[D_SCALE, D_SCALE] += w * xi * xi
             s.b[D_SCALE] -= w * xi * r
@@ -124,7 +125,7 @@ def _add(
         px, py, depth, before = project(views.rotation[host, j], views.translation[host, j], x, y, xi, LEAST_DEPTH)
         if not before or not observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
-        u, v = ray(calibration, at[j, 0], at[j, 1])
+        u, v = to_ray(calibration, at[j, 0], at[j, 1])
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
@@ -144,8 +145,8 @@ def _add(
         J[0, RESIDUAL] = r0
         J[1, RESIDUAL] = r1
         J[2, RESIDUAL] = r2
-        own += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
-        b_own -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
+        depth_information += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
+        b_depth -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
         pair = s.pairs[j]
         for a in range(OBSERVATION):
             v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
@@ -159,15 +160,15 @@ def _add(
             i, k = HOST + a, OBSERVER + a
             cross[first + a] += l0 * J[0, i] + l1 * J[1, i] + l2 * J[2, i]
             cross[second + a] += l0 * J[0, k] + l1 * J[1, k] + l2 * J[2, k]
-    s.own[l] = own
-    s.b_own[l] = b_own
+    s.depth_information[l] = depth_information
+    s.b_depth[l] = b_depth
     return cost
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
     """Takes a landmark, seen by the frames `seen` (F,), out of the equations. See docs/dvio.md (11)."""
-    cross, share = s.cross[l], 1.0 / s.own[l]
+    cross, share = s.cross[l], 1.0 / s.depth_information[l]
     for k in range(-1, last + 1):
         if k >= 0 and k != host and not seen[k]:
             continue
@@ -175,14 +176,14 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
         end = CALIBRATION + POSE * (k + 1)
         for i in range(start, end):
             f = cross[i] * share
-            s.b[i] -= f * s.b_own[l]
+            s.b[i] -= f * s.b_depth[l]
             row = s.H[i]
             for e in range(end):
                 row[e] -= f * cross[e]
 
 
 @njit(error_model="numpy", **INSIDE)
-def _gather(s: CameraEquations, host: int, last: int) -> None:
+def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
     """Adds the sums of one host's landmarks to the normal equations."""
     first = CALIBRATION + POSE * host
     for j in range(host + 1, last + 1):
@@ -207,7 +208,7 @@ def _gather(s: CameraEquations, host: int, last: int) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def usable(marks: Landmarks, l: int, last: int) -> bool:
+def is_usable(marks: Landmarks, l: int, last: int) -> bool:
     """Whether a landmark has a host and is observed by another frame."""
     host = marks.host[l]
     if host == NO_HOST or host > last:
@@ -220,7 +221,7 @@ def usable(marks: Landmarks, l: int, last: int) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def add_camera_factors(
-    window: Window, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
+    window: WindowState, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
     host_depth: bool, H: Array, b: Array,
 ) -> float:  # fmt: skip
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
@@ -237,24 +238,24 @@ def add_camera_factors(
             for a in range(OBSERVATION):
                 clear(pairs[j, a])
         for l in range(marks.host.shape[0]):
-            if marks.host[l] == host and usable(marks, l, last):
-                cost += _add(frames, marks, calibration, factors, views, s, l, last, host_depth)
+            if marks.host[l] == host and is_usable(marks, l, last):
+                cost += _add_landmark(frames, marks, calibration, factors, views, s, l, last, host_depth)
                 _eliminate(s, l, host, marks.seen[l], last)
-        _gather(s, host, last)
+        _add_host_sums(s, host, last)
     for i in range(m):
-        row, own = H[state(i)], s.H[i]
-        b[state(i)] += s.b[i]
+        row, camera_row = H[state_index(i)], s.H[i]
+        b[state_index(i)] += s.b[i]
         for e in range(CALIBRATION):
-            row[e] += own[e]
+            row[e] += camera_row[e]
         for k in range(last + 1):
             o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
             for e in range(POSE):
-                row[o + e] += own[q + e]
+                row[o + e] += camera_row[q + e]
     return cost
 
 
 @njit(error_model="numpy", **INSIDE)
-def state(i: int) -> int:
+def state_index(i: int) -> int:
     """Index among all states of the i-th of calibration and poses."""
     if i < CALIBRATION:
         return i
@@ -263,7 +264,7 @@ def state(i: int) -> int:
 
 @njit(error_model="numpy", **INSIDE)
 def predict_observations(
-    window: Window, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
+    window: WindowState, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
     known: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
@@ -282,7 +283,7 @@ def predict_observations(
     n = frames.count[0]
     R_camera, p_camera = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(n):
-        R_host, p_host = at_exposure(frames, k, c.offset[0])
+        R_host, p_host = pose_at_exposure(frames, k, c.offset[0])
         set_camera(R_host, p_host, c, R_camera[k], p_camera[k])
     set_camera(R, p, c, R_camera[n], p_camera[n])
     A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
@@ -295,7 +296,7 @@ def predict_observations(
         known[l] = 0
         if h == NO_HOST:
             continue
-        x, y = ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
+        x, y = to_ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
         u, v, depth, before_it = project(A[h], t[h], x, y, xi, _FRONT)
         u_before, v_before, _, before_both = project(A_before[h], t_before[h], x, y, xi, _FRONT)
         if not (before_it and before_both):
@@ -325,7 +326,7 @@ def cull(
         if h == NO_HOST:
             continue
         at, seen, rho = marks.at[l], marks.seen[l], marks.rho[l]
-        x, y = ray(c, at[h, 0], at[h, 1])
+        x, y = to_ray(c, at[h, 0], at[h, 1])
         for j in range(n):
             if j == h or not seen[j]:
                 continue
@@ -333,7 +334,7 @@ def cull(
             px, py, depth, before = project(A, t, x, y, marks.inverse_depth[l], LEAST_DEPTH)
             off = math.inf
             if before:
-                u, v = ray(c, at[j, 0], at[j, 1])
+                u, v = to_ray(c, at[j, 0], at[j, 1])
                 off = ((px - u) ** 2 + (py - v) ** 2) * factors.pixel_weight
             if off > most * most:
                 seen[j] = 0
@@ -354,20 +355,20 @@ def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uin
 
     Their observations by the newest frame are not used for the prior.
     """
-    own = np.flatnonzero(marks.host == 0)
-    kept = own[(alive[own] > 0) & (marks.seen[own, newest] > 0)]
-    rho, xi = marks.rho[kept, newest], marks.inverse_depth[kept]
-    depth = directions(marks.at[kept, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
+    hosted = np.flatnonzero(marks.host == 0)
+    rehosted = hosted[(alive[hosted] > 0) & (marks.seen[hosted, newest] > 0)]
+    rho, xi = marks.rho[rehosted, newest], marks.inverse_depth[rehosted]
+    depth = directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
     depth += xi * views.translation[0, newest, 2]
-    carried = np.maximum(xi / np.maximum(depth, LEAST_DEPTH), LEAST_INVERSE_DEPTH)
-    marks.inverse_depth[kept] = np.where(rho > 0.0, rho / c.scale, np.where(depth < LEAST_DEPTH, xi, carried))
-    marks.measured[kept[rho > 0.0]] = 1
-    marks.host[own], marks.seen[own] = NO_HOST, 0
-    marks.host[kept], marks.seen[kept, newest] = newest, 1
+    predicted = np.maximum(xi / np.maximum(depth, LEAST_DEPTH), LEAST_INVERSE_DEPTH)
+    marks.inverse_depth[rehosted] = np.where(rho > 0.0, rho / c.scale, np.where(depth < LEAST_DEPTH, xi, predicted))
+    marks.measured[rehosted[rho > 0.0]] = 1
+    marks.host[hosted], marks.seen[hosted] = NO_HOST, 0
+    marks.host[rehosted], marks.seen[rehosted, newest] = newest, 1
 
 
 @njit(error_model="numpy", **INSIDE)
-def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
+def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
     """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
     A = mul(transposed(R_camera), mul(mul(transposed(f.R[newest]), f.R[since]), R_camera))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from stridetwin.estimators.dvio.mount_prior import MountPrior
-from stridetwin.estimators.dvio.optimiser import hold
-from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, Window
+from stridetwin.estimators.dvio.optimiser import fix_first_estimate
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, WindowState
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import hat
 
@@ -54,13 +54,13 @@ class LevelGround:
         """Forgets where it was observed last."""
         self._p_last = None
 
-    def due(self, p_imu_in_world: Array) -> bool:
+    def is_due(self, p_imu_in_world: Array) -> bool:
         """Whether an observation from a position (3,), m, would be independent of the last one."""
         last = self._p_last
         return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= SPACING_M)
 
     def observe(
-        self, window: Window, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
+        self, window: WindowState, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
     ) -> None:  # fmt: skip
         """Takes the level ones of planes, seen by the frame in a slot, as one measurement of the tilt.
 
@@ -75,20 +75,20 @@ class LevelGround:
         if not len(measured):
             return
         sd_rad = self._ground_sd_rad
-        covariance = covariance_of(columns(slot), L, CALIBRATION + FRAME * (slot + 1))
+        covariance = covariance_of(slope_columns(slot), L, CALIBRATION + FRAME * (slot + 1))
         at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < SPACING_M
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
         level = [slope for slope in slopes if level_weight(slope, covariance, sd_rad, at_start=at_start)]
         if not level:
             of_mount = start_slope(slopes, covariance) if at_start else None
             if of_mount and mount.widen(window):
-                self._use(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
+                self._add_slope(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
             return
         common = mean_slope(level, [misfit(slope, covariance, sd_rad) for slope in level])
         if weight := level_weight(common, covariance, sd_rad, at_start=at_start):
-            self._use(window, slot, common, weight)
+            self._add_slope(window, slot, common, weight)
 
-    def _use(self, window: Window, slot: int, slope: Slope, weight: float) -> None:
+    def _add_slope(self, window: WindowState, slot: int, slope: Slope, weight: float) -> None:
         add_level(window, slot, slope, weight)
         self._p_last = window.frames.p[slot].copy()
 
@@ -107,7 +107,7 @@ class Slope(NamedTuple):
     variance: float = 0.0
 
 
-def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = None) -> Slope:
+def slope_of(window: WindowState, slot: int, measured: Array, weight: Array | None = None) -> Slope:
     """Slope of a plane seen by the frame in a slot. See docs/dvio.md (12).
 
     Args:
@@ -196,28 +196,28 @@ def start_slope(slopes: Sequence[Slope], covariance: Array) -> Slope | None:
     return common if common.variance < _MAX_START_SCATTER_RAD**2 else None
 
 
-def columns(slot: int) -> NDArray[np.int64]:
+def slope_columns(slot: int) -> NDArray[np.int64]:
     """(6,) indices, among all states, of the errors that a slope depends on."""
-    own = CALIBRATION + FRAME * slot + D_ATTITUDE
-    return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, own : own + 3]
+    attitude = CALIBRATION + FRAME * slot + D_ATTITUDE
+    return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, attitude : attitude + 3]
 
 
-def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
+def covariance_of(indices: NDArray[np.int64], L: Array, size: int) -> Array:
     """(K, K) covariance of some of the first `size` states; L is the Cholesky factor of their normal equations."""
-    unit = np.zeros((size, len(which)))
-    unit[which, range(len(which))] = 1.0
+    unit = np.zeros((size, len(indices)))
+    unit[indices, range(len(indices))] = 1.0
     Y: Array = solve_triangular(L[:size, :size], unit, lower=True, check_finite=False)
     return np.asarray(Y.T @ Y)
 
 
-def add_level(window: Window, slot: int, slope: Slope, weight: float) -> None:
+def add_level(window: WindowState, slot: int, slope: Slope, weight: float) -> None:
     """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration.
 
     See docs/dvio.md (12).
     """
-    f, prior, at = window.frames, window.prior, columns(slot)
-    if not f.held[slot]:
-        hold(window, slot)
+    f, prior, at = window.frames, window.prior, slope_columns(slot)
+    if not f.in_prior[slot]:
+        fix_first_estimate(window, slot)
     moved = np.concatenate(
         [window.calibration.moved[D_ATTITUDE_IC : D_ATTITUDE_IC + 3], f.moved[slot, D_ATTITUDE : D_ATTITUDE + 3]]
     )

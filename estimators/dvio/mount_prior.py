@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Window
+from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, WindowState
 from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
@@ -47,32 +47,32 @@ class MountPrior:
         return np.asarray(np.sqrt(self._variance))
 
     @property
-    def adapts(self) -> bool:
+    def is_adaptive(self) -> bool:
         """Whether there is anything to follow."""
         return bool((self._most > self._least).any())
 
-    def follow(self, window: Window, covariance: Array) -> None:
+    def update(self, window: WindowState, covariance: Array) -> None:
         """Follows the estimated mount, of a covariance (6, 6) in the order of the calibration's errors."""
-        for i, own in enumerate(GROUPS):
-            before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
+        for i, group in enumerate(GROUPS):
+            before, spread = self._variance[i], float(covariance.diagonal()[group].sum())
             waits = i == _POSITION and spread > 3.0 * _MEASURED_SHARE * before
             if before == 0.0 or waits:
                 continue
-            off = window.calibration.moved[own] - self._mean[own]
-            estimated = (_FREEDOM * self._least[i] + off @ off + spread) / (_FREEDOM + 3.0)
+            deviation = window.calibration.moved[group] - self._mean[group]
+            estimated = (_FREEDOM * self._least[i] + deviation @ deviation + spread) / (_FREEDOM + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 
-    def widen(self, window: Window) -> bool:
+    def widen(self, window: WindowState) -> bool:
         """Lets the rotation be that of a mount which is not as calibrated; false if it is exactly known."""
         if self._variance[_ROTATION] == 0.0:
             return False
         self._exchange(window, _ROTATION, self._most[_ROTATION])
         return True
 
-    def _exchange(self, window: Window, i: int, after: float) -> None:
+    def _exchange(self, window: WindowState, i: int, after: float) -> None:
         """Replaces a variance in the window's prior."""
-        prior, own = window.prior, GROUPS[i]
-        change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(own.start, own.stop)
+        prior, group = window.prior, GROUPS[i]
+        change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(group.start, group.stop)
         prior.H[at, at] += change
-        prior.b[own] += change * self._mean[own]
+        prior.b[group] += change * self._mean[group]
         self._variance[i] = after

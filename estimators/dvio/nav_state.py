@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.state import FRAME, Frames, ImuNoise, ImuSamples, Preintegration
-from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, propagated
+from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, transform_covariance
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
@@ -92,7 +92,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
             F[i, 9 + j] = p_by_bias[i, j]
             F[3 + i, 9 + j] = by_bias[3 + i, j]
             F[6 + i, 9 + j] = v_by_bias[i, j]
-    P, Q = propagated(F, covariance), propagated(G, z.covariance)
+    P, Q = transform_covariance(F, covariance), transform_covariance(G, z.covariance)
     for i in range(FRAME):
         for j in range(FRAME):
             covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
@@ -113,7 +113,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
 
 
 @njit(error_model="numpy", **INSIDE)
-def plausible(nav: NavState) -> bool:
+def is_plausible(nav: NavState) -> bool:
     """Whether a state is physically possible for a person."""
     total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
@@ -139,10 +139,10 @@ def pose_covariance(nav: NavState) -> Array:
     for i in range(6):
         for j in range(6):
             P[i, j] = nav.covariance[i, j]
-    return propagated(to_world, P)
+    return transform_covariance(to_world, P)
 
 
-class Inertial:
+class ImuBuffer:
     """A buffer of samples in time order.
 
     A sample that is not finite, out of range or not later than the last one is rejected. A sample is invalid if it is
@@ -166,7 +166,7 @@ class Inertial:
         self._limit = np.repeat(ranges, 3) * _SATURATED_SHARE
         self._largest = np.repeat([_MAX_RATE_RADPS, _MAX_FORCE_MPS2], 3)
 
-    def take(self, sample: Imu) -> bool:
+    def add(self, sample: Imu) -> bool:
         """Takes a sample; False where it is ignored."""
         if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
             return False
@@ -189,7 +189,7 @@ class Inertial:
         return True
 
     @property
-    def kept(self) -> ImuSamples:
+    def imu_samples(self) -> ImuSamples:
         """The samples, without a copy."""
         n = self.count
         return ImuSamples(self.t_ns[:n], self.samples[:n], self.invalid[:n])
@@ -200,7 +200,7 @@ class Inertial:
         return int(self.t_ns[self.count - 1])
 
     @property
-    def staying_ns(self) -> int:
+    def oldest_retained_ns(self) -> int:
         """Stamp of the oldest sample that remains after the next one."""
         return int(self.t_ns[max(self.count - self._half, 0)])
 
@@ -223,14 +223,14 @@ class Inertial:
         i, j = np.searchsorted(self.t_ns[: self.count], [t_ns, until_ns], side="right")
         return self.samples[i:j]
 
-    def reaches_back(self, t_ns: int) -> bool:
+    def covers(self, t_ns: int) -> bool:
         """Whether the samples are complete from a time on."""
         return self.count > 0 and int(self.t_ns[0]) <= t_ns
 
-    def stationary(self, until_ns: int) -> bool:
+    def is_stationary(self, until_ns: int) -> bool:
         """Whether the sensor was stationary just before a time, by the scatter of its samples."""
         start = until_ns - round(STATIONARY_S * 1e9)
-        if not self.reaches_back(start):
+        if not self.covers(start):
             return False
         x = self.since(start, until_ns)
         if len(x) < _MIN_COMPLETE_SHARE * STATIONARY_S / self.period_s:

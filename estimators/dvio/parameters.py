@@ -140,7 +140,7 @@ METHODS: dict[str, DvioParameters] = {
 """The proposed method; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
 
 
-def named(method: str) -> DvioParameters:
+def method_parameters(method: str) -> DvioParameters:
     """The parameters of a method.
 
     Raises:

@@ -81,7 +81,7 @@ def cornerness_at(
 
 
 @njit(error_model="numpy", **INSIDE)
-def _near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px: float) -> bool:
+def _is_near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px: float) -> bool:
     """Whether one of the first `count` points is close to a pixel."""
     k = 0
     while k < count and not (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2 < apart_px * apart_px:
@@ -119,7 +119,7 @@ def pick(
             c, r = int(x * columns / width), int(y * rows / height)
             if filled[r, c] > most:
                 continue
-            if _near(taken, taken.shape[0], x, y, min_distance_px) or _near(out, count, x, y, min_distance_px):
+            if _is_near(taken, taken.shape[0], x, y, min_distance_px) or _is_near(out, count, x, y, min_distance_px):
                 continue
             out[count, 0], out[count, 1] = x, y
             filled[r, c] += 1
@@ -175,7 +175,7 @@ PIXELS = (2 * REACH + 1) ** 2
 
 
 @njit(error_model="numpy", **INSIDE)
-def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
+def _interpolate(grey: NDArray[np.uint8], x: float, y: float) -> float:
     """Grey value between pixels; the point lies inside."""
     j, i = int(x), int(y)
     a, b = x - j, y - i
@@ -212,7 +212,7 @@ def _determinant(M: Array) -> float:
 
 
 @njit(error_model="numpy", **INSIDE)
-def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
+def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
     """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
     height, width = grey.shape
     side = 2 * REACH + 3
@@ -222,7 +222,7 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
             for j in range(side):
                 x = min(max(points[n, 0] + j - REACH - 1, 0.0), width - 1.001)
                 y = min(max(points[n, 1] + i - REACH - 1, 0.0), height - 1.001)
-                T[i, j] = _value(grey, x, y)
+                T[i, j] = _interpolate(grey, x, y)
         B = patches.basis[ids[n]]
         clear(mean)
         k = 0
@@ -250,7 +250,7 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _compare(
+def _correlate(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
     """Products of the image about (x, y) with a patch's basis, by column, and with itself, its mean removed."""
@@ -286,7 +286,7 @@ def align(
 
     Args:
         grey: (H, W).
-        patches: As stored by `cut`.
+        patches: As stored by `cut_patches`.
         ids: (N,) slot of each.
         warps: (N, 2, 2) from the patch's pixels to the image's.
         limits: Of the alignment.
@@ -311,8 +311,8 @@ def align(
             if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
                 correlation = 0.0
                 break
-            g0, g1, g2, own = _compare(grey, x, y, M, patches.basis[ids[l]])
-            correlation = g2 / math.sqrt(own * power + 1e-9)
+            g0, g1, g2, power_image = _correlate(grey, x, y, M, patches.basis[ids[l]])
+            correlation = g2 / math.sqrt(power_image * power + 1e-9)
             # image model: the patch, moved by d and scaled by a gain
             d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
             d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2
@@ -347,10 +347,10 @@ def read_slope(
     steps = np.arange(-reach, reach + 1, _SLOPE_STEP_PX)
     columns, rows = (a.ravel() for a in np.meshgrid(steps, steps))
     z = depth[at[inside, 1, None] + rows, at[inside, 0, None] + columns].astype(float)
-    whole = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
-    v, inside = 1.0 / z[whole], inside[whole]
+    is_complete = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
+    v, inside = 1.0 / z[is_complete], inside[is_complete]
     gradient = v @ np.column_stack([columns, rows]) / (columns @ columns)
-    left = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
+    scatter = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
     slope = np.zeros((len(points), 2))
-    slope[inside] = np.where(left[:, None] < roughness**2, gradient, 0.0)
+    slope[inside] = np.where(scatter[:, None] < roughness**2, gradient, 0.0)
     return slope

@@ -32,7 +32,7 @@ def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 @njit(error_model="numpy", **INSIDE)
-def inverse_of(s: Array, out: Array) -> bool:
+def invert_symmetric(s: Array, out: Array) -> bool:
     """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular."""
     a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
@@ -48,7 +48,7 @@ def inverse_of(s: Array, out: Array) -> bool:
 @njit(error_model="numpy", **INSIDE)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
     """Plane (3,) from sums, and the inverse of their normal equations."""
-    if not inverse_of(s, inverse):
+    if not invert_symmetric(s, inverse):
         return False
     for i in range(3):
         plane[i] = inverse[i, 0] * s[6] + inverse[i, 1] * s[7] + inverse[i, 2] * s[8]
@@ -56,7 +56,7 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _sums(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
+def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
     """Sums of each cell, (R, C, 11); the sixth, the number of samples, is 0 if the cell is not full or is rough."""
     inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
     for r in range(cells.shape[0]):
@@ -88,26 +88,26 @@ def _sums(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float
 
 
 @njit(error_model="numpy", **INSIDE)
-def _apart(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
+def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
     """Squared Mahalanobis distance between the planes of a cell's sums (11,) and of a region, by a sample's variance.
 
     `region` is the (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
     """
-    own, both = buffers[0], buffers[1]
+    inverse, inverse_sum = buffers[0], buffers[1]
     e = np.empty(3)
-    if not _solve(s, own, e):
+    if not _solve(s, inverse, e):
         return math.inf
     for i in range(3):
         e[i] -= plane[i]
         for j in range(3):
-            own[i, j] += region[i, j]
-    t = np.array([own[0, 0], own[0, 1], own[0, 2], own[1, 1], own[1, 2], own[2, 2]])
-    if not inverse_of(t, both):
+            inverse[i, j] += region[i, j]
+    t = np.array([inverse[0, 0], inverse[0, 1], inverse[0, 2], inverse[1, 1], inverse[1, 2], inverse[2, 2]])
+    if not invert_symmetric(t, inverse_sum):
         return math.inf
     chi = 0.0
     for i in range(3):
         for j in range(3):
-            chi += e[i] * both[i, j] * e[j]
+            chi += e[i] * inverse_sum[i, j] * e[j]
     return chi / variance
 
 
@@ -135,7 +135,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _apart(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
+                if beside and _plane_distance(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
                     group[r, c] = name
                     total += cells[r, c]
                     _solve(total, inverse, plane)
@@ -145,7 +145,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
-            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, buffers) > _CELL_GATE:
+            if group[r, c] == name and _plane_distance(cells[r, c], inverse, variance, plane, buffers) > _CELL_GATE:
                 group[r, c] = -1
                 total -= cells[r, c]
                 count -= 1
@@ -171,7 +171,7 @@ def read_planes(
     """
     rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
-    _sums(depth, rays, min_depth_m, sd, cells)
+    _sum_cells(depth, rays, min_depth_m, sd, cells)
     score = np.empty(rows * columns)
     for i in range(len(score)):
         s = cells[i // columns, i % columns]

@@ -59,7 +59,7 @@ def directions(at: Array) -> Array:
 
 
 @njit(error_model="numpy", **INSIDE)
-def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
+def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
     p, rotation = vec3(), vec3()
@@ -89,15 +89,15 @@ def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Arr
 
 
 @njit(error_model="numpy", **INSIDE)
-def view(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
+def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
     """Fills the views of all frames."""
     n = frames.count[0]
     R, p, R_first, p_first = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
     R_imu = np.empty((n, 3, 3))  # where Jacobians are taken
     for k in range(n):
-        R_k, p_k = at_exposure(frames, k, c.offset[0])
+        R_k, p_k = pose_at_exposure(frames, k, c.offset[0])
         set_camera(R_k, p_k, c, R[k], p[k])
-        if first_estimates and frames.held[k]:
+        if first_estimates and frames.in_prior[k]:
             R_k, p_k = frames.R_first[k], frames.p_first[k]
         copy_matrix(R_k, R_imu[k])
         set_camera(R_k, p_k, c, R_first[k], p_first[k])
@@ -113,7 +113,7 @@ def view(frames: Frames, c: Calibration, first_estimates: bool, views: Views) ->
 
 
 @njit(error_model="numpy", **INSIDE)
-def ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
+def to_ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
     """An observation on the plane at depth 1, by the current estimate of the focal lengths."""
     return x * (1.0 + calibration.focal[0]), y * (1.0 + calibration.focal[1])
 

@@ -57,7 +57,7 @@ class Lens:
         self.focal_px = float(np.sqrt(fu * fv))
         self._readout_s, self._last_row = camera.readout_s, max(camera.height - 1, 1)
 
-    def normalised(self, pixels: NDArray[np.floating[Any]]) -> Array:
+    def to_normalized(self, pixels: NDArray[np.floating[Any]]) -> Array:
         """(N, 2) on the plane at depth 1 of (N, 2) pixels."""
         if not self._fisheye and not self._distortion.any():
             return np.asarray((pixels - self._centre) / self._focal)
@@ -94,7 +94,7 @@ class Lens:
         if not self._readout_s or not len(points):
             return points
         late_s = (points[:, 1] / self._last_row - 0.5) * self._readout_s
-        at, c = self.normalised(points), calibration
+        at, c = self.to_normalized(points), calibration
         flow = image_velocity(at, inverse_depth, c.R.T @ (R.T @ v + np.cross(rate, c.p)), c.R.T @ rate)
         return self.pixels(at - late_s[:, None] * flow)
 
@@ -152,11 +152,11 @@ class Tracker:
         """Restarts: no point is tracked into the next image."""
         self._grey, self._scales = None, []
 
-    def take(self, grey: NDArray[np.uint8]) -> None:
+    def set_image(self, grey: NDArray[np.uint8]) -> None:
         """Takes the next image, (H, W)."""
         self._before, self._grey, self._scales = self._grey, grey, []
 
-    def follow(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
+    def track(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
         """Tracks points (N, 2) px of the previous image into the last one, from where they are expected there (N, 2).
 
         Returns their pixels and whether forward and backward tracking succeeded, (N,).
@@ -166,42 +166,42 @@ class Tracker:
             return points.copy(), np.zeros(len(points), bool)
         flags, window = cv2.OPTFLOW_USE_INITIAL_FLOW, (_FLOW_WINDOW_PX, _FLOW_WINDOW_PX)
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _FLOW_STEPS, _FLOW_SETTLED_PX)
-        there, found, _ = cv2.calcOpticalFlowPyrLK(
+        tracked, status, _ = cv2.calcOpticalFlowPyrLK(
             before, grey, points, start.copy(), winSize=window, maxLevel=_FLOW_LEVELS, criteria=criteria, flags=flags
         )
-        back, returned, _ = cv2.calcOpticalFlowPyrLK(
-            grey, before, there, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
+        back, back_status, _ = cv2.calcOpticalFlowPyrLK(
+            grey, before, tracked, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
         )
-        good = (found[:, 0] > 0) & (returned[:, 0] > 0)
+        good = (status[:, 0] > 0) & (back_status[:, 0] > 0)
         good &= np.abs(back - points).max(axis=1) < _MAX_FORWARD_BACKWARD_PX
         height, width = self._shape
-        good &= (there > 2).all(axis=1) & (there[:, 0] < width - 3) & (there[:, 1] < height - 3)
-        return np.asarray(there, np.float32), good
+        good &= (tracked > 2).all(axis=1) & (tracked[:, 0] < width - 3) & (tracked[:, 1] < height - 3)
+        return np.asarray(tracked, np.float32), good
 
-    def anchor(self, slots: NDArray[np.int64], points: Points) -> None:
+    def store_patches(self, slots: NDArray[np.int64], points: Points) -> None:
         """Stores the patches of the last image about (N, 2) px in slots (N,)."""
-        for scale, (grey, patches) in enumerate(zip(self._smoothed(), self._patches)):
-            kernel.cut(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
+        for scale, (grey, patches) in enumerate(zip(self._image_pyramid(), self._patches)):
+            kernel.cut_patches(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
 
     def align(self, slots: NDArray[np.int64], points: Points, warps: Array) -> tuple[Points, NDArray[np.bool_]]:
         """Aligns points (N, 2) px with the patches in their slots (N,): at half the resolution, then whole.
 
         `warps` (N, 2, 2) map a patch's pixels to the image's. Returns pixels, and which were aligned, (N,).
         """
-        half, found = points / np.float32(2.0), np.ones(len(points), bool)
-        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, _COARSE, half, found)
-        points = np.where(found[:, None], np.float32(2.0) * half, points)
-        return self.settle(slots, points, warps, np.ones(len(points), bool))
+        half, is_aligned = points / np.float32(2.0), np.ones(len(points), bool)
+        kernel.align(self._image_pyramid()[1], self._patches[1], slots, warps, _COARSE, half, is_aligned)
+        points = np.where(is_aligned[:, None], np.float32(2.0) * half, points)
+        return self.align_fine(slots, points, warps, np.ones(len(points), bool))
 
-    def settle(
+    def align_fine(
         self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_]
     ) -> tuple[Points, NDArray[np.bool_]]:
         """As `align`, but only at the whole resolution and for points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
-        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, FINE, points, good)
+        kernel.align(self._image_pyramid()[0], self._patches[0], slots, warps, FINE, points, good)
         return points, good
 
-    def _smoothed(self) -> list[NDArray[np.uint8]]:
+    def _image_pyramid(self) -> list[NDArray[np.uint8]]:
         assert self._grey is not None
         if not self._scales:
             smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
@@ -272,7 +272,7 @@ class Stereo:
         self._times_depth = float(-P2[0, 3])  # disparity, px, of a point at 1 m
         v, u = np.mgrid[: left.height, : left.width]
         pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
-        rays = np.concatenate([self._lens.normalised(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
+        rays = np.concatenate([self._lens.to_normalized(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
         at = rays[:, :2] / rays[:, 2:] * [P1[0, 0], P1[1, 1]] + [P1[0, 2], P1[1, 2]]
         shape = (left.height, left.width)
         self._column, self._row = (np.ascontiguousarray(a.astype(np.float32).reshape(shape)) for a in at.T)
