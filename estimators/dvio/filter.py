@@ -69,7 +69,14 @@ class DvioEstimate:
 
     @classmethod
     def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
-        """A copy of a propagated state."""
+        """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
+
+        Args:
+            nav: The state; its time is that of the estimate.
+            health: `tracking`, `imu_only` or `lost`; the pose is valid unless lost.
+            camera_pose: Estimated mount of the camera.
+            frame: Frame of the pose.
+        """
         t_ns = int(nav.t_ns[0])
         return cls(
             t_ns=t_ns,
@@ -238,7 +245,7 @@ class Dvio:
         return float(self._core.window.calibration.offset[0])
 
     def _camera_mount(self, t_ns: int) -> Pose:
-        """The camera's estimated pose in the IMU's frame, m."""
+        """The camera's estimated pose in the IMU's frame, m, stamped `t_ns`."""
         c = self._core.window.calibration
         return Pose(t_ns=t_ns, p_frame_in_world=c.p.copy(), rotation=c.R.copy(), frame=self._color.removeprefix("/"))
 
@@ -254,6 +261,11 @@ class Dvio:
         return float(rate), float(force)
 
     def _on_imu(self, sample: Imu) -> DvioEstimate | None:
+        """Processes an IMU sample: takes the images whose time it has reached, then propagates the state to its time.
+
+        Returns:
+            The new estimate; None if the sample is invalid or the odometry has not started.
+        """
         core = self._core
         if not core.inertial.add(sample):
             return None
@@ -304,6 +316,10 @@ class Dvio:
         return CameraFrame(t_ns=image.t_ns, grey=np.ascontiguousarray(grey), depth=depth)
 
     def _track(self, frame: CameraFrame) -> None:
+        """Tracks one image in the window, or restarts the window after a long time without images.
+
+        An image that is not newer than the newest frame is skipped. An implausible state afterwards means failure.
+        """
         core = self._core
         t_ns, before = core.imu_time(frame.t_ns), core.newest_ns
         if t_ns <= before:
@@ -320,7 +336,10 @@ class Dvio:
             self._declare_lost()
 
     def _initialize(self, frame: CameraFrame) -> None:
-        """Starts at an image: at once if stationary, else once vision and IMU align, else from the mean force."""
+        """Starts at an image: at once if stationary, once vision and IMU align, else by the mean force after 3 s.
+
+        `_MAX_ALIGN_S` is that limit. Nothing happens while the IMU's samples do not cover what the start needs.
+        """
         core = self._core
         t_ns = core.imu_time(frame.t_ns)
         if not core.inertial.covers(t_ns):
@@ -344,7 +363,13 @@ class Dvio:
             self._init_start_ns, self._health = None, TRACKING
 
     def _init_from_gravity(self, mean: Array, resting: bool) -> Array:
-        """(15, 15) covariance of a state, now in `nav`, with its vertical from the mean rate and force (6,)."""
+        """Sets attitude, velocity and biases of `nav` from the mean rate and force (6,) of recent samples.
+
+        The force gives the vertical; the velocity becomes 0, and at rest the mean rate is the gyroscope's bias.
+
+        Returns:
+            (15, 15) covariance of that state.
+        """
         nav = self._core.nav
         position_covariance, heading_sd = self._start_uncertainty()
         nav.R[:] = _attitude_from_gravity(mean[3:], nav.R if self._health == LOST else None)
@@ -356,7 +381,7 @@ class Dvio:
         return self._core.start_covariance(position_covariance, heading_sd, tilt_sd, speed_sd)
 
     def _init_from_alignment(self, alignment: Alignment) -> Array:
-        """(15, 15) covariance of the state from the alignment of vision and IMU, now in `nav`."""
+        """Sets attitude, velocity and biases of `nav` from an alignment; returns their (15, 15) covariance."""
         nav = self._core.nav
         position_covariance, heading_sd = self._start_uncertainty()
         nav.R[:] = _attitude_from_gravity(alignment.up, nav.R if self._health == LOST else None)
@@ -364,7 +389,10 @@ class Dvio:
         return alignment.state_covariance(nav.R, position_covariance, heading_sd)
 
     def _start_uncertainty(self) -> tuple[Array, float]:
-        """(3, 3) m² of position and rad of heading: the uncertainty after a failure persists."""
+        """Uncertainty of position (3, 3) m² and heading, rad, of a start.
+
+        A first start defines the world, so both are tiny; after a failure they are those of the last valid pose.
+        """
         nav = self._core.nav
         if self._health != LOST:
             return _START_SD**2 * np.eye(3), _START_SD
@@ -372,7 +400,7 @@ class Dvio:
         return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
 
     def _declare_lost(self) -> None:
-        """Holds the last valid pose, with a large covariance, until a new start."""
+        """Declares a failure: holds the last valid pose, with a large covariance, until a new start."""
         nav, already = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
         self._images.clear()
@@ -386,10 +414,10 @@ class Dvio:
 
 
 def _attitude_from_gravity(force: Array, before: Array | None) -> Array:
-    """(3, 3) world <- IMU, z axis along a mean force, with the heading of a previous rotation.
+    """(3, 3) world <- IMU whose z axis is along a mean force (3,), with the heading of a previous rotation.
 
-    Without one, the world's x axis is the horizontal direction of the IMU's z axis (the camera's line of sight), or of
-    its negative y axis if the camera looks straight down.
+    Without a previous one, the world's x axis is the horizontal direction of the IMU's z axis (the camera's line of
+    sight), or of its negative y axis if the camera looks straight down.
     """
     up = force / np.linalg.norm(force)
     forward = np.array([0.0, 0.0, 1.0]) if before is None else before[0]

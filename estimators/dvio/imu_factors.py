@@ -1,8 +1,8 @@
-"""IMU factors of the window: pre-integration between frames, and zero velocity, added to H d = b.
+"""IMU factors of the window: preintegration between frames and zero velocity, added to the equations H d = b.
 
-Pre-integration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that
-ends at its stamp, so rate and force are constant over it; the changes of attitude, velocity and position over
-it are exact to the third order of its rotation.
+Preintegration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that ends at its
+stamp, so rate and force are constant over it; the changes of attitude, velocity and position over it are exact to the
+third order of its rotation.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from stridetwin.streams.samples import Array
 
 @njit(error_model="numpy", **INSIDE)
 def reset(z: Preintegration, bias: Array) -> None:
-    """Resets an increment to zero duration, at the biases (6,) of gyroscope and accelerometer."""
+    """Resets a measurement to zero duration, at the biases (6,) of gyroscope (rad/s) and accelerometer (m/s²)."""
     z.dt[0] = 0.0
     clear(z.delta_p)
     clear(z.delta_v)
@@ -58,9 +58,16 @@ def reset(z: Preintegration, bias: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
-    """Adds an interval of `dt` (s) of constant measured rate and force, (6,), rad/s and m/s², in place.
+    """Adds an interval of `dt` (s) of constant measured rate and force to a preintegrated measurement, in place.
 
-    The noise densities are in rad/s/√Hz and m/s²/√Hz. See docs/dvio.md (1)-(3).
+    See docs/dvio.md (1)-(3).
+
+    Args:
+        z: Δp, Δv, ΔR with their covariance and their derivative by the biases.
+        sample: (6,) angular rate, rad/s, and specific force, m/s².
+        dt: s.
+        rate_density: White noise of the rate, rad/s/√Hz.
+        force_density: White noise of the force, m/s²/√Hz.
     """
     phi, a, bias = vec3(), vec3(), z.bias
     for i in range(3):
@@ -70,7 +77,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     copy_matrix(z.delta_R, G)
     X, A = hat(phi), hat(a)
     X2, XA, Xa = mul(X, X), mul(X, A), hat(rotate(X, a))
-    # mean of the rotation over the interval, and its mean weighted with the remaining time
+    # δv = to_v a dt and δp = to_p a dt²: docs/dvio.md (1); and their derivatives by φ
     to_v, to_p, v_by_phi, p_by_phi = mat3(), mat3(), mat3(), mat3()
     for i in range(3):
         for j in range(3):
@@ -87,7 +94,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     rotation, Jr = exp(phi), right_jacobian(phi)
     p_by_turn, v_by_turn = mul(G, hat(dp)), mul(G, hat(dv))
     p_by_gyro, p_by_accel, v_by_gyro, v_by_accel = mul(G, p_by_phi), mul(G, to_p), mul(G, v_by_phi), mul(G, to_v)
-    F, B = identity(9), np.zeros((9, 6))
+    F, B = identity(9), np.zeros((9, 6))  # by the errors of (Δp, ΔR, Δv), and by the biases: docs/dvio.md (3)
     for i in range(3):
         F[i, 6 + i] = dt
         for j in range(3):
@@ -109,6 +116,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
             rates = B[i, 0] * B[j, 0] + B[i, 1] * B[j, 1] + B[i, 2] * B[j, 2]
             forces = B[i, 3] * B[j, 3] + B[i, 4] * B[j, 4] + B[i, 5] * B[j, 5]
             z.covariance[i, j] = P[i, j] + by_rate * by_rate * rates + by_force * by_force * forces
+    # Δp += Δv dt + ΔR δp, Δv += ΔR δv, ΔR <- ΔR Exp(φ): docs/dvio.md (2)
     for i in range(3):
         moved = delta_v[i] * dt
         for j in range(3):
@@ -136,9 +144,10 @@ def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
 
 @njit(error_model="numpy", **INSIDE)
 def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
-    """Pre-integrates into `z` from `start_ns` to `end_ns`, at the biases (6,).
+    """Preintegrates IMU samples into `z` from `start_ns` to `end_ns`, at the biases (6,), rad/s and m/s².
 
-    The first sample is not later than the start, and the last one not before the end.
+    The first sample must not be later than the start, and the last one not before the end. An interval within one
+    sample is split into two, because the covariance of a single one is singular.
     """
     reset(z, bias)
     at, t_ns = start_ns, imu.t_ns
@@ -165,7 +174,11 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
 def _relative_motion(
     R: Array, pi: Array, vi: Array, pj: Array, vj: Array, dt: float, gravity: float, p: Array, v: Array
 ) -> None:  # fmt: skip
-    """Changes of position, p (3,), and velocity, v (3,), within `dt` beyond free fall, in the axes R of the earlier."""
+    """Motion from frame i to frame j in the axes of i, without gravity: two terms of docs/dvio.md (4).
+
+    Writes R_iᵀ (p_j − p_i − v_i t − g t²/2) into `p` (3,), m, and R_iᵀ (v_j − v_i − g t) into `v` (3,), m/s, for the
+    frames' positions and velocities in the world, `dt` = t in s, and g = (0, 0, −`gravity`) m/s².
+    """
     by_p, by_v = vec3(), vec3()
     for i in range(3):
         g = -gravity if i == 2 else 0.0
@@ -177,9 +190,14 @@ def _relative_motion(
 
 @njit(error_model="numpy", **INSIDE)
 def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
-    """IMU residual from frame k to the next, docs/dvio.md (4): `r` (9,) of position, rotation and velocity.
+    """IMU residual between frame k and the next one, docs/dvio.md (4), and its Jacobian.
 
-    Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if the factors say so.
+    Args:
+        window: Frames and preintegrated measurements.
+        k: Slot of the earlier frame.
+        factors: Gravity, and whether frames in the prior keep their first linearisation point.
+        r: (9,) out: residual of position (m), rotation (rad) and velocity (m/s).
+        J: (9, 30) out: derivative by the error states of frame k, then of frame k + 1.
     """
     frames, zs, gravity = window.frames, window.preintegrations, factors.gravity
     dt, in_prior, of_z = zs.dt[k, 0], frames.in_prior, zs.by_bias[k]
@@ -192,7 +210,7 @@ def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Arra
     for i in range(3):
         rotation[i] = bias_correction[3 + i]
     _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
-    expected = mul(zs.delta_R[k], exp(rotation))
+    expected = mul(zs.delta_R[k], exp(rotation))  # ΔR Exp(J_R δb)
     e = log(mul(transposed(expected), mul(transposed(Ri), Rj)))
     for i in range(3):
         r[i] = p[i] - zs.delta_p[k, i] - bias_correction[i]
@@ -229,7 +247,10 @@ def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Arra
 
 @njit(error_model="numpy", **INSIDE)
 def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
-    """Adds the IMU factor from frame k to the next, Zhao 2023 (9), and the walk of its biases; returns the cost."""
+    """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
+
+    See Zhao 2023 (9). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
+    """
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
@@ -245,7 +266,7 @@ def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Ar
             g = J[i, a]
             if g == 0.0:
                 continue
-            b[o + a] -= g * wr
+            b[o + a] -= g * wr  # b -= Jᵀ Σ⁻¹ r, H += Jᵀ Σ⁻¹ J
             row = H[o + a]
             for c in range(a + 1):
                 row[o + c] += g * WJ[i, c]
@@ -266,7 +287,15 @@ def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Ar
 
 @njit(error_model="numpy", **INSIDE)
 def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float:
-    """Adds the zero-velocity update of a frame of velocity (3,), if `sd` is finite, at its row; returns its cost."""
+    """Adds the zero-velocity update of one frame to H and b; returns its cost ½ |v|²/σ².
+
+    Args:
+        v: (3,) velocity of the frame, m/s.
+        sd: σ, m/s; inf for a frame that is not known to be stationary: nothing is added.
+        at: Row of the frame's velocity error in H and b.
+        H: (N, N) changed in place.
+        b: (N,) changed in place.
+    """
     if not math.isfinite(sd):
         return 0.0
     w, cost = 1.0 / sd**2, 0.0
@@ -279,7 +308,7 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 @njit(error_model="numpy", **INSIDE)
 def add_imu_factors(window: WindowState, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
-    """Adds the IMU factors of the oldest `frames` to H and b of all states; returns their cost."""
+    """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost."""
     f, cost = window.frames, 0.0
     for k in range(frames):
         cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)

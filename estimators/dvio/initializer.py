@@ -48,11 +48,11 @@ _MAX_MISFIT = 3.0  # mean squared residual, in variances, beyond which vision an
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Priors:
-    """Prior knowledge; a standard deviation of 0 means exactly known.
+    """Prior knowledge of an alignment in motion; a standard deviation of 0 means exactly known.
 
     Attributes:
         T_imu_camera: (4, 4) camera to IMU.
-        bias: (6,) at which the intervals were integrated.
+        bias: (6,) at which the intervals were integrated, rad/s and m/s².
         bias_sd: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
         mount_sd: (6,) of the camera's position (m) and attitude (rad) on the IMU.
         offset_sd: Of the camera's clock, s.
@@ -71,19 +71,19 @@ class Priors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """All unknowns of K images, in the IMU's axes at the newest one's nominal time.
+    """All unknowns of K images, in the axes of the IMU at the newest image's nominal time.
 
     Attributes:
-        R: (K, 3, 3) and
-        p: (K, 3) cameras, as in `Structure`.
-        v: (K, 3) m/s.
-        up: (3,) away from gravity, of length 1.
-        tilt_axes: (3, 2) about which it errs.
-        bias: (6,) rad/s, m/s².
-        scale: Of the structure's unit of length, m.
+        R: (K, 3, 3) newest camera <- camera, as in `Structure`.
+        p: (K, 3) position of each camera, as in `Structure`.
+        v: (K, 3) velocity of the IMU at each image, m/s.
+        up: (3,) unit vector against gravity.
+        tilt_axes: (3, 2) unit vectors about which the tilt errors of `up` rotate.
+        bias: (6,) gyroscope (rad/s) and accelerometer (m/s²).
+        scale: Length of the structure's unit, m.
         mount_R: (3, 3) IMU <- camera.
-        mount_p: (3,) m, camera in the IMU's frame.
-        offset: Of the camera's clock, s.
+        mount_p: (3,) camera in the IMU's frame, m.
+        offset: Correction of the camera's clock, s.
     """
 
     R: Array
@@ -100,11 +100,11 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Alignment(Motion):
-    """A motion with its uncertainty.
+    """The result of an alignment of vision and IMU: motion with its uncertainty.
 
     Attributes:
-        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), the newest v, the biases
-            and the logarithm of the scale.
+        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), the newest velocity
+            (m/s), the biases (rad/s, m/s²) and the logarithm of the scale.
         misfit: Mean squared residual, in variances.
     """
 
@@ -112,9 +112,14 @@ class Alignment(Motion):
     misfit: float
 
     def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
-        """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
+        """(15, 15) covariance of position, attitude (error on the right), velocity and biases in the world.
 
-        `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
+        The world's z axis is up; its heading and origin are not observable, so they have the given uncertainty.
+
+        Args:
+            R_world_imu: (3, 3) attitude of the IMU at the newest image.
+            place: (3, 3) covariance of the position, m².
+            heading_sd: rad.
         """
         J = np.zeros((15, 12))
         by_turn = -R_world_imu @ hat(self.v[-1])
@@ -133,7 +138,20 @@ class Alignment(Motion):
 def align_vision_imu(
     structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors
 ) -> Alignment | None:
-    """State at the newest of K ≥ 3 images, at angular rates (K, 3) rad/s; None if vision and IMU are inconsistent."""
+    """Aligns structure from motion with the preintegrated IMU, for a start in motion.
+
+    After Qin 2018 (15)-(19): gyroscope bias from the rotations, then velocities, gravity and scale from one linear
+    problem; at last Gauss-Newton over all unknowns with their priors.
+
+    Args:
+        structure: Cameras of K ≥ 3 images.
+        preintegrations: Of the K − 1 intervals between them.
+        rates: (K, 3) measured angular rate at each image, rad/s.
+        priors: Of calibration and biases.
+
+    Returns:
+        The state at the newest image; None if vision and IMU contradict each other.
+    """
     bias = priors.bias.copy()
     bias[:3] += solve_gyro_bias(structure, preintegrations, priors)
     start = _solve_linear(structure, preintegrations, bias, priors)
@@ -143,7 +161,10 @@ def align_vision_imu(
 
 
 def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
-    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin 2018 (15))."""
+    """(3,) rad/s, correction of the gyroscope bias at which the intervals were integrated.
+
+    Weighted least squares of Log(ΔRᵀ R_kᵀ R_(k+1)) = J_R δb with the prior of the bias, after Qin 2018 (15).
+    """
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
     over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
@@ -155,7 +176,13 @@ def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, prior
 
 
 def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
-    """Velocities, gravity of free magnitude and scale (Qin 2018 (16)-(19))."""
+    """Velocities, gravity of free magnitude and, without measured depths, scale by linear least squares.
+
+    After Qin 2018 (16)-(19), per interval of duration dt between images a and b, with every row divided to be in m/s:
+    scale (p_b − p_a) / dt − v_a − g dt / 2 = (ΔP − arm_b + arm_a) / dt and v_b − v_a − g dt = ΔV, in the axes of the
+    newest camera's IMU. `arm` is the camera's offset from the IMU. None if the scale is not positive or |g| is far from
+    gravity.
+    """
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
     R = R_ic @ structure.R @ R_ic.T
@@ -166,11 +193,12 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
         dt, i, j = z.dt[k, 0], 6 * k, 3 * k
-        # both kinds of rows are speeds, m/s
+        # position: scale (p_b - p_a) / dt - v_a - g dt / 2 = (ΔP - arm_b + arm_a) / dt
         A[i : i + 3, j : j + 3] = -np.eye(3)
         A[i : i + 3, -4:-1] = -0.5 * dt * np.eye(3)
         A[i : i + 3, -1] = (cameras[k + 1] - cameras[k]) / dt
         b[i : i + 3] = (alpha[k, :, 0] - arm[k + 1] + arm[k]) / dt
+        # velocity: v_b - v_a - g dt = ΔV
         A[i + 3 : i + 6, j : j + 3], A[i + 3 : i + 6, j + 3 : j + 6] = -np.eye(3), np.eye(3)
         A[i + 3 : i + 6, -4:-1] = -dt * np.eye(3)
         b[i + 3 : i + 6] = beta[k, :, 0]
@@ -189,7 +217,12 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
 
 
 def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
-    """Gauss–Newton over all unknowns."""
+    """Gauss-Newton over all unknowns of `Motion`, weighted with the structure, the IMU noise and the priors.
+
+    Minimises Σ rᵀ Σ⁻¹ r of docs/dvio.md (4) plus the structure's information on the cameras and the priors of biases,
+    scale, mount and clock. Error vector (n,): cameras (6 K), velocities (3 K), tilt (2), biases (6), logarithm of the
+    scale, mount (6), clock. The newest camera is the reference and does not move. None if the problem is singular.
+    """
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K
     n = TILT + 2 + 6 + 1 + 6 + 1
@@ -212,7 +245,7 @@ def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, pr
         H, b = np.diag(prior), -prior * deviation
         H[:V, :V] += structure.information
         b[:V] -= structure.information @ deviation[:V]
-        JtW = np.swapaxes(J, 1, 2) @ z.weight
+        JtW = np.swapaxes(J, 1, 2) @ z.weight  # Jᵀ Σ⁻¹ of each interval
         H_interval, b_interval = JtW @ J, -(JtW @ r[..., None])[..., 0]
         for k in range(K - 1):
             H[np.ix_(index[k], index[k])] += H_interval[k]
@@ -244,14 +277,19 @@ def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, pr
 
 
 def _residual_jacobian(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
-    """(K − 1, 9) residuals, docs/dvio.md (4), and their (K − 1, 9, 34) derivatives."""
+    """(K − 1, 9) residuals of docs/dvio.md (4), and their (K − 1, 9, 34) derivatives by finite differences."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _residuals(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
 
 
 def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
-    """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
+    """(D, K − 1, 9) IMU residuals, docs/dvio.md (4), of consecutive images a and b, for D error vectors x (D, 1, 34).
+
+    The IMU's pose at an image follows from the camera's by the mount (R_c, p_c), the scale and the time offset τ: M =
+    R_c R R_cᵀ Exp(−τ ω) and R_c scale p + p_c − M p_c, seen from the IMU at the newest image's nominal time. Position
+    (m), rotation (rad) and velocity (m/s) in that order.
+    """
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
@@ -269,6 +307,7 @@ def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Ar
     dv, dt = v_b - v_a, z.dt
     by = matvec(z.by_bias, bias - z.bias)
     to_a = np.swapaxes(R_a, -1, -2)
+    # docs/dvio.md (4) with g = -gravity up; positions at nominal times differ by v τ from those at the exposures
     rotation = np.swapaxes(z.delta_R, -1, -2) @ to_a @ R_b
     r = np.empty((*dv.shape[:-1], 9))
     r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
@@ -278,6 +317,7 @@ def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Ar
 
 
 def _apply_step(s: Motion, e: Array, K: int) -> Motion:
+    """Applies an error vector (n,) of `_refine` to the unknowns of K images; rotation errors are on the right."""
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
@@ -289,7 +329,9 @@ def _apply_step(s: Motion, e: Array, K: int) -> Motion:
 
 
 class Initializer:
-    """Tracks points from image to image and keeps the observations of about every third one; constant memory.
+    """Collects images and IMU samples of a moving sensor until they align, to start the window; constant memory.
+
+    It tracks points from image to image and keeps the observations of about every third image.
 
     Args:
         core: Provides tracker, lens, IMU and calibration, which no window needs yet.
@@ -304,12 +346,15 @@ class Initializer:
         self._alive, self._pixels = np.zeros(LANDMARK_SLOTS, bool), np.zeros((LANDMARK_SLOTS, 2), np.float32)
 
     def reset(self) -> None:
-        """Restarts."""
+        """Drops all images and points, to start anew."""
         self._t_ns.clear()
         self._alive[:] = False
 
     def process_image(self, frame: CameraFrame) -> Alignment | None:
-        """Takes an image whose time the IMU has reached; returns the state there once it is certain enough."""
+        """Takes an image whose time the IMU has reached; returns the state there once it is certain enough.
+
+        None while there are too few images, after a gap, or while tilt or velocity are too uncertain.
+        """
         core, t_ns = self._core, self._core.imu_time(frame.t_ns)
         is_covered = not self._t_ns or core.inertial.covers(self._t_ns[0])
         if not is_covered or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
@@ -343,7 +388,7 @@ class Initializer:
         self._pixels[ids] = tracked_px
 
     def _store_observations(self, frame: CameraFrame, t_ns: int) -> None:
-        """Stores observations and searches for new points."""
+        """Stores the observations of an image, drops the oldest image where there are too many, and adds new points."""
         core, c = self._core, self._core.window.calibration
         if len(self._t_ns) == _IMAGES:
             self._t_ns.pop(0)
@@ -362,6 +407,7 @@ class Initializer:
         self._rho[k, ids] = core.inverse_depths(frame, self._pixels[ids]) / c.scale[0]
 
     def _align(self) -> Alignment | None:
+        """The alignment of the images collected so far; None if their structure is not determined."""
         structure = self._estimate_structure()
         if structure is None:
             return None
@@ -385,6 +431,7 @@ class Initializer:
         return None if structure is None or len(structure.R) < _MIN_IMAGES else structure
 
     def _build_priors(self) -> Priors:
+        """Prior knowledge of mount, clock, depth scale and biases from the window's parameters."""
         core, c, prior = self._core, self._core.window.calibration, self._core.calibration_prior
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p

@@ -54,18 +54,18 @@ _FIXED = 1e12  # m²; on a fixed one
 
 
 class CameraEquations(NamedTuple):
-    """Normal equations of the observations, M = 10 + 6 F columns, and what is needed to recover the landmarks.
+    """Normal equations of all camera factors, of M = 10 + 6 F columns, and what recovers the eliminated landmarks.
 
     Attributes:
         H: (M, M) of calibration and poses; the lower triangle counts.
-        b: (M,).
-        pairs: (F, 22, 24) sums per host and observing frame: products of the Jacobian and, in column 22,
-                with the residual.
-        depth_information: (L,) information on each inverse depth.
-        b_depth: (L,).
-        cross: (L, M) between landmark and the rest.
+        b: (M,) right-hand side.
+        pairs: (F, 22, 24) sums per host and observing frame: products of the Jacobian's columns and, in column 22, with
+            the residual.
+        depth_information: (L,) h_ll: information on each landmark's inverse depth.
+        b_depth: (L,) right-hand side of each inverse depth.
+        cross: (L, M) h_l: between each inverse depth and calibration and poses.
         J: (3, 24) buffer for an observation's Jacobian and residual.
-        J_depth: (3,) buffer for its derivative by the inverse depth.
+        J_depth: (3,) buffer for an observation's derivative by the inverse depth.
     """
 
     H: Array
@@ -79,7 +79,7 @@ class CameraEquations(NamedTuple):
 
 
 def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
-    """Workspace for F frames and L landmarks."""
+    """Preallocated camera equations for F frames and L landmarks."""
     m = CALIBRATION + POSE * frames
     return CameraEquations(
         H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)),
@@ -95,7 +95,8 @@ def _add_landmark(
 ) -> float:  # fmt: skip
     """Adds the observations and measured depths of landmark `l` in frames up to `last`; returns their cost.
 
-    See docs/dvio.md (7)-(9); (8) only if `host_depth`.
+    Residuals of docs/dvio.md (7)-(9) with Huber weights; (8) of that page only if `host_depth`. Writes the landmark's
+    row of `cross`, `depth_information` and `b_depth`, and adds the products of each observing frame to `pairs`.
     """
     J, Jl, at = s.J, s.J_depth, marks.at[l]
     host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
@@ -105,6 +106,7 @@ def _add_landmark(
     depth_information, b_depth, cost = _LOOSE, 0.0, 0.0
     rho = marks.rho[l, host]
     if rho > 0.0:
+        # measured depth of the host: r = s ξ - ρ_i, docs/dvio.md (8)
         if factors.depth_fixed:
             depth_information += _FIXED
         elif host_depth:
@@ -126,7 +128,7 @@ def _add_landmark(
         if not before or not observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
         u, v = to_ray(calibration, at[j, 0], at[j, 1])
-        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
+        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0  # docs/dvio.md (7)
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
         c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
@@ -134,7 +136,7 @@ def _add_landmark(
         cost += c
         rho = marks.rho[l, j]
         if factors.projection_depth and rho > 0.0:
-            r2 = scale * depth - rho
+            r2 = scale * depth - rho  # docs/dvio.md (9)
             c, w = huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
             w2 = w * factors.later_depth_weight
             cost += c
@@ -167,7 +169,7 @@ def _add_landmark(
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
-    """Takes a landmark, seen by the frames `seen` (F,), out of the equations. See docs/dvio.md (11)."""
+    """Eliminates a landmark, seen by the frames `seen` (F,), from the equations: docs/dvio.md (11), first part."""
     cross, share = s.cross[l], 1.0 / s.depth_information[l]
     for k in range(-1, last + 1):
         if k >= 0 and k != host and not seen[k]:
@@ -175,7 +177,7 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
         start = 0 if k < 0 else CALIBRATION + POSE * k
         end = CALIBRATION + POSE * (k + 1)
         for i in range(start, end):
-            f = cross[i] * share
+            f = cross[i] * share  # H -= h hᵀ / h_ll, b -= h b_l / h_ll
             s.b[i] -= f * s.b_depth[l]
             row = s.H[i]
             for e in range(end):
@@ -184,7 +186,7 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
 
 @njit(error_model="numpy", **INSIDE)
 def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
-    """Adds the sums of one host's landmarks to the normal equations."""
+    """Adds the sums `pairs` of the landmarks that one frame hosts to the camera equations H and b."""
     first = CALIBRATION + POSE * host
     for j in range(host + 1, last + 1):
         pair, second = s.pairs[j], CALIBRATION + POSE * j
@@ -209,7 +211,7 @@ def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def is_usable(marks: Landmarks, l: int, last: int) -> bool:
-    """Whether a landmark has a host and is observed by another frame."""
+    """Whether a landmark has a host and is observed by another frame, both among the frames up to `last`."""
     host = marks.host[l]
     if host == NO_HOST or host > last:
         return False
@@ -256,7 +258,7 @@ def add_camera_factors(
 
 @njit(error_model="numpy", **INSIDE)
 def state_index(i: int) -> int:
-    """Index among all states of the i-th of calibration and poses."""
+    """Index among all states of the i-th column of the camera equations (calibration, then six per pose)."""
     if i < CALIBRATION:
         return i
     return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
@@ -316,9 +318,13 @@ def cull(
     marks: Landmarks, c: Calibration, factors: FactorParameters, views: Views, n: int, most: float,
     alive: NDArray[np.uint8],
 ) -> int:  # fmt: skip
-    """Removes observations beyond `most` standard deviations by the `n` frames; returns the newest's remaining ones.
+    """Removes observations with a residual beyond `most` standard deviations, in the first `n` frames.
 
-    A landmark that is an outlier in the newest frame is dropped: its `alive` becomes 0.
+    A landmark that is an outlier in the newest frame is dropped: its `alive` (L,) becomes 0. An outlying measured depth
+    is removed without its observation.
+
+    Returns:
+        Number of remaining observations in the newest frame.
     """
     scale, left = c.scale[0], 0
     for l in range(marks.host.shape[0]):
@@ -351,9 +357,10 @@ def cull(
 
 
 def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uint8], newest: int) -> None:
-    """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
+    """Moves the landmarks that the oldest frame hosts to the newest frame if it observes them, else drops them.
 
-    Their observations by the newest frame are not used for the prior.
+    Used at marginalisation: observations of these landmarks by the newest frame are not part of the prior, so that each
+    counts once. The inverse depth in the newest camera is measured, or ξ / q_z of docs/dvio.md (6).
     """
     hosted = np.flatnonzero(marks.host == 0)
     rehosted = hosted[(alive[hosted] > 0) & (marks.seen[hosted, newest] > 0)]
@@ -369,7 +376,10 @@ def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uin
 
 @njit(error_model="numpy", **INSIDE)
 def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
-    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
+    """Mean image motion of points between two frames with their rotation removed, and the number of points.
+
+    The motion is on the plane at depth 1 (multiply by the focal length for pixels); 0 without points.
+    """
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
     A = mul(transposed(R_camera), mul(mul(transposed(f.R[newest]), f.R[since]), R_camera))
     total, count, still = 0.0, 0, np.zeros(3)

@@ -1,4 +1,4 @@
-"""The window's least squares, docs/dvio.md (10), and marginalisation of its oldest frame into the prior (11).
+"""The window's least squares, docs/dvio.md (10), and marginalisation of its oldest frame, docs/dvio.md (11).
 
 Landmarks are eliminated first, then Cholesky; Levenberg–Marquardt.
 """
@@ -28,15 +28,15 @@ _FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
 
 
 class Work(NamedTuple):
-    """Preallocated buffers for the normal equations.
+    """Preallocated buffers for the normal equations of N states.
 
     Attributes:
-        H: (N, N) of frames and calibration; the lower triangle counts.
-        b: (N,).
-        factor: (N, N) its Cholesky factor.
-        step: (N,).
+        H: (N, N) of calibration and frames; the lower triangle counts.
+        b: (N,) right-hand side.
+        factor: (N, N) Cholesky factor of H.
+        step: (N,) solution of H d = b.
         camera: Camera factors.
-        views: Of the frames.
+        views: Cameras of the frames.
         saved: Copies of the arrays of `_state_arrays`, before a step.
     """
 
@@ -50,7 +50,7 @@ class Work(NamedTuple):
 
 
 def blank_work(window: WindowState) -> Work:
-    """Buffers for a window."""
+    """Preallocated buffers for a window of this size."""
     frames, landmarks = len(window.frames.t_ns), len(window.landmarks.host)
     n = CALIBRATION + FRAME * frames
     return Work(
@@ -63,14 +63,24 @@ def blank_work(window: WindowState) -> Work:
 def preintegrate(
     zs: Preintegration, k: int, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise
 ) -> None:
-    """`imu_factors.integrate` into the `k`-th of an array, with its inverse covariance."""
+    """Preintegrates IMU samples between two times into the k-th measurement of an array, with its weight Σ⁻¹.
+
+    Args:
+        zs: Measurements with a leading axis.
+        k: Index of the measurement.
+        imu: Samples that cover the interval.
+        start_ns: Begin of the interval.
+        end_ns: End of the interval.
+        bias: (6,) biases of gyroscope (rad/s) and accelerometer (m/s²).
+        noise: Noise of the samples.
+    """
     z = Preintegration(*(a[k] for a in zs))
     kernel.integrate(z, imu, start_ns, end_ns, bias, noise)
     z.weight[:] = kernel.inverse(z.covariance)
 
 
 def _state_arrays(window: WindowState) -> tuple[Array, ...]:
-    """What a step changes."""
+    """The arrays of the window that an optimisation step changes, as views."""
     f, c = window.frames, window.calibration
     return (
         f.R, f.p, f.v, f.bias, f.moved, c.R, c.p, c.offset, c.scale, c.focal, c.moved, window.landmarks.inverse_depth,
@@ -80,10 +90,10 @@ def _state_arrays(window: WindowState) -> tuple[Array, ...]:
 def _linearise(
     window: WindowState, factors: FactorParameters, work: Work, frames: int, last: int, host_depth: bool
 ) -> float:
-    """Normal equations of the prior and of all factors of the oldest `frames`, landmarks eliminated; returns the cost.
+    """Writes the normal equations of prior and factors into `work`, landmarks eliminated; returns the cost.
 
-    These are of the landmarks that the frames host, as observed by frames up to `last`; their measured depths count
-    only if `host_depth`.
+    The equations contain the IMU factors and the landmarks hosted by the oldest `frames`, as observed by frames up to
+    `last`; the measured depths of the hosts count only if `host_depth`. The cost of the prior is up to a constant.
     """
     kernel.update_views(window.frames, window.calibration, factors.first_estimates, work.views)
     prior, d, size = window.prior, _deviation(window), CALIBRATION + FRAME * int(window.frames.count[0])
@@ -98,10 +108,10 @@ def _linearise(
 
 
 def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: int, cost_tolerance: float) -> float:
-    """Moves the states towards the minimum of docs/dvio.md (10), in at most `steps`; returns a recent cost.
+    """Minimises docs/dvio.md (10) by Levenberg-Marquardt in at most `steps`; returns a recent cost.
 
-    Stops if a step lowers the cost by less than the share `cost_tolerance`. The factor in `work` is that of the last
-    equations.
+    It stops if a step lowers the cost by less than the share `cost_tolerance`. `work.factor` is afterwards the undamped
+    Cholesky factor of the last equations, from which covariances follow. The cost after the last step is not computed.
     """
     n = int(window.frames.count[0])
     size, moving = CALIBRATION + FRAME * n, _state_arrays(window)
@@ -135,13 +145,13 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
 
 
 def _deviation(window: WindowState) -> Array:
-    """(N,) deviation of the states from their first estimates; 0 for those that the prior does not contain."""
+    """(N,) deviation d of the states from their first estimates; 0 for frames that the prior does not contain."""
     f = window.frames
     return np.concatenate([window.calibration.moved, np.where(f.in_prior[:, None] > 0, f.moved, 0.0).ravel()])
 
 
 def fix_first_estimate(window: WindowState, slot: int) -> None:
-    """Marks a frame as in the prior: its Jacobians stay at its current state."""
+    """Includes a frame in the prior: its Jacobians stay at the present state, its first estimate."""
     f = window.frames
     f.in_prior[slot] = 1
     f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
@@ -149,10 +159,16 @@ def fix_first_estimate(window: WindowState, slot: int) -> None:
 
 
 def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Work, alive: NDArray[np.uint8]) -> None:
-    """Marginalises the oldest frame with the landmarks that it hosts; `drop_oldest` then takes it out of the window.
+    """Marginalises the oldest frame, with the landmarks that it hosts, into the window's prior.
 
-    Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
-    The window holds three frames or more.
+    `drop_oldest` then removes the frame from the window, which must hold three frames or more. Each observation is used
+    once: observations of these landmarks by the newest frame stay with it, which becomes their host.
+
+    Args:
+        window: Its prior and landmarks change.
+        factors: Noise model of the factors.
+        work: Buffers.
+        alive: (L,) 1 where a landmark is tracked; others of the oldest frame are dropped.
     """
     f = window.frames
     newest = int(f.count[0]) - 1
@@ -171,20 +187,24 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
 
 
 def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
-    """The equations H d = b without the oldest frame; of H the lower triangle counts. See docs/dvio.md (11)."""
+    """The equations H d = b without the oldest frame o: H_rr − H_ro H_oo⁻¹ H_or, docs/dvio.md (11).
+
+    Returns H (symmetric) and b of the remaining states; of the given H only the lower triangle is read. H_oo is scaled
+    to a unit diagonal before its inversion.
+    """
     lower = np.tril(H, -1)
     full = lower + lower.T + np.diag(np.diag(H))
     oldest, remaining = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
     scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5
     scales = np.outer(scale, scale)
     cover = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
-    share = full[remaining, oldest] @ cover
+    share = full[remaining, oldest] @ cover  # H_ro H_oo⁻¹
     left = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
     return left + np.tril(left, -1).T, b[remaining] - share @ b[oldest]
 
 
 def drop_oldest(window: WindowState) -> None:
-    """Moves every slot one to the front, over the oldest frame."""
+    """Removes the oldest frame: moves the arrays of all later slots one slot to the front."""
     frames, marks = window.frames, window.landmarks
     n = int(frames.count[0])
     for a in (*frames[1:], *window.preintegrations):

@@ -25,7 +25,7 @@ _SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatt
 
 
 def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
-    """(R, C, 2) px of the samples of an image (H, W): whole cells of them."""
+    """(R, C, 2) px of the depth samples of an image (H, W); R and C are whole numbers of cells."""
     rows, columns = (n // (_STEP_PX * _SIDE) * _SIDE for n in shape)
     v, u = np.mgrid[:rows, :columns] * _STEP_PX + _STEP_PX // 2
     return np.stack([u, v], axis=-1).astype(np.float32)
@@ -47,7 +47,10 @@ def invert_symmetric(s: Array, out: Array) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
-    """Plane (3,) from sums, and the inverse of their normal equations."""
+    """Plane (3,) by least squares from a cell's sums `s` (11,), and the inverse of the normal equations (3, 3).
+
+    ξ = plane · (x, y, 1) for inverse depths ξ on the plane at depth 1. False if the samples do not determine a plane.
+    """
     if not invert_symmetric(s, inverse):
         return False
     for i in range(3):
@@ -57,7 +60,11 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
-    """Sums of each cell, (R, C, 11); the sixth, the number of samples, is 0 if the cell is not full or is rough."""
+    """Writes the sums of each cell into (R, C, 11) `cells`, see `_SUMS`.
+
+    The sixth sum, the number of samples, becomes 0 if the cell is not full, or rougher about its plane than `sd` (1/m)
+    explains.
+    """
     inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
@@ -89,9 +96,14 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
 
 @njit(error_model="numpy", **INSIDE)
 def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
-    """Squared Mahalanobis distance between the planes of a cell's sums (11,) and of a region, by a sample's variance.
+    """Squared Mahalanobis distance between the plane of a cell and that of a region; inf if one is undetermined.
 
-    `region` is the (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
+    Args:
+        s: (11,) sums of the cell.
+        region: (3, 3) inverse of the region's normal equations; 0 takes the region's plane as exact.
+        variance: Of a sample's inverse depth, 1/m².
+        plane: (3,) plane of the region.
+        buffers: (2, 3, 3) overwritten.
     """
     inverse, inverse_sum = buffers[0], buffers[1]
     e = np.empty(3)
@@ -113,9 +125,17 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
 
 @njit(error_model="numpy", **INSIDE)
 def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
-    """Grows a region by neighbours on its plane, then by all other cells on it; returns its number of cells.
+    """Grows a region by neighbouring cells on its plane, then by all other cells on it; returns its number of cells.
 
-    `group` (R, C) is 0 where a cell is free, `name` where it belongs to the region, whose sums are `total` (11,).
+    Cells that do not lie on the final plane are removed at the end.
+
+    Args:
+        cells: (R, C, 11) sums.
+        group: (R, C) 0 where a cell is free, `name` where it belongs to the region, -1 where it was removed.
+        name: Number of the region.
+        variance: Of a sample's inverse depth, 1/m².
+        total: (11,) sums of the region, changed in place.
+        plane: (3,) out: plane of the region.
     """
     rows, columns = group.shape
     inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
@@ -156,15 +176,15 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
 def read_planes(
     depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, planes: Array, weights: Array
 ) -> int:
-    """The largest planes of a depth image; 0.4 ms.
+    """Reads the largest planes of a depth image; 0.4 ms.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
         rays: (R, C, 2) of `sample_pixels` on the plane at depth 1.
         min_depth_m: Nearest depth that counts.
-        sd: Of an inverse depth, 1/m.
+        sd: Standard deviation of an inverse depth, 1/m.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
-        weights: (P, 3, 3) out: inverse of its covariance.
+        weights: (P, 3, 3) out: inverse of the planes' covariances.
 
     Returns:
         Number of planes.

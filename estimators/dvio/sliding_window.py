@@ -1,4 +1,4 @@
-"""The sliding window's core: takes one image after the other, tracks points and optimises."""
+"""The sliding window: takes one image after the other, tracks points and optimises."""
 
 from __future__ import annotations
 
@@ -65,13 +65,19 @@ _PLANES = 6  # largest number of planes read from a depth image
 
 
 class SlidingWindow:
-    """The window, its point tracker, and the state propagated from its newest frame.
+    """The window of frames and landmarks, its point tracker, and the state propagated from its newest frame.
 
     Args:
         camera: Calibration.
         imu: Calibration.
         T_imu_camera: (4, 4) camera to IMU.
         parameters: Parameters for any rig.
+
+    Attributes:
+        window: Frames, landmarks, calibration and prior.
+        nav: State propagated by the IMU from the newest frame.
+        inertial: Buffer of IMU samples.
+        seen: Number of observations in the newest frame.
     """
 
     def __init__(
@@ -113,7 +119,7 @@ class SlidingWindow:
         return t_ns + round(self.window.calibration.offset[0] * 1e9)
 
     def start(self, frame: CameraFrame, covariance: Array) -> None:
-        """Begins a window with an image, at the state `nav` of a covariance (15, 15)."""
+        """Starts a new window with an image, at the state `nav` of a covariance (15, 15)."""
         w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
         self._alive[:] = 0
@@ -141,7 +147,14 @@ class SlidingWindow:
         self.seen = int(self._alive.sum())
 
     def start_covariance(self, position_covariance: Array, heading_sd: float, tilt_sd: float, speed_sd: float) -> Array:
-        """(15, 15) of a state with biases of their a-priori spread; `position_covariance` is (3, 3) m²."""
+        """(15, 15) covariance of a start at `nav` with biases of their a-priori spread.
+
+        Args:
+            position_covariance: (3, 3) m².
+            heading_sd: rad.
+            tilt_sd: rad, about both horizontal axes.
+            speed_sd: m/s, on each axis.
+        """
         P = np.zeros((FRAME, FRAME))
         R = self.nav.R
         P[:3, :3] = position_covariance
@@ -151,9 +164,9 @@ class SlidingWindow:
         return P
 
     def process_image(self, frame: CameraFrame, stationary: bool) -> None:
-        """Takes the next image; the IMU samples up to its time are already here.
+        """Adds the next image: tracks points and optimises; a keyframe also adds points and marginalises the oldest frame.
 
-        `stationary` says whether the IMU measures no motion.
+        The IMU samples up to the image's time must be in the buffer; `stationary` says that the IMU measures no motion.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1
@@ -195,13 +208,17 @@ class SlidingWindow:
         self._previous = copy_of(self.nav)
 
     def propagate(self, until_ns: int) -> None:
-        """Propagates `nav` to a time that the IMU has reached."""
+        """Propagates `nav` to a time on the IMU's clock that its samples cover."""
         self._propagate(self.nav, until_ns)
         # A state older than the samples could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
 
     def rewind_to(self, t_ns: int) -> bool:
-        """Sets `nav` to the propagated state at a time since the newest frame; False if that is too long ago."""
+        """Sets `nav` to the propagated state at an earlier time since the newest frame.
+
+        Returns:
+            False if that time is before the state from which samples are kept; `nav` is then unchanged.
+        """
         if t_ns < self._previous.t_ns[0]:
             return False
         self.nav = copy_of(self._previous)
@@ -216,7 +233,7 @@ class SlidingWindow:
 
     @property
     def is_imu_complete(self) -> bool:
-        """Whether the IMU samples are complete since the frame to which the next image's frame will be linked."""
+        """Whether the IMU samples cover all the time since the frame that the next image will be linked to."""
         f = self.window.frames
         return self.inertial.covers(int(f.t_ns[f.count[0] - (1 if self._newest_is_key else 2)]))
 
@@ -226,6 +243,7 @@ class SlidingWindow:
         return bool(kernel.is_plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
+        """Propagates a state in place to a later time by the buffered IMU samples."""
         if until_ns > state.t_ns[0]:
             z = self._preintegration
             kernel.integrate(z, self.inertial.imu_samples, state.t_ns[0], until_ns, state.bias, self.noise)
@@ -233,6 +251,7 @@ class SlidingWindow:
             state.t_ns[0] = until_ns
 
     def _set_frame(self, slot: int, t_ns: int, state: NavState) -> None:
+        """Sets the frame in a slot to a state, stamped with an image's time `t_ns` on the camera's clock."""
         f = self.window.frames
         f.offset[slot] = self.window.calibration.offset[0]
         f.t_ns[slot] = self.imu_time(t_ns)
@@ -305,7 +324,10 @@ class SlidingWindow:
         return float(np.median(np.linalg.norm(tracked_px - previous_px, axis=1))) if len(ids) >= _MIN_POINTS else np.inf
 
     def _drift_px(self, slot: int, t_ns: int) -> float:
-        """Median motion of points since the newest frame `STATIONARY_S` older, px: a slow shift; 0 if it is unknown."""
+        """Median image motion since the newest frame that is at least `STATIONARY_S` older, px: shows a slow motion.
+
+        0 if there is no such frame or too few common points.
+        """
         f, marks = self.window.frames, self.window.landmarks
         since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(STATIONARY_S * 1e9), "right")) - 1
         both = (marks.seen[:, [since, slot]] > 0).all(axis=1)
@@ -321,7 +343,7 @@ class SlidingWindow:
         )
 
     def _mark_observable_depths(self) -> None:
-        """Marks landmarks as measured whose depth is known from motion."""
+        """Marks landmarks as measured whose inverse depth motion alone determines to `_MEASURED_SD`."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
         sure = marks.inverse_depth[l] ** 2 * self._work.camera.depth_information[l] > _MEASURED_SD**2
@@ -330,7 +352,13 @@ class SlidingWindow:
     def _pnp_inliers(
         self, ids: NDArray[np.int64], tracked_px: NDArray[np.float32], good: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """(N,) which points one camera pose explains, if the predicted one explains few."""
+        """(N,) which points one camera pose explains (P3P, RANSAC), where the predicted pose explains few.
+
+        Args:
+            ids: (N,) landmarks.
+            tracked_px: (N, 2) px.
+            good: (N,) which of them were tracked.
+        """
         w, marks = self.window, self.window.landmarks
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
@@ -351,7 +379,7 @@ class SlidingWindow:
         return rho
 
     def _add_landmarks(self, frame: CameraFrame, slot: int) -> None:
-        """New landmarks, hosted by the slot."""
+        """Searches for new points in an image and adds them as landmarks that the frame in a slot hosts."""
         marks, p = self.window.landmarks, self.parameters
         free = np.flatnonzero(marks.host == NO_HOST)
         taken = self._pixels[self._alive > 0]
@@ -376,7 +404,7 @@ class SlidingWindow:
         self._pixels[ids] = points
 
     def _observe_level_ground(self, frame: CameraFrame, slot: int) -> None:
-        """Measures the tilt by level ground in the depth image of the newest frame, a keyframe, where that is due."""
+        """Measures the tilt by level ground in the depth image of the newest keyframe, once per stretch of path."""
         w = self.window
         if frame.depth is None or not self._level.is_due(w.frames.p[slot]):
             return
@@ -399,7 +427,7 @@ class SlidingWindow:
             marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
-        """Whether the newest frame differs enough from the last keyframe to be one."""
+        """Whether the newest frame becomes a keyframe: by parallax, by lost points, or after `_MAX_KEYFRAME_S`."""
         f = self.window.frames
         moved, common = kernel.parallax(self.window, slot, slot - 1)
         return bool(

@@ -22,6 +22,7 @@ from stridetwin.streams.samples import Array
 
 @njit(error_model="numpy", **INSIDE)
 def _step_calibration(c: Calibration, d: Array) -> None:
+    """Adds a step (10,) to position (m) and rotation (rad) of the mount, clock (s), depth scale and focal lengths."""
     for i in range(3):
         c.p[i] += d[i]
     copy_matrix(mul(c.R, exp(d[3:6])), c.R)
@@ -35,7 +36,11 @@ def _step_calibration(c: Calibration, d: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def _step_frame(f: Frames, k: int, e: Array) -> None:
-    """Moves a frame by its step (15,): from its first estimate by all steps since, if the prior contains it."""
+    """Adds a step (15,) to the frame in slot k: position, attitude (error on the right), velocity and biases.
+
+    A frame in the prior is recomputed from its first estimate and the sum of all steps since, which is what the prior
+    refers to.
+    """
     R, p, v, bias = f.R[k], f.p[k], f.v[k], f.bias[k]
     R_0, p_0, v_0, bias_0 = R, p, v, bias
     if f.in_prior[k]:
@@ -53,7 +58,11 @@ def _step_frame(f: Frames, k: int, e: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def apply_step(frames: Frames, marks: Landmarks, calibration: Calibration, camera: CameraEquations, d: Array) -> None:
-    """Applies the step d (N,) of all states, and what follows from it for the landmarks."""
+    """Applies a step d (N,) of all states to frames and calibration, and the step that follows for each landmark.
+
+    An eliminated inverse depth changes by (b_l − h_lᵀ d) / h_ll, with h_l over calibration and poses; it stays within
+    `LEAST_INVERSE_DEPTH` and `MOST_INVERSE_DEPTH`.
+    """
     n = frames.count[0]
     _step_calibration(calibration, d)
     for k in range(n):
@@ -63,7 +72,7 @@ def apply_step(frames: Frames, marks: Landmarks, calibration: Calibration, camer
         by_pose[i] = d[state_index(i)]
     for l in range(marks.host.shape[0]):
         if is_usable(marks, l, n - 1):
-            s = camera.b_depth[l]
+            s = camera.b_depth[l]  # b_l - h_lᵀ d
             for i in range(by_pose.shape[0]):
                 s -= camera.cross[l, i] * by_pose[i]
             xi = marks.inverse_depth[l] + s / camera.depth_information[l]

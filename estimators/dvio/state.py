@@ -174,7 +174,7 @@ class Landmarks(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """What the window estimates of the sensors.
+    """Estimated calibration of the sensors.
 
     Attributes:
         R: (3, 3) IMU <- camera.
@@ -206,7 +206,7 @@ class Prior(NamedTuple):
 
 
 class WindowState(NamedTuple):
-    """The sliding window.
+    """State of the sliding window: all that the optimisation reads and changes.
 
     Attributes:
         frames: States.
@@ -224,7 +224,7 @@ class WindowState(NamedTuple):
 
 
 def blank_preintegration(slots: int | None = None) -> Preintegration:
-    """An increment of zero duration, or an array of them."""
+    """Preintegrated measurements of zero duration: one, or `slots` of them with a leading axis."""
     lead = () if slots is None else (slots,)
     gamma = np.zeros((*lead, 3, 3))
     gamma[...] = np.eye(3)

@@ -40,11 +40,11 @@ class Observations:
     """Observations of N points in K images.
 
     Attributes:
-        seen: (K, N) whether.
+        seen: (K, N) whether the image shows the point.
         at: (K, N, 2) where, on the plane at depth 1.
         rho: (K, N) measured inverse depth there, 1/m; 0 where none.
-        sd: Of `at`.
-        rho_sd: Of `rho`, 1/m.
+        sd: Standard deviation of `at`.
+        rho_sd: Standard deviation of `rho`, 1/m.
     """
 
     seen: NDArray[np.bool_]
@@ -60,12 +60,12 @@ class Observations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """Cameras in the axes of the newest, the last one.
+    """Cameras of K images in the axes of the newest, which is the last one.
 
     Attributes:
-        first: Index of its first image.
-        R: (K, 3, 3) newest <- camera.
-        p: (K, 3) m, or in units of the first one's distance.
+        first: Index of the first of these images among all.
+        R: (K, 3, 3) newest camera <- camera.
+        p: (K, 3) positions, in m, or in units of the distance between first and newest camera.
         information: (6K, 6K) on the errors of position and attitude (on its right) of each; the newest has none.
         misfit: Mean squared residual, in variances.
         scaled: Whether lengths are in m.
@@ -139,7 +139,11 @@ def structure_of_bearings(s: Observations) -> Structure | None:
 
 
 def _connect_images(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
-    """The images between the oldest and the newest, whose relative pose is known."""
+    """Structure of K images from the known relative pose M (3, 3), t (3,) of the oldest in the newest.
+
+    Points seen by both, `shared` (N,), are triangulated, the images between are placed by P3P, and all are adjusted.
+    None if an image shows too few of these points.
+    """
     K, N = s.seen.shape
     ends = np.zeros((K, N), bool)
     ends[0, shared] = ends[-1, shared] = True
@@ -159,9 +163,17 @@ def _connect_images(s: Observations, shared: NDArray[np.int64], M: Array, t: Arr
 
 
 def solve_pnp(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """(3, 3) and (3,) camera <- axes of points (N, 3) by P3P of observations (N, 2), and which points agree.
+    """Pose of a camera by P3P with RANSAC from points (N, 3) and their observations (N, 2) on the plane at depth 1.
 
-    None where fewer than `fewest` agree within `error`, on the plane at depth 1.
+    Args:
+        points: (N, 3) in any axes.
+        at: (N, 2).
+        error: Largest residual of an inlier, on the plane at depth 1.
+        fewest: Smallest number of inliers.
+
+    Returns:
+        (3, 3) rotation and (3,) translation, camera <- axes of the points, and (N,) the inliers; None if there are too
+        few.
     """
     if len(points) < fewest:
         return None
@@ -176,12 +188,12 @@ def solve_pnp(points: Array, at: Array, error: float, fewest: float) -> tuple[Ar
 
 
 def _relative_pose(s: Observations, points: Array, at: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """`solve_pnp` with a least share of the points as inliers."""
+    """`solve_pnp` with limits from the observations' noise and the number of points."""
     return solve_pnp(points, at, _POSE_ERROR_SD * s.sd, max(_MIN_POINTS, _MIN_POSE_SHARE * len(points)))
 
 
 def _back_project(R: Array, p: Array, at: Array, rho: Array) -> Array:
-    """(N, 3) points by the first measured depth of each."""
+    """(N, 3) points from the first measured inverse depth of each, in the axes of the newest camera."""
     n = np.arange(at.shape[1])
     k = (rho > 0).argmax(axis=0)
     depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
@@ -189,8 +201,11 @@ def _back_project(R: Array, p: Array, at: Array, rho: Array) -> Array:
 
 
 def _triangulate(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """(N, 3) points nearest to all their rays, and whether they are in front of all cameras."""
-    ray = np.matmul(directions(at), np.swapaxes(R, 1, 2))
+    """(N, 3) points nearest to all their rays, and (N,) whether they are determined and in front of all cameras.
+
+    Least squares: Σ (I − d dᵀ) (X − p) = 0 over unit rays d from the cameras' positions p.
+    """
+    ray = np.matmul(directions(at), np.swapaxes(R, 1, 2))  # d, in the axes of the newest camera
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
     # The least eigenvalue is about that of two rays, ½ angle², times their number.
@@ -203,7 +218,10 @@ def _triangulate(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tupl
 
 
 def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
-    """Least squares of Zhao 2023 (1) and (3) over cameras and points, twice: the second time without outliers."""
+    """Least squares of Zhao 2023 (1) and (3) over cameras and points, then once more without outliers.
+
+    None if too few observations agree.
+    """
     use = s.seen.sum(axis=0) > 1
     s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
@@ -231,7 +249,7 @@ def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: in
 def _minimize(
     s: Observations, R: Array, p: Array, points: Array, scaled: bool, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Levenberg–Marquardt."""
+    """Levenberg-Marquardt over cameras and points in at most `steps`; returns cameras R, p and points."""
     damping, cost = _DAMPING, _cost(_residuals(s, R, p, points)[0])
     for _ in range(steps):
         m = _equations(s, R, p, points, scaled)
@@ -262,10 +280,12 @@ def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Arra
 
 
 def _residual_norms(r: Array) -> Array:
+    """(K, N, 2) length of the image residual and of the depth residual of each observation, in standard deviations."""
     return np.stack([np.linalg.norm(r[..., :2], axis=-1), np.abs(r[..., 2])], axis=-1)
 
 
 def _cost(r: Array) -> float:
+    """Sum of Huber costs of (K, N, 3) residuals in standard deviations."""
     size = _residual_norms(r)
     return float(np.where(size < _HUBER_SD, size**2, 2 * _HUBER_SD * size - _HUBER_SD**2).sum())
 
@@ -289,6 +309,11 @@ class _Normal(NamedTuple):
 
 
 def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
+    """Normal equations of cameras and points, weighted by Huber's rule, with the points eliminated.
+
+    Residuals of Zhao 2023 (1) and (3) by the error states of each camera (position, attitude on its right) and the
+    points. Without measured depths, the distance of the first camera from the newest is fixed.
+    """
     r, q = _residuals(s, R, p, points)
     K, N = s.seen.shape
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
@@ -308,6 +333,7 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
     H_points_inverse = np.linalg.inv(H_points + loose * np.eye(3))
     cross = _sum_residuals(by_camera[..., :, None] * by_point[..., None, :])
     rows = cross.transpose(1, 0, 2, 3).reshape(N, 6 * K, 3)
+    # H -= H_cp H_pp⁻¹ H_pc over the points, and b likewise
     gain = (rows @ H_points_inverse).transpose(1, 0, 2).reshape(6 * K, 3 * N)
     H, b = -gain @ rows.transpose(1, 0, 2).reshape(6 * K, 3 * N).T, -gain @ b_points.reshape(-1)
     for k in range(K):
@@ -326,5 +352,6 @@ def _sum_residuals(a: Array) -> Array:
 
 
 def _angles(a: Array, b: Array) -> Array:
+    """(N,) angle between vectors a and b (N, 3), rad."""
     cross = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.asarray(np.arctan2(cross, (a * b).sum(axis=-1)))
