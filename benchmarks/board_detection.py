@@ -27,8 +27,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.checkerboard.detector import BoardDetector
-from stridetwin.estimators.checkerboard.pattern import Lens
-from stridetwin.estimators.checkerboard.pose import BoardObservation, board_poses
+from stridetwin.estimators.checkerboard.pattern import DistortionModel
+from stridetwin.estimators.checkerboard.pose import BoardObservation, find_board_poses
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.parts.kinds import CameraPart
 from stridetwin.sim.parts.library import load_part
@@ -166,7 +166,7 @@ def case(frame: Frame, detector: BoardDetector, rng: np.random.Generator, search
     }
     for observation in (found, searched):
         if observation is not None:
-            miss = Lens(camera).pixels(observation.rays) - true_px[_which(observation, detector)]
+            miss = DistortionModel(camera).pixels(observation.rays) - true_px[_which(observation, detector)]
             result["wrong"] |= bool(np.linalg.norm(miss, axis=1).max() > WRONG_SQUARES * per_square)
     return result | (_errors(found, true_px[_which(found, detector)], T, camera, square) if found is not None else {})
 
@@ -197,9 +197,9 @@ def _errors(
     observation: BoardObservation, true_px: Array, T: Array, camera: CameraCalibration, square_m: float
 ) -> dict[str, Any]:  # fmt: skip
     """Errors of corners and pose of a detection."""
-    miss, sd = Lens(camera).pixels(observation.rays) - true_px, observation.ray_sd * camera.intrinsics[0]
+    miss, sd = DistortionModel(camera).pixels(observation.rays) - true_px, observation.ray_sd * camera.intrinsics[0]
     result: dict[str, Any] = {"miss_px": miss, "sd_px": sd}
-    poses = board_poses(observation)
+    poses = find_board_poses(observation)
     if poses:
         likeliest = poses[0]
         shift = T[:3, 3] - likeliest.T_camera_board[:3, 3]

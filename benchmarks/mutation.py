@@ -90,8 +90,8 @@ EQUIVALENT = {
         "the order of the sources names the folder of compiled functions alone",
     ("estimators/dvio/landmarks.py", "> most * most", ">= most * most"): "no residual is just that",
     ("estimators/foot_to_foot/published.py", "total += value", "total -= value"): "only its square counts",
-    ("estimators/foot_to_foot/rewind.py", "w = plus(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)",
-        "w = plus(rate_of(memory, ring_row(memory, 1)), -1.0, gyro_bias)"): "the loop replaces it where it is used",
+    ("estimators/foot_to_foot/rewind.py", "w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)",
+        "w = axpy(rate_of(memory, ring_row(memory, 1)), -1.0, gyro_bias)"): "the loop replaces it where it is used",
     ("estimators/locomotion_mode/published.py", "zip(self._divisions, self._divisions[1:])",
         "zip(self._divisions[1:], self._divisions)"): "a distance has no sign",
     ("estimators/terrain_map/tsdf_integration.py", "(descent > _ZERO)", "(descent >= _ZERO)"):

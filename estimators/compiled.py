@@ -9,11 +9,11 @@ from typing import Any
 from stridetwin.streams import compiled
 from stridetwin.streams.compiled import INSIDE, F
 
-__all__ = ["INSIDE", "cached"]
+__all__ = ["INSIDE", "entry_kernel"]
 
 _SHARED = [Path(__file__).with_name(name) for name in ("so3.py", "matrices.py", "cholesky.py")]
 
 
-def cached(*sources: str | Path, **options: Any) -> Callable[[F], F]:
+def entry_kernel(*sources: str | Path, **options: Any) -> Callable[[F], F]:
     """Compiles functions that Python calls; see `streams.compiled.cached`."""
     return compiled.cached(*_SHARED, *sources, **options)

@@ -111,7 +111,7 @@ def sparse_mul(F: Array, P: Array) -> Array:
 
 
 @njit(error_model="numpy", **INSIDE)
-def propagated(F: Array, P: Array) -> Array:
+def transform_covariance(F: Array, P: Array) -> Array:
     """(n, n) F P Fᵀ of a symmetric P."""
     return sparse_mul(F, transposed(sparse_mul(F, P)))
 

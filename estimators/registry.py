@@ -24,7 +24,7 @@ def names() -> tuple[str, ...]:
     Raises:
         StrideTwinError: Two packages offer the same name.
     """
-    return tuple(_points())
+    return tuple(_points_by_name())
 
 
 def descriptions() -> dict[str, str]:
@@ -33,7 +33,9 @@ def descriptions() -> dict[str, str]:
     Raises:
         StrideTwinError: As `estimator`, of a module without docstring.
     """
-    return {name: _summary(point) or estimator(name).declaration.description for name, point in _points().items()}
+    return {
+        name: _summary(point) or estimator(name).declaration.description for name, point in _points_by_name().items()
+    }
 
 
 def output_descriptions() -> dict[str, str]:
@@ -47,15 +49,15 @@ def estimator(name: str) -> type[Estimator]:
     Raises:
         StrideTwinError: The name is unknown, the class cannot be imported, or it is not an estimator.
     """
-    points = _points()
+    points = _points_by_name()
     if name not in points:
         raise ConfigError("estimator", "name", name, ", ".join(points))
     where = f"{GROUP}: {name} = {points[name].value}"
     try:
-        found: Any = points[name].load()
+        estimator_class: Any = points[name].load()
     except Exception as error:
         raise StrideTwinError(f"{where}: cannot be imported: {type(error).__name__}: {error}") from error
-    declaration = getattr(found, "declaration", None)
+    declaration = getattr(estimator_class, "declaration", None)
     if not isinstance(declaration, Declaration):
         raise ConfigError(where, "declaration", type(declaration).__name__, "stridetwin.estimators.base.Declaration")
     kinds = tuple(sorted({point.name for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}))
@@ -63,9 +65,9 @@ def estimator(name: str) -> type[Estimator]:
         if value not in valid:
             raise ConfigError(where, f"declaration.{field}", value, ", ".join(valid))
     for method in ("streams", "update"):
-        if not callable(getattr(found, method, None)):
-            raise ConfigError(where, method, getattr(found, method, None), "a method")
-    return cast("type[Estimator]", found)
+        if not callable(getattr(estimator_class, method, None)):
+            raise ConfigError(where, method, getattr(estimator_class, method, None), "a method")
+    return cast("type[Estimator]", estimator_class)
 
 
 def estimators(kind: str) -> dict[str, type[Estimator]]:
@@ -89,13 +91,13 @@ def _summary(point: EntryPoint) -> str:
     return lines[0].rstrip(".") if lines else ""
 
 
-def _points() -> dict[str, EntryPoint]:
-    found: dict[str, EntryPoint] = {}
+def _points_by_name() -> dict[str, EntryPoint]:
+    points: dict[str, EntryPoint] = {}
     for point in _entry_points(GROUP, tuple(sys.path)):
-        if point.value != found.setdefault(point.name, point).value:
-            both = f"{found[point.name].value} and {point.value}"
+        if point.value != points.setdefault(point.name, point).value:
+            both = f"{points[point.name].value} and {point.value}"
             raise StrideTwinError(f"{GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
-    return found
+    return points
 
 
 @cache

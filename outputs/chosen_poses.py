@@ -147,7 +147,7 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     views: list[tuple[Array, Array]] = []
     for image in recording.images(calibration.depth_topic, chosen):
         if isinstance(image, Depth):
-            depth, _ = camera.rectified(image.depth, TerrainMapParameters())
+            depth, _ = camera.rectify(image.depth, TerrainMapParameters())
             at = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1
             R = Rotation.from_quat(path.q_world_frame[at], scalar_first=True).as_matrix() @ R_frame_camera
             views.append((normals(depth, camera.intrinsics), R))

@@ -14,7 +14,7 @@ from stridetwin.streams.live.messages import rank_of
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Odometry, Sample
 
-Window = tuple[float, float]
+FaultWindow = tuple[float, float]
 """Begin and end of a fault, as shares of the walk's duration."""
 _ALL, _EACH, _LAST, _LONG = (0.30, 0.34), (0.36, 0.54), (0.54, 0.56), (0.30, 0.56)
 _GAP = (0.30, 0.72)
@@ -54,8 +54,8 @@ class Injection:
     """
 
     create: Callable[[str], TimedFault]
-    windows: tuple[Window, ...] = (_ALL,)
-    each: Window | None = _EACH
+    windows: tuple[FaultWindow, ...] = (_ALL,)
+    each: FaultWindow | None = _EACH
     kinds: tuple[type[Sample], ...] = (Sample,)
 
 

@@ -18,7 +18,7 @@ def overwrite(sample: Sample) -> None:
         array.fill(_OVERWRITTEN)
 
 
-def changed_field(sample: Sample, original: Sample) -> str:
+def find_changed_field(sample: Sample, original: Sample) -> str:
     """Name of the first array of a sample that differs from that of the original; "" if none does."""
     originals = dict(_arrays(original))
     for name, array in _arrays(sample):

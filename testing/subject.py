@@ -15,7 +15,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose
 from stridetwin.testing.leaves import Leaf, difference, field_of, flatten
-from stridetwin.testing.samples import changed_field, overwrite
+from stridetwin.testing.samples import find_changed_field, overwrite
 from stridetwin.testing.walk import Walk, find_walk
 
 _HOME = Path(__file__).resolve().parents[1]
@@ -120,7 +120,7 @@ class Subject:
         for i, original in enumerate(self.walk.samples):
             sample = copy_sample(original)
             estimate = call_update(estimator, sample)
-            if not changed and (field := changed_field(sample, original)):
+            if not changed and (field := find_changed_field(sample, original)):
                 changed = f"{field} of the sample of {sample.topic} at {sample.t_ns * 1e-9:.3f} s"
             overwrite(sample)
             if estimate is not None:

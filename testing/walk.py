@@ -113,7 +113,7 @@ def find_walk(estimator_class: type[Estimator], options: Options | None, recordi
         rig, metadata = _nominal_rig(cameras, mount)
         try:
             streams = estimator_class.streams(rig, replace(options, metadata=metadata, source=_NAME))
-            _require(streams, _topics_of(rig))
+            _require_topics(streams, _topics_of(rig))
             counts.append(len(_topics_of(rig).intersection(stream.topic for stream in streams if stream.live)))
         except (
             Exception
@@ -149,7 +149,7 @@ def _select_streams(estimator_class: type[Estimator], options: Options, recordin
     for candidate in candidates:
         try:
             streams = estimator_class.streams(rig_of(recording), candidate)
-            _require(streams, recording.topics)
+            _require_topics(streams, recording.topics)
         except StrideTwinError as error:
             problem = error
             continue
@@ -162,7 +162,7 @@ def _select_streams(estimator_class: type[Estimator], options: Options, recordin
     raise StrideTwinError(f"{recording.path}: {problem}") from problem
 
 
-def _require(streams: Sequence[Stream], topics: Iterable[str]) -> None:
+def _require_topics(streams: Sequence[Stream], topics: Iterable[str]) -> None:
     if lacking := missing_roles(streams, topics):
         raise StrideTwinError(f"no topic {', '.join(lacking)}")
 

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from benchmarks.gait_phase import TERRAINS, FootWalk, simulate
-from stridetwin.estimators.gait_phase.template import AFTER, BEFORE, BINS, DOWN, KINDS, LEVEL, UP
+from stridetwin.estimators.gait_phase.template import AFTER, BEFORE, BINS, DOWN, LEVEL, N_STRIDE_KINDS, UP
 from stridetwin.outputs.gait_phase.scores import Stride
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -30,9 +30,9 @@ def pitch_per_cycle(walk: FootWalk, stride: Stride) -> Array:
 
 
 def fit(walks: list[FootWalk]) -> tuple[Array, Array, Array]:
-    """Mean and standard deviation (KINDS, BINS) of the pitch, log-ratios (KINDS,) of stride times."""
-    pitch: list[list[Array]] = [[] for _ in range(KINDS)]
-    ratios: list[list[float]] = [[] for _ in range(KINDS)]
+    """Mean and standard deviation (N_STRIDE_KINDS, BINS) of the pitch, log-ratios (N_STRIDE_KINDS,) of stride times."""
+    pitch: list[list[Array]] = [[] for _ in range(N_STRIDE_KINDS)]
+    ratios: list[list[float]] = [[] for _ in range(N_STRIDE_KINDS)]
     for walk in walks:
         level = [s.end_ns - s.begin_ns for s in walk.strides[1:-1] if (s.begin_mode, s.end_mode) == ("LG", "LG")]
         for stride in walk.strides:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.estimators.checkerboard import saddle_points
-from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
+from stridetwin.estimators.checkerboard.pattern import BoardPattern, DistortionModel, View, sample
 from stridetwin.estimators.checkerboard.pose import BoardObservation
-from stridetwin.estimators.checkerboard.search import anywhere, around, guessed
+from stridetwin.estimators.checkerboard.search import find_anywhere, find_near, view_from_guess
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
@@ -41,36 +41,36 @@ _CORNER_SD_PX = 0.02  # error of a corner in addition to its residuals: remainin
 _SMEAR_SD = 0.01  # the same, as a share of the motion that blurs the board
 
 
-def is_whole(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
+def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
     `levels` (N, 2) are middle and half step of the brightness at the detected corners (N, 2) squares; both change
     slowly over a board.
     """
-    plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
-    middle, step = (_plane(pattern.cells) @ plane).T
+    plane, *_ = np.linalg.lstsq(_plane_design(corners), levels, rcond=None)
+    middle, step = (_plane_design(pattern.cells) @ plane).T
     contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
     right = contrast * pattern.bright.ravel() > _CLEAR_CONTRAST  # False outside the image
     return int((~right).sum()) <= _MAX_HIDDEN_CELLS
 
 
-def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
+def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp], near: Array, reach_px: float) -> bool:
     """Whether no other corners of the same board fit within `reach_px` of the predicted centre `near` (2,) px.
 
     An occluder may be as white as the board's margin (a stair edge is), so the margin proves nothing: the squares
-    around the corners `which` (N,) may be any of the board's with the same colours.
+    around the corners `indices` (N,) may be any of the board's with the same colours.
     """
     columns, rows = pattern.shape
-    v, u = np.divmod(which, columns)
+    v, u = np.divmod(indices, columns)
     j, i = np.mgrid[-v.min() : rows - v.max(), -u.min() : columns - u.max()]
-    others = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' indices would be greater by (i, j)
-    if not others.any():
+    placements = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' indices would be greater by (i, j)
+    if not placements.any():
         return True
-    centres = view.pixels(-np.column_stack([i[others], j[others]]).astype(float))
+    centres = view.pixels(-np.column_stack([i[placements], j[placements]]).astype(float))
     return not (np.linalg.norm(centres - near, axis=1) <= reach_px).any()
 
 
-def _plane(squares: Array) -> Array:
+def _plane_design(squares: Array) -> Array:
     """(N, 3) design of a plane over (N, 2) points."""
     return np.column_stack([np.ones(len(squares)), squares])
 
@@ -102,13 +102,13 @@ class BoardFit:
 
     Attributes:
         view: View of the board.
-        which: (N,) indices of the accepted corners.
+        indices: (N,) indices of the accepted corners.
         corners: (N, saddle.COLUMNS) their fits.
         sd_px: (N,) their standard deviations, pixels.
     """
 
     view: View
-    which: NDArray[np.intp]
+    indices: NDArray[np.intp]
     corners: Array
     sd_px: Array
 
@@ -128,7 +128,7 @@ class BoardDetector:
     """
 
     def __init__(self, board: Board, camera: CameraCalibration) -> None:
-        self._pattern, self._lens = BoardPattern(board), Lens(camera)
+        self._pattern, self._lens = BoardPattern(board), DistortionModel(camera)
         self._shift_ns = round(camera.timeshift_cam_imu_s * 1e9)
         self.points_in_board = self._pattern.points_in_board
 
@@ -168,19 +168,19 @@ class BoardDetector:
         Raises:
             StrideTwinError: An image of another shape than the camera's, or a guess of another shape than the board's.
         """
-        grey = self._grey(image)
+        grey = self._read_grey(image)
         near = None if guess is None else np.mean(guess, axis=0)
         for rough in self._candidates(grey, guess, guess_error_px):
-            fit = self._fitted(grey, rough, motion_px)
-            if fit is not None and self._unmistakable(grey, fit, near, guess_error_px):
+            fit = self._fit_board(grey, rough, motion_px)
+            if fit is not None and self._is_identified(grey, fit, near, guess_error_px):
                 return BoardObservation(
                     topic=image.topic, t_ns=image.t_ns + self._shift_ns,
-                    points_in_board=self.points_in_board[fit.which], rays=self._lens.rays(fit.corners[:, :2]),
+                    points_in_board=self.points_in_board[fit.indices], rays=self._lens.rays(fit.corners[:, :2]),
                     ray_sd=fit.sd_px / self._lens.focal_px,
                 )  # fmt: skip
         return None
 
-    def _grey(self, image: Image) -> NDArray[np.uint8]:
+    def _read_grey(self, image: Image) -> NDArray[np.uint8]:
         width, height = self._lens.size
         if image.pixels.shape != (height, width) or image.pixels.dtype != np.uint8:
             raise StrideTwinError(
@@ -191,66 +191,69 @@ class BoardDetector:
 
     def _candidates(self, grey: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
         if guess is None:
-            yield from anywhere(grey, self._pattern, self._lens)
+            yield from find_anywhere(grey, self._pattern, self._lens)
             return
         if np.shape(guess) != self._pattern.corners.shape:
             raise StrideTwinError(f"guess of shape {np.shape(guess)}; the board has {self._pattern.corners.shape}")
-        if (view := guessed(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
-            yield from around(grey, self._pattern, view, error_px)
+        if (view := view_from_guess(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
+            yield from find_near(grey, self._pattern, view, error_px)
 
-    def _fitted(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
+    def _fit_board(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
         """The refined view and its accepted corners; None if there are too few."""
         corners = self._pattern.corners
-        motion = None if motion_px is None else rough.squares_of(motion_px)
-        if motion is not None and not _readable(np.abs(motion)):
+        motion = None if motion_px is None else rough.to_squares(motion_px)
+        if motion is not None and not _is_readable(np.abs(motion)):
             return None
-        first = self._fit(grey, rough, Smear(blur=np.full(2, _BLUR_SD), motion=motion), True)
+        first = self._fit_all_corners(grey, rough, Smear(blur=np.full(2, _BLUR_SD), motion=motion), True)
         good = first[:, saddle_points.OK] > 0
         if good.sum() < _MIN_CORNERS:
             return None
         tolerance = _FLATNESS * np.median(rough.size_px(corners)) / self._lens.focal_px
-        view = View.through(self._lens, corners[good], self._lens.rays(first[good, :2]), tolerance)
+        view = View.from_points(self._lens, corners[good], self._lens.rays(first[good, :2]), tolerance)
         if view is None:
             return None
         blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
         sharp = _SHARP_PX / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
         smear, fits = min(
-            ((smear, self._fit(grey, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
+            (
+                (smear, self._fit_all_corners(grey, view, smear, False))
+                for smear in self._possible_smears(blur, motion, sharp)
+            ),
             key=lambda tried: _misfit(tried[1]),
         )
         motion_uv = smear.total_motion(sharp)
-        fit = self._held(view, fits, motion_uv)
+        fit = self._accept_corners(view, fits, motion_uv)
         for _ in range(_PASSES):
-            if len(fit.which) in (len(corners), 0):
+            if len(fit.indices) in (len(corners), 0):
                 break
-            closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
+            closer = View.from_points(self._lens, corners[fit.indices], self._lens.rays(fit.corners[:, :2]))
             if closer is None:
                 break
-            again = self._held(closer, self._fit(grey, closer, smear, False), motion_uv)
-            if len(again.which) <= len(fit.which):
+            again = self._accept_corners(closer, self._fit_all_corners(grey, closer, smear, False), motion_uv)
+            if len(again.indices) <= len(fit.indices):
                 break
             fit = again
-        return fit if self._enough(fit, motion_uv) else None
+        return fit if self._is_sufficient(fit, motion_uv) else None
 
-    def _held(self, view: View, fits: Array, motion_uv: Array) -> BoardFit:
+    def _accept_corners(self, view: View, fits: Array, motion_uv: Array) -> BoardFit:
         """The corners that are certain enough and consistent with a plane board."""
         size = view.size_px(self._pattern.corners)
-        shown = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
-        sd = np.sqrt(shown**2 + _CORNER_SD_PX**2 + (_SMEAR_SD * np.linalg.norm(motion_uv) * size) ** 2)
-        off = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
-        even = (off < np.maximum(_FLATNESS * size, 5 * sd)) & (sd < _MAX_CORNER_SD * size)
-        which = np.flatnonzero((fits[:, saddle_points.OK] > 0) & even)
-        return BoardFit(view=view, which=which, corners=fits[which], sd_px=sd[which])
+        fit_sd = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
+        sd = np.sqrt(fit_sd**2 + _CORNER_SD_PX**2 + (_SMEAR_SD * np.linalg.norm(motion_uv) * size) ** 2)
+        distance = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
+        is_consistent = (distance < np.maximum(_FLATNESS * size, 5 * sd)) & (sd < _MAX_CORNER_SD * size)
+        indices = np.flatnonzero((fits[:, saddle_points.OK] > 0) & is_consistent)
+        return BoardFit(view=view, indices=indices, corners=fits[indices], sd_px=sd[indices])
 
-    def _enough(self, fit: BoardFit, motion_uv: Array) -> bool:
+    def _is_sufficient(self, fit: BoardFit, motion_uv: Array) -> bool:
         """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more."""
-        count, length = len(fit.which), np.linalg.norm(motion_uv)
+        count, length = len(fit.indices), np.linalg.norm(motion_uv)
         if length <= _MAX_SHARP:
             return count >= _MIN_CORNERS
         many = count >= _SMEARED_SHARE * len(self._pattern.corners)
-        return bool(many and _readable(motion_uv) and _misfit(fit.corners) < _SMEARED_MISFIT)
+        return bool(many and _is_readable(motion_uv) and _misfit(fit.corners) < _SMEARED_MISFIT)
 
-    def _smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
+    def _possible_smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
         """Possible blurs: a motion that smears both families of edges has one of two directions."""
         yield Smear(blur=blur, motion=motion)
         motion_uv = Smear(blur=blur, motion=None).total_motion(sharp)
@@ -258,7 +261,7 @@ class BoardDetector:
             for sense in (1.0, -1.0):
                 yield Smear(blur=sharp, motion=motion_uv * (1.0, sense))
 
-    def _fit(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
+    def _fit_all_corners(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
         """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
         corners, colour = self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
@@ -271,17 +274,17 @@ class BoardDetector:
         fits[:, saddle_points.OK] = good & (step > _MIN_CONTRAST * usual) & (usual > _MIN_STEP)
         return fits
 
-    def _unmistakable(
+    def _is_identified(
         self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
     ) -> bool:  # fmt: skip
         """Whether the identity of the corners is certain."""
-        if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
+        if near is not None and is_unambiguous(self._pattern, fit.view, fit.indices, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
-        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
+        return is_complete(grey, self._pattern, fit.view, self._pattern.corners[fit.indices], levels)
 
 
-def _readable(motion_uv: Array) -> bool:
+def _is_readable(motion_uv: Array) -> bool:
     """Whether a board that moves by (2,) squares along u and v during the exposure keeps its pattern."""
     return bool(np.linalg.norm(motion_uv) <= _MAX_SMEAR and motion_uv.min() <= _MAX_STREAK)
 

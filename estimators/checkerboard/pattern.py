@@ -17,7 +17,7 @@ _FOLD_STEPS = 200  # samples of the search for the angle at which a distortion f
 _TAN_MAX = 4.0  # no shoe camera sees farther off its axis than 76 degrees
 
 
-class Lens:
+class DistortionModel:
     """Projects rays (x / z, y / z in the optical frame) to pixels and back.
 
     Args:
@@ -128,11 +128,11 @@ class View:
         H: (3, 3) homography from squares to rays; the last coordinate is positive in front of the camera.
     """
 
-    lens: Lens
+    lens: DistortionModel
     H: Array
 
     @classmethod
-    def through(cls, lens: Lens, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
+    def from_points(cls, lens: DistortionModel, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
         """The view that maps (N, 2) squares to (N, 2) rays; None if none does, or if it shows the board from behind.
 
         Points farther off than `tolerance` are outliers (RANSAC); 0 = all are inliers.
@@ -146,7 +146,7 @@ class View:
         H = H * np.sign(H[2, 2])
         return cls(lens=lens, H=H) if np.linalg.det(H) < 0 else None  # z of the board points at the camera
 
-    def shifted(self, u: float, v: float) -> View:
+    def shift(self, u: float, v: float) -> View:
         """The view of a board with its origin at (u, v) squares from that of this one."""
         return View(lens=self.lens, H=self.H @ np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]]))
 
@@ -167,7 +167,7 @@ class View:
         u1, u0, v1, v0 = self.pixels(ends).reshape(4, n, 2)
         return np.stack([u1 - u0, v1 - v0], axis=1)
 
-    def squares_of(self, way_px: Array) -> Array:
+    def to_squares(self, way_px: Array) -> Array:
         """(2,) a short motion (2,) in pixels at the board's centre, in squares along u and v."""
         u, v = self.edges(np.zeros((1, 2)))[0]
         area = u[0] * v[1] - u[1] * v[0]

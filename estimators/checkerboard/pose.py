@@ -68,7 +68,7 @@ class BoardPose:
     chi2: float
 
 
-def board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
+def find_board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
     """All locally optimal poses for the corners of one image, the most likely first.
 
     From far away a plane tilted one way looks nearly like the same plane tilted the other way: both solutions of
@@ -88,19 +88,19 @@ def board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
     for i in range(count):
         start = np.eye(4)
         start[:3, :3], start[:3, 3] = cv2.Rodrigues(rotations[i])[0], positions[i].ravel()
-        pose = _refined(observation, start) if np.isfinite(start).all() else None
-        if pose is not None and not any(_same(pose, other) for other in poses):
+        pose = _refine_pose(observation, start) if np.isfinite(start).all() else None
+        if pose is not None and not any(_is_same(pose, other) for other in poses):
             poses.append(pose)
     return tuple(sorted(poses, key=lambda pose: pose.chi2))
 
 
-def admissible(
+def select_poses(
     poses: Sequence[BoardPose], R_camera_board: ArrayLike | None = None, rotation_sd: float = np.inf
 ) -> tuple[BoardPose, ...]:
     """The poses that cannot be ruled out.
 
     Args:
-        poses: As `board_poses` returns them.
+        poses: As `find_board_poses` returns them.
         R_camera_board: (3, 3) prior of the board's orientation, such as from both feet's attitudes.
         rotation_sd: Its standard deviation about each axis, rad; inf = no prior.
 
@@ -116,7 +116,7 @@ def admissible(
     return tuple(pose for pose, cost in zip(poses, costs) if cost <= min(costs) + CHI2_GATE)
 
 
-def _refined(observation: BoardObservation, T_camera_board: Array) -> BoardPose | None:
+def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardPose | None:
     """Gauss-Newton from a start; None if the board leaves the space in front of the camera."""
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
     sd = np.broadcast_to(observation.ray_sd, len(observation.rays))
@@ -144,6 +144,6 @@ def _refined(observation: BoardObservation, T_camera_board: Array) -> BoardPose 
     return BoardPose(T_camera_board=T, covariance=np.asarray(np.linalg.inv(N), float), chi2=float((residual**2).sum()))
 
 
-def _same(a: BoardPose, b: BoardPose) -> bool:
+def _is_same(a: BoardPose, b: BoardPose) -> bool:
     """Whether two solutions are the same."""
     return bool(np.abs(a.T_camera_board - b.T_camera_board).max() < 1e-4)

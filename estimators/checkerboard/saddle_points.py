@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from stridetwin.estimators.cholesky import solve
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.matrices import clear, clear_block
 from stridetwin.streams.samples import Array
 
@@ -44,7 +44,7 @@ _STEP_TABLE = np.append(erf(_Z / math.sqrt(2.0)), 1.0)  # a table is exact to 3e
 _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
 
-@cached(Path(__file__).parent)
+@entry_kernel(Path(__file__).parent)
 def fit_corners(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool
 ) -> Array:  # fmt: skip
@@ -67,15 +67,15 @@ def fit_corners(
     Returns:
         (N, COLUMNS); rows that are not OK left the image or fit no corner of the right colours.
     """
-    found = np.zeros((len(start), COLUMNS))
+    fits = np.zeros((len(start), COLUMNS))
     for n in range(len(start)):
         if math.isfinite(start[n, 0] + start[n, 1]):
-            _fit(image, start[n], edges[n], colour[n], blur, motion, fit_blur, found[n])
-    return found
+            _fit_corner(image, start[n], edges[n], colour[n], blur, motion, fit_blur, fits[n])
+    return fits
 
 
 @njit(error_model="numpy", **INSIDE)
-def _wave(u: float, sd: float) -> tuple[float, float, float]:
+def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
     """Smoothed square wave of period 2 that rises at 0, its slope, and its derivative by sd; for |u| < 2."""
     first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges smoothed as far as u
     last = min(math.floor(u + _Z_MAX * sd), 2)
@@ -85,9 +85,9 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
         z = (u - k) / sd
         at = (min(max(z, -_Z_MAX), _Z_MAX) + _Z_MAX) * _PER_Z
         i = int(at)
-        rest = at - i
-        value += sign * (_STEP_TABLE[i] + rest * (_STEP_TABLE[i + 1] - _STEP_TABLE[i]))
-        bell = sign * (_BELL_TABLE[i] + rest * (_BELL_TABLE[i + 1] - _BELL_TABLE[i])) / sd
+        fraction = at - i
+        value += sign * (_STEP_TABLE[i] + fraction * (_STEP_TABLE[i + 1] - _STEP_TABLE[i]))
+        bell = sign * (_BELL_TABLE[i] + fraction * (_BELL_TABLE[i + 1] - _BELL_TABLE[i])) / sd
         slope += bell
         by_sd -= z * bell
         sign = -sign
@@ -95,7 +95,7 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _fit(
+def _fit_corner(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
     fit_blur: bool, out: Array,
 ) -> None:  # fmt: skip
@@ -142,8 +142,8 @@ def _fit(
             by_x, by_y, by_contrast, by_blur_u, by_blur_v = 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(samples):
                 share = (k + 0.5) / samples - 0.5
-                wave_u, slope_u, widen_u = _wave(u + share * motion[0], blur_u)
-                wave_v, slope_v, widen_v = _wave(v + share * motion[1], blur_v)
+                wave_u, slope_u, widen_u = _square_wave(u + share * motion[0], blur_u)
+                wave_v, slope_v, widen_v = _square_wave(v + share * motion[1], blur_v)
                 du, dv = slope_u * wave_v, wave_u * slope_v
                 by_x -= du * ux + dv * vx
                 by_y -= du * uy + dv * vy

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View
+from stridetwin.estimators.checkerboard.pattern import BoardPattern, DistortionModel, View
 from stridetwin.streams.samples import Array
 
 # The search for candidate views; hand-chosen.
@@ -31,39 +31,39 @@ _QUARTERS = [np.array([[c, s], [-s, c]], dtype=float) for c, s in ((1, 0), (0, 1
 """Rotations by 90°: which of a grid's edges is the board's u."""
 
 
-def guessed(pattern: BoardPattern, lens: Lens, corners_px: Array) -> View | None:
+def view_from_guess(pattern: BoardPattern, lens: DistortionModel, corners_px: Array) -> View | None:
     """The view from predicted pixels (M, 2) of all corners; None if there is none."""
     if not np.isfinite(corners_px).all():
         return None
-    return View.through(lens, pattern.corners, lens.rays(corners_px))
+    return View.from_points(lens, pattern.corners, lens.rays(corners_px))
 
 
-def around(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
+def find_near(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
     """Views within `reach_px` of a guess in which the image correlates with the board, the best first."""
     size = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)
     if not (size > 0).all():
         return []
     reach = np.minimum(np.ceil(reach_px / size), _MAX_SQUARES).astype(int)
-    return [view for _, view in _correlated(grey, pattern, guess, reach[0], reach[1])]
+    return [view for _, view in _correlate(grey, pattern, guess, reach[0], reach[1])]
 
 
-def anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> list[View]:
+def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: DistortionModel) -> list[View]:
     """Views of the first grid of saddle points that correlates with the board, the best first."""
     columns, rows = pattern.shape
     some_corner = pattern.corners[(rows // 2) * columns + columns // 2]  # in the middle of the board
-    for steps, places in _grids(grey):
-        rays, found = lens.rays(places), []
+    for steps, places in _find_grids(grey):
+        rays, candidates = lens.rays(places), []
         for quarter in _QUARTERS:
-            guess = View.through(lens, some_corner + steps @ quarter, rays)
+            guess = View.from_points(lens, some_corner + steps @ quarter, rays)
             if guess is not None:
-                found += _correlated(grey, pattern, guess, rows, rows)
-        if found:
-            found.sort(key=lambda candidate: -candidate[0])
-            return [view for _, view in found[:_CANDIDATES]]
+                candidates += _correlate(grey, pattern, guess, rows, rows)
+        if candidates:
+            candidates.sort(key=lambda candidate: -candidate[0])
+            return [view for _, view in candidates[:_CANDIDATES]]
     return []
 
 
-def _correlated(
+def _correlate(
     grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_u: int, reach_v: int
 ) -> list[tuple[float, View]]:  # fmt: skip
     """Best correlations of image and pattern, with their views, shifted by up to some squares.
@@ -75,25 +75,29 @@ def _correlated(
     u = (np.arange(columns * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - columns / 2
     v = (np.arange(rows * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - rows / 2
     squares = np.column_stack([np.tile(u, len(v)), np.repeat(v, len(u))])
-    at = np.nan_to_num(guess.pixels(squares), nan=-1e4).astype(np.float32).reshape(len(v), len(u), 2)
-    seen = cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128)
-    drawn = np.kron(pattern.bright, np.ones((_SAMPLES_PER_SQUARE, _SAMPLES_PER_SQUARE))).astype(np.float32)
-    expected = cv2.blur(drawn, (3, 3), borderType=cv2.BORDER_REPLICATE)
-    correlation = cv2.matchTemplate(seen.astype(np.float32), expected, cv2.TM_CCOEFF_NORMED)
-    found: list[tuple[float, View]] = []
+    map_px = np.nan_to_num(guess.pixels(squares), nan=-1e4).astype(np.float32).reshape(len(v), len(u), 2)
+    rectified = cv2.remap(
+        grey, map_px[..., 0], map_px[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128
+    )
+    squares_image = np.kron(pattern.bright, np.ones((_SAMPLES_PER_SQUARE, _SAMPLES_PER_SQUARE))).astype(np.float32)
+    expected = cv2.blur(squares_image, (3, 3), borderType=cv2.BORDER_REPLICATE)
+    correlation = cv2.matchTemplate(rectified.astype(np.float32), expected, cv2.TM_CCOEFF_NORMED)
+    candidates: list[tuple[float, View]] = []
     for _ in range(_CANDIDATES):
         _, best, _, (column, row) = cv2.minMaxLoc(correlation)
-        if not best > (max(_MIN_CORRELATION, _RIVAL_SHARE * found[0][0]) if found else _MIN_CORRELATION):
+        if not best > (max(_MIN_CORRELATION, _RIVAL_SHARE * candidates[0][0]) if candidates else _MIN_CORRELATION):
             break
-        found.append((best, guess.shifted(column / _SAMPLES_PER_SQUARE - reach_u, row / _SAMPLES_PER_SQUARE - reach_v)))
+        candidates.append(
+            (best, guess.shift(column / _SAMPLES_PER_SQUARE - reach_u, row / _SAMPLES_PER_SQUARE - reach_v))
+        )
         half = _SAMPLES_PER_SQUARE // 2
         correlation[max(row - half, 0) : row + half + 1, max(column - half, 0) : column + half + 1] = -1.0
-    return found
+    return candidates
 
 
-def _grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
+def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
     """Grids of saddle points: (N, 2) whole steps along both edges from one of them, and (N, 2) pixels of each."""
-    places, directions = _saddle_points(grey)
+    places, directions = _find_saddle_points(grey)
     apart = places[None] - places[:, None]  # [i, j] from i to j
     distance = np.linalg.norm(apart, axis=2)
     # Neighbours on a board are rotated against each other.
@@ -111,7 +115,7 @@ def _grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
         # the board faces the camera: v is rotated against u as y against x
         second = near[beside[0]] * -np.sign(across[beside[0]])
         edges = np.array([near[0], second])
-        grid = _grown(places, places[i], edges)
+        grid = _grow_grid(places, places[i], edges)
         if len(grid[0]) >= _MIN_GRID:
             yield grid
             tried += 1
@@ -119,9 +123,9 @@ def _grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
                 return
 
 
-def _grown(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
-    """The grid (`_grids`) grown from one point (2,) with edges (2, 2), as far as there are points for it."""
-    steps, found = np.zeros((0, 2)), np.zeros((0, 2))
+def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
+    """The grid (`_find_grids`) grown from one point (2,) with edges (2, 2), as far as there are points for it."""
+    steps, points = np.zeros((0, 2)), np.zeros((0, 2))
     for reach in (1, 2, 4, 8):
         j, i = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         lattice = np.column_stack([i.ravel(), j.ravel()]).astype(float)
@@ -131,13 +135,13 @@ def _grown(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
         hit = miss[np.arange(len(lattice)), nearest] < _MAX_MISS * np.linalg.norm(edges, axis=1).min()
         if hit.sum() < _MIN_CROSS:
             break
-        steps, found = lattice[hit], places[nearest[hit]]
-        affine, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(steps)), steps]), found, rcond=None)
+        steps, points = lattice[hit], places[nearest[hit]]
+        affine, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(steps)), steps]), points, rcond=None)
         origin, edges = affine[0], affine[1:]
-    return steps, found
+    return steps, points
 
 
-def _saddle_points(grey: NDArray[np.uint8]) -> tuple[Array, Array]:
+def _find_saddle_points(grey: NDArray[np.uint8]) -> tuple[Array, Array]:
     """(N, 2) strongest saddle points of the brightness, pixels, and (N, 2) unit vectors at twice their angle."""
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SADDLE_SCALE_PX)
     xx, yy = cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2)

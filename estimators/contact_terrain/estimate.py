@@ -1,7 +1,7 @@
 """The estimate of one step, and its locomotion mode.
 
-`step_modes` uses geometry alone, with thresholds that are dimensions in the world; `TerrainSvm` is a support vector
-machine trained on steps (Shim et al. 2019, section 3).
+`mode_probabilities` uses geometry alone, with thresholds that are dimensions in the world; `TerrainSvm` is a support
+vector machine trained on steps (Shim et al. 2019, section 3).
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class TerrainSvm:
         return str(self._machine.predict(np.array([[slope, elevation]]) / self._scale)[0])
 
 
-def step_modes(
+def mode_probabilities(
     slope: float, slope_sd: float, beyond: float, beyond_sd: float, parameters: ContactTerrainParameters
 ) -> dict[str, float]:
     """Probability of each mode.
@@ -118,10 +118,13 @@ def step_modes(
         parameters: Dimensions in the world.
     """
     riser, ramp = parameters.riser_m, parameters.ramp_rad
-    high, low = above(beyond, riser, beyond_sd), above(-beyond, riser, beyond_sd)
+    high, low = probability_above(beyond, riser, beyond_sd), probability_above(-beyond, riser, beyond_sd)
     plane = 1.0 - high - low
-    up, down = above(slope, ramp, slope_sd), above(-slope, ramp, slope_sd)
-    steep_up, steep_down = above(slope, _TREAD_RAMP_RAD, slope_sd), above(-slope, _TREAD_RAMP_RAD, slope_sd)
+    up, down = probability_above(slope, ramp, slope_sd), probability_above(-slope, ramp, slope_sd)
+    steep_up, steep_down = (
+        probability_above(slope, _TREAD_RAMP_RAD, slope_sd),
+        probability_above(-slope, _TREAD_RAMP_RAD, slope_sd),
+    )
     tread = 1.0 - steep_up - steep_down
     return {
         "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,
@@ -135,7 +138,7 @@ def most_likely(probabilities: dict[str, float], probability_min: float) -> tupl
     return (mode if probabilities[mode] >= probability_min else UNKNOWN), probabilities[mode]
 
 
-def beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
+def height_beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
     """Height that ground between two footprints cannot explain, sloping as under the one or the other, m.
 
     See docs/contact_terrain.md (11).
@@ -144,11 +147,11 @@ def beyond_slopes(height: float, distance: float, slope: float, slope_before: fl
     return height - min(max(height, min(reach)), max(reach))
 
 
-def sloping(slope: float, sd: float, ramp_rad: float) -> float:
+def ramp_probability(slope: float, sd: float, ramp_rad: float) -> float:
     """Probability that the ground slopes like a ramp, up or down: slope, its standard deviation, least ramp, rad."""
-    return above(slope, ramp_rad, sd) + above(-slope, ramp_rad, sd)
+    return probability_above(slope, ramp_rad, sd) + probability_above(-slope, ramp_rad, sd)
 
 
-def above(value: float, limit: float, sd: float) -> float:
+def probability_above(value: float, limit: float, sd: float) -> float:
     """Probability that a normally distributed value exceeds a limit."""
     return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import Sole
 from stridetwin.estimators.matrices import dot, rotate
 from stridetwin.estimators.so3 import hat
@@ -125,11 +125,11 @@ class Footfall:
 
     def R_world_sole(self) -> Array:
         """(3, 3) mean attitude of the flat sole."""
-        return _axes(self.forward, self.up)
+        return _rotation_from_axes(self.forward, self.up)
 
 
-@cached(_HERE)
-def _axes(forward: Array, up: Array) -> Array:
+@entry_kernel(_HERE)
+def _rotation_from_axes(forward: Array, up: Array) -> Array:
     """(3, 3) rotation whose z axis is along `up`, and whose x axis is as close to `forward` as possible."""
     z, x, R = np.empty(3), np.empty(3), np.empty((3, 3))
     length = math.sqrt(dot(up, up))
@@ -147,6 +147,6 @@ def _axes(forward: Array, up: Array) -> Array:
     return R
 
 
-def fixed_contact(sole: Sole, on_heel: bool) -> Array:
+def contact_point(sole: Sole, on_heel: bool) -> Array:
     """(3,) m on the sole, the fixed contact point: the heel's edge, or the toe hinge."""
     return np.array([sole.heel_x, 0.0, 0.0]) if on_heel else np.array([sole.hinge_x, 0.0, sole.hinge_z])

@@ -42,19 +42,19 @@ _Angle = Annotated[float, number(scale=DEG)]
 _Place = tuple[Number, Number]
 
 
-def _increasing(stops: tuple[float, float]) -> tuple[float, float]:
+def _check_increasing(stops: tuple[float, float]) -> tuple[float, float]:
     if stops[0] >= stops[1]:
         raise refused([round(math.degrees(q), 9) for q in stops], "the least and the greatest angle")
     return stops
 
 
-def _sign(sign: float) -> float:
+def _check_sign(sign: float) -> float:
     if abs(sign) != 1.0:
         raise refused(sign, "1 or -1")
     return sign
 
 
-def _ordered(sole: Sole) -> Sole:
+def _check_order(sole: Sole) -> Sole:
     if not sole.heel_x < sole.hinge_x < sole.tip_x:
         raise refused(sole.hinge_x, "a number between heel_x_m and tip_x_m", "hinge_x_m")
     return sole
@@ -78,7 +78,9 @@ class DhRow:
     d: Annotated[float, number(key="d_m")]
     theta: Annotated[float, number(key="theta_deg", scale=DEG)]
     turns: Annotated[bool, flag()] = False
-    stops: Annotated[tuple[float, float], ReadAs(tuple[_Angle, _Angle], _increasing), Field(alias="range_deg")] = (
+    stops: Annotated[
+        tuple[float, float], ReadAs(tuple[_Angle, _Angle], _check_increasing), Field(alias="range_deg")
+    ] = (
         -math.inf,
         math.inf,
     )
@@ -111,7 +113,7 @@ class Knee:
 
     topic: str
     frame: Annotated[int, whole(1, _FRAMES_MAX)]
-    sign: Annotated[float, number(), AfterValidator(_sign)] = 1.0
+    sign: Annotated[float, number(), AfterValidator(_check_sign)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,12 +231,12 @@ def read_exoskeleton(path: str | Path) -> Exoskeleton:
         ConfigError: A key is missing, unknown or invalid; the message names file, key and the valid values.
         StrideTwinError: The file cannot be read or is not YAML.
     """
-    return _exoskeleton(read_yaml(path), path)
+    return _to_exoskeleton(read_yaml(path), path)
 
 
 def parse_exoskeleton(text: str, source: str) -> Exoskeleton:
     """An exoskeleton from the text of a file; `source` names it in errors, which are those of `read_exoskeleton`."""
-    return _exoskeleton(parse_yaml(text, source), source)
+    return _to_exoskeleton(parse_yaml(text, source), source)
 
 
 def to_text(exo: Exoskeleton) -> str:
@@ -269,12 +271,12 @@ def to_text(exo: Exoskeleton) -> str:
         "description": exo.description,
         "back": back,
         "legs": legs,
-        "compliance": _in_file(exo.compliance),
+        "compliance": _to_file_values(exo.compliance),
     }
     return yaml.dump(values, Dumper=Dumper, sort_keys=False)
 
 
-def _in_file(compliance: Compliance) -> dict[str, float | list[float]]:
+def _to_file_values(compliance: Compliance) -> dict[str, float | list[float]]:
     values: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
     for key, name in _COMPLIANCE_KEYS.items():
         if name != "vector_sd_m":
@@ -320,10 +322,10 @@ class _Leg(FileModel):
     thigh: _ThighAhrs
     knee: Knee
     foot: _Ahrs
-    sole: Annotated[Sole, AfterValidator(_ordered)]
+    sole: Annotated[Sole, AfterValidator(_check_order)]
 
 
-def _leg(leg: _Leg) -> Leg:
+def _to_leg(leg: _Leg) -> Leg:
     """The leg of a file, after a check of its frames."""
     rows, thigh, knee = leg.frames, leg.thigh.frame, leg.knee.frame
     if not 1 <= thigh < len(rows):
@@ -335,8 +337,8 @@ def _leg(leg: _Leg) -> Leg:
     ankle = [i for i in turning if i > knee]
     between = len(turning) - len(hip) - len(ankle) - 1
     if between or not all(1 <= len(joints) <= _JOINTS_MAX for joints in (hip, ankle)):
-        words = f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee"
-        raise refused(f"{len(hip)} and {len(ankle)} joints", words, "frames")
+        expected = f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee"
+        raise refused(f"{len(hip)} and {len(ankle)} joints", expected, "frames")
     return Leg(
         rows=rows,
         thigh=Attitude(topic=leg.thigh.topic, frame=thigh, R_frame_sensor=leg.thigh.R_frame_sensor),
@@ -353,8 +355,8 @@ class _Legs(FileModel):
         l, r: The left and the right leg.
     """
 
-    l: Annotated[_Leg, AfterValidator(_leg)]
-    r: Annotated[_Leg, AfterValidator(_leg)]
+    l: Annotated[_Leg, AfterValidator(_to_leg)]
+    r: Annotated[_Leg, AfterValidator(_to_leg)]
 
 
 class ExoskeletonFile(FileModel):
@@ -373,11 +375,11 @@ class ExoskeletonFile(FileModel):
     compliance: Compliance = Compliance()
 
 
-def _exoskeleton(data: object, source: object) -> Exoskeleton:
-    found = validated(ExoskeletonFile, data, source)
+def _to_exoskeleton(data: object, source: object) -> Exoskeleton:
+    file = validated(ExoskeletonFile, data, source)
     return Exoskeleton(
-        description=found.description,
-        back=Attitude(topic=found.back.topic, frame=0, R_frame_sensor=found.back.R_frame_sensor),
-        legs=dict(found.legs),
-        compliance=found.compliance,
+        description=file.description,
+        back=Attitude(topic=file.back.topic, frame=0, R_frame_sensor=file.back.R_frame_sensor),
+        legs=dict(file.legs),
+        compliance=file.compliance,
     )

@@ -2,7 +2,7 @@
 
 The joints of hip and ankle have no encoders: their angles follow from the AHRS attitudes of the frames before and
 beyond them, equations (4)-(10) of Shim et al. 2019. `joint_angles` is the closed form for any axes; for the table of
-that paper it is (7) and (10). `foot_place` gives a foot's position and its derivative by the filter's offsets.
+that paper it is (7) and (10). `foot_position` gives a foot's position and its derivative by the filter's offsets.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
 from stridetwin.estimators.matrices import copy_matrix, dot, identity, mul, rotate, transposed
 from stridetwin.estimators.so3 import hat
@@ -53,21 +53,21 @@ def links(leg: Leg) -> Links:
         turns=np.array([row.turns for row in leg.rows]),
         thigh=thigh,
         knee=knee,
-        hip_parts=_parts(leg.rows[:thigh]),
-        ankle_parts=_parts(leg.rows[knee:]),
+        hip_parts=_constant_rotations(leg.rows[:thigh]),
+        ankle_parts=_constant_rotations(leg.rows[knee:]),
         ankle_stops=np.array([row.stops for row in leg.rows[knee:] if row.turns]),
     )
 
 
-def _parts(rows: tuple[DhRow, ...]) -> Array:
-    parts, still = [], np.eye(3)
+def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
+    parts, rotation = [], np.eye(3)
     for row in rows:
         alone = np.array([[row.alpha, 0.0, 0.0, row.theta]])
-        still = still @ forward(alone, np.array([False]), np.empty(0))[0, :3, :3]
+        rotation = rotation @ forward(alone, np.array([False]), np.empty(0))[0, :3, :3]
         if row.turns:
-            parts.append(still)
-            still = np.eye(3)
-    return np.array([*parts, still])
+            parts.append(rotation)
+            rotation = np.eye(3)
+    return np.array([*parts, rotation])
 
 
 @njit(**INSIDE)
@@ -81,7 +81,7 @@ def frame(alpha: float, a: float, d: float, theta: float) -> Array:
     return T
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def forward(table: Array, turns: Array, q: Array) -> Array:
     """(N, 4, 4) poses of all frames in frame 0: equation (2).
 
@@ -129,18 +129,18 @@ def joint_angles(parts: Array, R: Array) -> Array:
         middle, reach = math.atan2(b, a), math.hypot(a, b)
         cosine = max(-1.0, min(1.0, (M[2, 2] - parts[1, 2, 2] * parts[2, 2, 2]) / reach))
         apart = math.acos(cosine)
-        first, second = _wrapped(middle + apart), _wrapped(middle - apart)
+        first, second = _wrap_angle(middle + apart), _wrap_angle(middle - apart)
         q[1] = first if abs(first) < abs(second) else second
         turn = identity(3)
         turn[0, 0], turn[0, 1] = math.cos(q[1]), -math.sin(q[1])
         turn[1, 0], turn[1, 1] = math.sin(q[1]), math.cos(q[1])
         between = mul(mul(parts[1], turn), parts[2])
-    q[0] = _wrapped(math.atan2(M[1, 2], M[0, 2]) - math.atan2(between[1, 2], between[0, 2]))
-    q[n - 1] = _wrapped(math.atan2(between[2, 1], between[2, 0]) - math.atan2(M[2, 1], M[2, 0]))
+    q[0] = _wrap_angle(math.atan2(M[1, 2], M[0, 2]) - math.atan2(between[1, 2], between[0, 2]))
+    q[n - 1] = _wrap_angle(math.atan2(between[2, 1], between[2, 0]) - math.atan2(M[2, 1], M[2, 0]))
     return q
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
     """Angles of all joints of a leg, rad: equations (4)-(10).
 
@@ -170,7 +170,7 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
     return q
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
     """Whether a joint of the ankle is within a margin (rad) of one of its stops: q as of `leg_angles`, rad."""
     for i in range(len(ankle_stops)):
@@ -181,7 +181,7 @@ def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
 
 
 @njit(**INSIDE)
-def _wrapped(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
@@ -190,8 +190,8 @@ def _wrapped(angle: float) -> float:
 BACK, THIGH, FOOT, KNEE, LENGTH, SAG, OFFSETS = 0, 3, 9, 15, 17, 21, 22
 
 
-@cached(_HERE)
-def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]:
+@entry_kernel(_HERE)
+def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]:
     """Position of a foot's last frame relative to frame 0, in world axes.
 
     Args:
@@ -204,16 +204,16 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
         (3,) m, origin of the last frame; (3, OFFSETS) its derivative by the offsets.
     """
     poses = forward(leg.table, leg.turns, q)
-    hip, at_knee = _column(R[0], poses[leg.thigh - 1], 3), _column(R[0], poses[leg.knee - 1], 3)
-    ankle, foot = _column(R[0], poses[leg.knee], 3), _column(R[0], poses[len(poses) - 1], 3)
-    thigh, shank = _between(hip, at_knee), _between(at_knee, ankle)
-    axis = _column(R[0], poses[leg.knee - 1], 2)
+    hip, at_knee = _rotate_column(R[0], poses[leg.thigh - 1], 3), _rotate_column(R[0], poses[leg.knee - 1], 3)
+    ankle, foot = _rotate_column(R[0], poses[leg.knee], 3), _rotate_column(R[0], poses[len(poses) - 1], 3)
+    thigh, shank = _vector_between(hip, at_knee), _vector_between(at_knee, ankle)
+    axis = _rotate_column(R[0], poses[leg.knee - 1], 2)
     by_knee = rotate(hat(axis), shank)
     thigh_m, shank_m = math.sqrt(dot(thigh, thigh)), math.sqrt(dot(shank, shank))
     J = np.zeros((3, OFFSETS))
-    _put(rotation_jacobian(hip, R[0]), J, BACK)
-    _put(rotation_jacobian(_between(hip, ankle), R[1 + side]), J, THIGH + 3 * side)
-    _put(rotation_jacobian(_between(ankle, foot), R[3 + side]), J, FOOT + 3 * side)
+    _set_block(rotation_jacobian(hip, R[0]), J, BACK)
+    _set_block(rotation_jacobian(_vector_between(hip, ankle), R[1 + side]), J, THIGH + 3 * side)
+    _set_block(rotation_jacobian(_vector_between(ankle, foot), R[3 + side]), J, FOOT + 3 * side)
     for i in range(3):
         J[i, KNEE + side] = by_knee[i]
         J[i, LENGTH + 2 * side] = thigh[i] / thigh_m
@@ -221,7 +221,7 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
     return foot, J
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def rotation_jacobian(arm: Array, R: Array) -> Array:
     """(3, 3) derivative of a vector by a small rotation of its frame, in that frame's axes.
 
@@ -233,7 +233,7 @@ def rotation_jacobian(arm: Array, R: Array) -> Array:
 
 
 @njit(**INSIDE)
-def _column(R: Array, pose: Array, column: int) -> Array:
+def _rotate_column(R: Array, pose: Array, column: int) -> Array:
     """(3,) column of a (4, 4) pose, rotated by R: 3 is its origin."""
     v = np.empty(3)
     for i in range(3):
@@ -242,7 +242,7 @@ def _column(R: Array, pose: Array, column: int) -> Array:
 
 
 @njit(**INSIDE)
-def _between(a: Array, b: Array) -> Array:
+def _vector_between(a: Array, b: Array) -> Array:
     """(3,) vector from a to b."""
     v = np.empty(3)
     for i in range(3):
@@ -251,7 +251,7 @@ def _between(a: Array, b: Array) -> Array:
 
 
 @njit(**INSIDE)
-def _put(block: Array, J: Array, column: int) -> None:
+def _set_block(block: Array, J: Array, column: int) -> None:
     for i in range(3):
         for j in range(3):
             J[i, column + j] = block[i, j]

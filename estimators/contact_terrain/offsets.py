@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.contact_terrain.leg import BACK, KNEE, LENGTH, OFFSETS, SAG
 from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 from stridetwin.estimators.matrices import mul, transposed
@@ -110,8 +110,10 @@ class Offsets:
         for row in (3, 4) if start else (3,):
             at = slice(row, row + 1)
             z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, _LEVEL_SHARE, _LEVEL_SPREAD_RAD)
-        A = _one_plane(measured)
-        z, P, _ = _update(z, P, A @ H, -_apart(measured), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD)
+        A = _plane_residual_jacobian(measured)
+        z, P, _ = _update(
+            z, P, A @ H, -_plane_residual(measured), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD
+        )
         return Posterior(
             values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip
@@ -121,7 +123,7 @@ class Offsets:
         self._z[:OFFSETS], self._P[:OFFSETS, :OFFSETS] = posterior.offsets, posterior.P + self._walk
 
 
-def _apart(m: Array) -> Array:
+def _plane_residual(m: Array) -> Array:
     """(2,) height of a footprint above the plane of the previous one, m, and the difference of their slopes, rad.
 
     See docs/contact_terrain.md (8).
@@ -130,15 +132,15 @@ def _apart(m: Array) -> Array:
     return np.array([m[2] - distance * math.tan(0.5 * (m[3] + m[4])), m[3] - m[4]])
 
 
-def _one_plane(m: Array) -> Array:
-    """(2, 5) derivative of `_apart`."""
+def _plane_residual_jacobian(m: Array) -> Array:
+    """(2, 5) derivative of `_plane_residual`."""
     distance, mean = math.hypot(m[0], m[1]), 0.5 * (m[3] + m[4])
     along = -math.tan(mean) / max(distance, 1e-6) * m[:2]
     by_slope = -0.5 * distance / math.cos(mean) ** 2
     return np.array([[along[0], along[1], 1.0, by_slope, by_slope], [0.0, 0.0, 0.0, 1.0, -1.0]])
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:  # fmt: skip

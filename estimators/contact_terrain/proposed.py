@@ -7,15 +7,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.estimate import StepEstimate, beyond_slopes, most_likely, sloping, step_modes
-from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, fixed_contact
+from stridetwin.estimators.contact_terrain.estimate import (
+    StepEstimate,
+    height_beyond_slopes,
+    mode_probabilities,
+    most_likely,
+    ramp_probability,
+)
+from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, contact_point
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import (
     FOOT,
     OFFSETS,
     SAG,
     at_stop,
-    foot_place,
+    foot_position,
     leg_angles,
     links,
     rotation_jacobian,
@@ -81,7 +87,7 @@ class Proposed:
         soles = [exo.legs[side].sole for side in SIDES]
         self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
         # Fixed contact points of each foot, toe hinge and heel, on the sole and in the last frame.
-        self._on_sole = [[fixed_contact(sole, on_heel) for on_heel in (False, True)] for sole in soles]
+        self._on_sole = [[contact_point(sole, on_heel) for on_heel in (False, True)] for sole in soles]
         self._on_foot = [
             [R @ point + sole.T_foot_sole[:3, 3] for point in points]
             for sole, R, points in zip(soles, self._R_foot_sole, self._on_sole)
@@ -184,21 +190,21 @@ class Proposed:
         weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2
         if fall.on_heel:
             weight /= 1.0 + (rate / _LANDING_RADPS) ** 2
-        vector, J = self._contact(new, fall.on_heel, angles[new])
-        before, J_before = self._contact(old, False, angles[old])
+        vector, J = self._contact_position(new, fall.on_heel, angles[new])
+        before, J_before = self._contact_position(old, False, angles[old])
         J = J - J_before
         J[2, SAG] = 1.0 if fall.on_heel else 0.0
         self._support.add(weight, vector - before, J, free)
 
-    def _contact(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
+    def _contact_position(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
         """A foot's fixed contact point relative to the back panel, in world axes, and its derivative."""
         R = self._attitudes.R
-        p, J = foot_place(self._links[side], R, side, q)
+        p, J = foot_position(self._links[side], R, side, q)
         arm = R[3 + side] @ self._on_foot[side][on_heel]
         J[:, FOOT + 3 * side : FOOT + 3 * side + 3] += rotation_jacobian(arm, R[3 + side])
         return p + arm, J
 
-    def _figures(self) -> StepFigures:
+    def _measure_step(self) -> StepFigures:
         """The measurements of the current step so far."""
         new, old = self._newest, 1 - self._newest
         vector, J = self._support.mean()
@@ -228,16 +234,17 @@ class Proposed:
     def _estimate(self, t_ns: int) -> StepEstimate:
         """The estimate from the step and the offsets."""
         fall = self._contacts[self._newest]
-        self._posterior = posterior = self._offsets.posterior(self._figures(), start=fall.step == 0)
+        self._posterior = posterior = self._offsets.posterior(self._measure_step(), start=fall.step == 0)
         x, y, height, slope, before = posterior.values
         covariance = posterior.covariance.copy()
         covariance[2, 2] += (
-            self._compliance.sloping_sd_m * sloping(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
+            self._compliance.sloping_sd_m
+            * ramp_probability(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
         ) ** 2
         sd = np.sqrt(np.diag(covariance))
-        beyond = beyond_slopes(height, math.hypot(x, y), slope, before)
+        beyond = height_beyond_slopes(height, math.hypot(x, y), slope, before)
         mode, probability = most_likely(
-            step_modes(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min
+            mode_probabilities(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min
         )
         return StepEstimate(
             t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),

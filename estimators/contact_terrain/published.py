@@ -97,16 +97,16 @@ class Pivot:
             T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
         """
         latest = [last if cop is None else cop for cop, last in zip(cop_in_foot, self._cop)]
-        here, there = latest[foot], self._cop[foot] if foot == self.foot else latest[self.foot]
-        if here is not None and there is not None:
-            p_here = T_base_foot[foot, :3, :3] @ here + T_base_foot[foot, :3, 3]
-            p_there = T_base_foot[self.foot, :3, :3] @ there + T_base_foot[self.foot, :3, 3]
-            self.p_in_world = self.p_in_world + R_world_base @ (p_here - p_there)
+        to_contact, from_contact = latest[foot], self._cop[foot] if foot == self.foot else latest[self.foot]
+        if to_contact is not None and from_contact is not None:
+            p_to = T_base_foot[foot, :3, :3] @ to_contact + T_base_foot[foot, :3, 3]
+            p_from = T_base_foot[self.foot, :3, :3] @ from_contact + T_base_foot[self.foot, :3, 3]
+            self.p_in_world = self.p_in_world + R_world_base @ (p_to - p_from)
         self.foot, self._cop = foot, latest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plane:
+class _MarkerPlane:
     """A plane fitted to the markers of one step: equation (18).
 
     Attributes:
@@ -155,7 +155,7 @@ class Markers:
         """(3,) m, mean of the markers."""
         return self._sum / self.count
 
-    def plane(self) -> Plane | None:
+    def plane(self) -> _MarkerPlane | None:
         """Least-squares plane z = a x + b y + d; None while there are too few markers.
 
         See docs/contact_terrain.md (4).
@@ -164,7 +164,7 @@ class Markers:
             return None
         a, b, _ = np.linalg.lstsq(self._moments[:, :3], self._moments[:, 3], rcond=1e-12)[0]
         normal = np.array([-a, -b, 1.0])
-        return Plane(normal=normal / np.linalg.norm(normal), centre=self.centre)
+        return _MarkerPlane(normal=normal / np.linalg.norm(normal), centre=self.centre)
 
 
 def slope(normal: Array, heading: Array) -> float:
@@ -234,8 +234,8 @@ class Published:
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
         self._pivot.move(foot, contacts, tick.R[0], T_base_foot)
         self._start_footprints(phases)
-        contact, own = contacts[foot], self._prints[foot]
-        if phases[foot] is not Phase.FOOT_FLAT or contact is None or own.over:
+        contact, footprint = contacts[foot], self._prints[foot]
+        if phases[foot] is not Phase.FOOT_FLAT or contact is None or footprint.over:
             return None
         return self._add_marker(tick, foot, contact, tick.R[0] @ T_base_foot[foot, :3, :3])
 
@@ -244,30 +244,36 @@ class Published:
         for i, phase in enumerate(phases):
             down = phase is not Phase.FOOT_OFF
             if down and not self._down[i]:
-                other = self._prints[1 - i]
-                if self._prints[i].markers.count and other.below is None:
-                    other.below = float(self._prints[i].markers.centre[2])
+                previous = self._prints[1 - i]
+                if self._prints[i].markers.count and previous.below is None:
+                    previous.below = float(self._prints[i].markers.centre[2])
                 self._steps += 1
                 self._prints[i] = _Footprint(markers=Markers(self._parameters), step=self._steps)
             self._down[i] = down
-            own = self._prints[i]
-            own.over |= own.step > 0 and own.markers.enough and phase is Phase.HEEL_OFF
+            footprint = self._prints[i]
+            footprint.over |= footprint.step > 0 and footprint.markers.enough and phase is Phase.HEEL_OFF
 
     def _add_marker(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
         """Adds the pivot to its foot's markers and returns their estimate."""
-        sole, own, other = self._soles[foot], self._prints[foot], self._prints[1 - foot]
+        sole, footprint, previous = self._soles[foot], self._prints[foot], self._prints[1 - foot]
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
         medial = R_world_sole[:, 1] if SIDES[foot] == "r" else -R_world_sole[:, 1]
-        own.markers.add(self._pivot.p_in_world, medial)
-        own.soles += self._pivot.p_in_world + R_world_foot @ (sole.T_foot_sole[:3, 3] - contact)
-        plane = own.markers.plane()
-        below = own.below if own.below is not None else other.markers.centre[2] if other.markers.count else None
+        footprint.markers.add(self._pivot.p_in_world, medial)
+        footprint.soles += self._pivot.p_in_world + R_world_foot @ (sole.T_foot_sole[:3, 3] - contact)
+        plane = footprint.markers.plane()
+        below = (
+            footprint.below
+            if footprint.below is not None
+            else previous.markers.centre[2]
+            if previous.markers.count
+            else None
+        )
         if plane is None or below is None:
             return None
         angle, elevation = slope(plane.normal, R_world_sole[:2, 0]), float(plane.centre[2] - below)
         mode = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
         return StepEstimate(
-            t_ns=tick.t_ns, step=own.step, foot=SIDES[foot], slope=angle, elevation=elevation, slope_sd=np.inf,
-            elevation_sd=np.inf, normal=plane.normal, p_sole_in_world=own.soles / own.markers.count,
+            t_ns=tick.t_ns, step=footprint.step, foot=SIDES[foot], slope=angle, elevation=elevation, slope_sd=np.inf,
+            elevation_sd=np.inf, normal=plane.normal, p_sole_in_world=footprint.soles / footprint.markers.count,
             covariance=np.diag(np.full(3, np.inf)), mode=mode[0], probability=mode[1],
         )  # fmt: skip

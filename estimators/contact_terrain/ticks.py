@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators import so3
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.matrices import copy_matrix, dot, mul, transposed
@@ -85,21 +85,21 @@ class TickBuilder:
         """Takes one sample; returns the ticks that it completes or closes, at most two."""
         if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _is_valid(sample):
             return []
-        made = []
+        ticks = []
         if self._open and sample.t_ns > self._now + _TOGETHER_S * 1e9:
-            made += self._close()
+            ticks += self._complete_tick()
         if not self._open:
             self._now = sample.t_ns
-        self._keep(sample)
+        self._store(sample)
         if len(self._open) == len(self._last):
-            made += self._close()
-        return made
+            ticks += self._complete_tick()
+        return ticks
 
-    def _keep(self, sample: Sample) -> None:
+    def _store(self, sample: Sample) -> None:
         match sample:
             case Ahrs():
                 i, R_sensor_frame = self._attitude[sample.topic]
-                self._R[i] = matrix(sample.q_world_sensor) @ R_sensor_frame
+                self._R[i] = rotation_matrix(sample.q_world_sensor) @ R_sensor_frame
                 self._rate[i] = R_sensor_frame.T @ sample.angular_rate
             case Encoder():
                 i, sign = self._encoder[sample.topic]
@@ -109,7 +109,7 @@ class TickBuilder:
         self._last[sample.topic] = sample.t_ns
         self._open.add(sample.topic)
 
-    def _close(self) -> list[Tick]:
+    def _complete_tick(self) -> list[Tick]:
         self._open, fresh = set(), np.ones(5, dtype=bool)
         oldest = min(self._last.values())
         if oldest < 0 or (self._now - oldest) * 1e-9 > _HOLD_S:
@@ -143,8 +143,8 @@ def _is_valid(sample: Sample) -> bool:
     return False
 
 
-@cached(_HERE)
-def matrix(q: Array) -> Array:
+@entry_kernel(_HERE)
+def rotation_matrix(q: Array) -> Array:
     """(3, 3) rotation of a quaternion (w, x, y, z)."""
     size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     w, x, y, z = q[0] / size, q[1] / size, q[2] / size, q[3] / size
@@ -200,13 +200,13 @@ class Attitudes:
         _fuse(self._state, self._noise, tick.R, tick.rate, tick.fresh, tick.dt)
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Array, dt: float) -> None:
     R, last, variance, last_rate, since = state
     for i in range(len(R)):
         since[i] += dt
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
-            copy_matrix(mul(last[i], so3.exp(_scaled(since[i], last_rate[i]))), R[i])
+            copy_matrix(mul(last[i], so3.exp(_scale(since[i], last_rate[i]))), R[i])
             variance[i] += _LOST_SD_RAD**2
             continue
         if variance[i] < 0.0 or dt <= 0.0:
@@ -223,7 +223,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
             off = so3.log(mul(measured[i], transposed(moved)))
-            copy_matrix(mul(so3.exp(_scaled(gain, off)), moved), R[i])
+            copy_matrix(mul(so3.exp(_scale(gain, off)), moved), R[i])
         copy_matrix(R[i], last[i])
         for j in range(3):
             last_rate[i, j] = rate[i, j]
@@ -231,8 +231,8 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
 
 
 @njit(**INSIDE)
-def _scaled(share: float, v: Array) -> Array:
-    found = np.empty(3)
+def _scale(share: float, v: Array) -> Array:
+    product = np.empty(3)
     for i in range(3):
-        found[i] = share * v[i]
-    return found
+        product[i] = share * v[i]
+    return product

@@ -14,8 +14,8 @@ from stridetwin.estimators.base import PATH, TRACKING, Declaration, Options, Pat
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Alignment, Initializer
 from stridetwin.estimators.dvio.nav_state import STATIONARY_S, NavState
-from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
-from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, Core
+from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, method_parameters
+from stridetwin.estimators.dvio.sliding_window import STATIONARY_SPEED_SD_MPS, SlidingWindow
 from stridetwin.estimators.dvio.tracker import CameraFrame, Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -69,7 +69,14 @@ class DvioEstimate:
 
     @classmethod
     def of(cls, nav: NavState, health: str, camera_pose: Pose, frame: str = "") -> DvioEstimate:
-        """A copy of a propagated state."""
+        """The estimate of a propagated state, as copies; `frame` names the IMU, such as `head/imu`.
+
+        Args:
+            nav: The state; its time is that of the estimate.
+            health: `tracking`, `imu_only` or `lost`; the pose is valid unless lost.
+            camera_pose: Estimated mount of the camera.
+            frame: Frame of the pose.
+        """
         t_ns = int(nav.t_ns[0])
         return cls(
             t_ns=t_ns,
@@ -96,7 +103,7 @@ class DvioEstimate:
 
 
 MOUNTS = ("head", "chest")
-HELD = 4  # images that may wait for the IMU or for their depth; the oldest is dropped first
+MAX_WAITING_IMAGES = 4  # images that may wait for the IMU or for their depth; the oldest is dropped first
 
 _WANTED = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
 
@@ -125,7 +132,7 @@ class Dvio:
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )  # fmt: skip
 
-    default_parameters = staticmethod(named)
+    default_parameters = staticmethod(method_parameters)
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
         options = options or Options()
@@ -138,17 +145,17 @@ class Dvio:
             raise StrideTwinError(f"the rig has no camera {self._color!r}; it has {', '.join(rig.cameras) or 'none'}")
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
-        self._parameters = parameters or named(options.method)
-        self._alone_s = max(_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES / camera.rate_hz)
+        self._parameters = parameters or method_parameters(options.method)
+        self._max_imu_only_s = max(_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES / camera.rate_hz)
         self._shape = (camera.height, camera.width)
-        self._waits = camera.depth_topic != "" and self._parameters.method.uses_depth
-        self._core = Core(camera, imu, T_imu_camera, self._parameters)
+        self._waits_for_depth = camera.depth_topic != "" and self._parameters.method.uses_depth
+        self._core = SlidingWindow(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)
-        self._camera_pose = self._mounted(0)
-        self._images: deque[Image] = deque(maxlen=HELD)
-        self._depths: deque[Depth] = deque(maxlen=HELD)
+        self._camera_pose = self._camera_mount(0)
+        self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
+        self._depths: deque[Depth] = deque(maxlen=MAX_WAITING_IMAGES)
         self._last_ns: dict[str, int] = {}
-        self._begun_ns: int | None = None
+        self._init_start_ns: int | None = None
         self._health = ""
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
@@ -173,12 +180,12 @@ class Dvio:
         Raises:
             StrideTwinError: A topic or calibration is missing, the method is unknown, or the odometry never starts.
         """
-        there = [m for m in MOUNTS if {f"/{m}/color", f"/{m}/imu"} <= set(recording.topics)]
-        if not there:
+        available_mounts = [m for m in MOUNTS if {f"/{m}/color", f"/{m}/imu"} <= set(recording.topics)]
+        if not available_mounts:
             raise RecordingError(f"{recording.path}: cannot run dvio: needs {_WANTED}")
-        mount = options.mount or there[0]
+        mount = options.mount or available_mounts[0]
         color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
-        rig, parameters = recording.rig, named(options.method)
+        rig, parameters = recording.rig, method_parameters(options.method)
         topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
         samples: Iterable[Sample] = recording.samples(topics)
         if depth not in recording.topics and right in recording.topics and parameters.method.uses_depth:
@@ -217,7 +224,7 @@ class Dvio:
             StrideTwinError: A sample of another topic.
         """
         if isinstance(sample, Imu) and sample.topic == self._imu:
-            return self._sense(sample)
+            return self._on_imu(sample)
         queue: deque[Image] | deque[Depth]
         if isinstance(sample, Image) and sample.topic == self._color:
             fine, queue = sample.pixels.shape[:2] == self._shape, self._images
@@ -237,8 +244,8 @@ class Dvio:
         """Estimated t_imu − t_cam, s."""
         return float(self._core.window.calibration.offset[0])
 
-    def _mounted(self, t_ns: int) -> Pose:
-        """The camera's estimated pose in the IMU's frame, m."""
+    def _camera_mount(self, t_ns: int) -> Pose:
+        """The camera's estimated pose in the IMU's frame, m, stamped `t_ns`."""
         c = self._core.window.calibration
         return Pose(t_ns=t_ns, p_frame_in_world=c.p.copy(), rotation=c.R.copy(), frame=self._color.removeprefix("/"))
 
@@ -253,18 +260,23 @@ class Dvio:
         rate, force = self._parameters.imu_noise_factor * self._core.inflation.factor
         return float(rate), float(force)
 
-    def _sense(self, sample: Imu) -> DvioEstimate | None:
+    def _on_imu(self, sample: Imu) -> DvioEstimate | None:
+        """Processes an IMU sample: takes the images whose time it has reached, then propagates the state to its time.
+
+        Returns:
+            The new estimate; None if the sample is invalid or the odometry has not started.
+        """
         core = self._core
-        if not core.inertial.take(sample):
+        if not core.inertial.add(sample):
             return None
         if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:
-            self._lose()
+            self._declare_lost()
         while (frame := self._next()) is not None:
             if self._health in (TRACKING, IMU_ONLY):
                 self._track(frame)
             else:
                 self._initialize(frame)
-            self._camera_pose = self._mounted(sample.t_ns)
+            self._camera_pose = self._camera_mount(sample.t_ns)
         if not self._health:
             return None
         if self._health == LOST:
@@ -273,13 +285,13 @@ class Dvio:
             core.nav.t_ns[0] = sample.t_ns
         else:
             core.propagate(sample.t_ns)
-            if core.plausible:
+            if core.is_plausible:
                 self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
                 self._valid_covariance[:] = core.nav.covariance[:6, :6]
-                if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._alone_s:
+                if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._max_imu_only_s:
                     self._health = IMU_ONLY
             else:
-                self._lose()
+                self._declare_lost()
                 core.nav.t_ns[0] = sample.t_ns
         return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame)
 
@@ -295,7 +307,7 @@ class Dvio:
             if abs(d.t_ns - image.t_ns) * 1e-9 < _SIMULTANEOUS_S:
                 depth = d.depth
         late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.max_depth_wait_s
-        if depth is None and self._waits and not late:
+        if depth is None and self._waits_for_depth and not late:
             return None
         self._images.popleft()
         while self._depths and self._depths[0].t_ns <= image.t_ns:
@@ -304,77 +316,93 @@ class Dvio:
         return CameraFrame(t_ns=image.t_ns, grey=np.ascontiguousarray(grey), depth=depth)
 
     def _track(self, frame: CameraFrame) -> None:
+        """Tracks one image in the window, or restarts the window after a long time without images.
+
+        An image that is not newer than the newest frame is skipped. An implausible state afterwards means failure.
+        """
         core = self._core
         t_ns, before = core.imu_time(frame.t_ns), core.newest_ns
         if t_ns <= before:
             return
-        if (t_ns - before) * 1e-9 > _MAX_BLIND_S or not core.joined:
+        if (t_ns - before) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete:
             # `nav` may be later than the image, which can arrive after later IMU samples.
-            if core.go_back(t_ns):
+            if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
-                self._health = TRACKING if core.tracking else IMU_ONLY
+                self._health = TRACKING if core.is_tracking else IMU_ONLY
             return
-        core.take(frame, core.inertial.stationary(t_ns))
-        self._health = TRACKING if core.tracking else IMU_ONLY
-        if not core.plausible:
-            self._lose()
+        core.process_image(frame, core.inertial.is_stationary(t_ns))
+        self._health = TRACKING if core.is_tracking else IMU_ONLY
+        if not core.is_plausible:
+            self._declare_lost()
 
     def _initialize(self, frame: CameraFrame) -> None:
-        """Starts at an image: at once if stationary, else once vision and IMU align, else from the mean force."""
+        """Starts at an image: at once if stationary, once vision and IMU align, else by the mean force after 3 s.
+
+        `_MAX_ALIGN_S` is that limit. Nothing happens while the IMU's samples do not cover what the start needs.
+        """
         core = self._core
         t_ns = core.imu_time(frame.t_ns)
-        if not core.inertial.reaches_back(t_ns):
+        if not core.inertial.covers(t_ns):
             return
-        if self._begun_ns is None:
-            self._begun_ns = t_ns
-        resting = core.inertial.stationary(t_ns)
-        if not resting and (found := self._initializer.take(frame)) is not None:
-            covariance = self._by_alignment(found)
-        elif resting or (t_ns - self._begun_ns) * 1e-9 >= _MAX_ALIGN_S:
-            force = core.inertial.since(t_ns - round((STATIONARY_S if resting else _MEAN_FORCE_S) * 1e9), t_ns)
-            if not len(force):
+        if self._init_start_ns is None:
+            self._init_start_ns = t_ns
+        resting = core.inertial.is_stationary(t_ns)
+        if not resting and (alignment := self._initializer.process_image(frame)) is not None:
+            covariance = self._init_from_alignment(alignment)
+        elif resting or (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S:
+            samples = core.inertial.since(t_ns - round((STATIONARY_S if resting else _MEAN_FORCE_S) * 1e9), t_ns)
+            if not len(samples):
                 return
-            covariance = self._by_force(force.mean(axis=0), resting)
+            covariance = self._init_from_gravity(samples.mean(axis=0), resting)
         else:
             return
         core.nav.t_ns[0] = t_ns
         core.start(frame, covariance)
         self._initializer.reset()
-        if core.tracking:
-            self._begun_ns, self._health = None, TRACKING
+        if core.is_tracking:
+            self._init_start_ns, self._health = None, TRACKING
 
-    def _by_force(self, mean: Array, resting: bool) -> Array:
-        """(15, 15) covariance of a state, now in `nav`, with its vertical from the mean rate and force (6,)."""
+    def _init_from_gravity(self, mean: Array, resting: bool) -> Array:
+        """Sets attitude, velocity and biases of `nav` from the mean rate and force (6,) of recent samples.
+
+        The force gives the vertical; the velocity becomes 0, and at rest the mean rate is the gyroscope's bias.
+
+        Returns:
+            (15, 15) covariance of that state.
+        """
         nav = self._core.nav
-        place, heading_sd = self._kept()
-        nav.R[:] = _upright(mean[3:], nav.R if self._health == LOST else None)
+        position_covariance, heading_sd = self._start_uncertainty()
+        nav.R[:] = _attitude_from_gravity(mean[3:], nav.R if self._health == LOST else None)
         nav.v[:] = 0.0
         if resting:
             nav.bias[:3] = mean[:3]
         tilt_sd = _RESTING_TILT_SD_RAD if resting else _MOVING_TILT_SD_RAD
         speed_sd = STATIONARY_SPEED_SD_MPS if resting else _MOVING_SPEED_SD_MPS
-        return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
+        return self._core.start_covariance(position_covariance, heading_sd, tilt_sd, speed_sd)
 
-    def _by_alignment(self, found: Alignment) -> Array:
-        """(15, 15) covariance of the state from the alignment of vision and IMU, now in `nav`."""
+    def _init_from_alignment(self, alignment: Alignment) -> Array:
+        """Sets attitude, velocity and biases of `nav` from an alignment; returns their (15, 15) covariance."""
         nav = self._core.nav
-        place, heading_sd = self._kept()
-        nav.R[:] = _upright(found.up, nav.R if self._health == LOST else None)
-        nav.v[:], nav.bias[:] = nav.R @ found.v[-1], found.bias
-        return found.state_covariance(nav.R, place, heading_sd)
+        position_covariance, heading_sd = self._start_uncertainty()
+        nav.R[:] = _attitude_from_gravity(alignment.up, nav.R if self._health == LOST else None)
+        nav.v[:], nav.bias[:] = nav.R @ alignment.v[-1], alignment.bias
+        return alignment.state_covariance(nav.R, position_covariance, heading_sd)
 
-    def _kept(self) -> tuple[Array, float]:
-        """(3, 3) m² of position and rad of heading: the uncertainty after a failure persists."""
+    def _start_uncertainty(self) -> tuple[Array, float]:
+        """Uncertainty of position (3, 3) m² and heading, rad, of a start.
+
+        A first start defines the world, so both are tiny; after a failure they are those of the last valid pose.
+        """
         nav = self._core.nav
         if self._health != LOST:
             return _START_SD**2 * np.eye(3), _START_SD
         up = nav.R.T @ np.array([0.0, 0.0, 1.0])
         return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
 
-    def _lose(self) -> None:
-        """Holds the last valid pose, with a large covariance, until a new start."""
+    def _declare_lost(self) -> None:
+        """Declares a failure: holds the last valid pose, with a large covariance, until a new start."""
         nav, already = self._core.nav, self._health == LOST
-        self._health, self._begun_ns = LOST, None
+        self._health, self._init_start_ns = LOST, None
         self._images.clear()
         self._initializer.reset()
         if already:
@@ -385,11 +413,11 @@ class Dvio:
         nav.covariance[:6, :6] += self._valid_covariance
 
 
-def _upright(force: Array, before: Array | None) -> Array:
-    """(3, 3) world <- IMU, z axis along a mean force, with the heading of a previous rotation.
+def _attitude_from_gravity(force: Array, before: Array | None) -> Array:
+    """(3, 3) world <- IMU whose z axis is along a mean force (3,), with the heading of a previous rotation.
 
-    Without one, the world's x axis is the horizontal direction of the IMU's z axis (the camera's line of sight), or of
-    its negative y axis if the camera looks straight down.
+    Without a previous one, the world's x axis is the horizontal direction of the IMU's z axis (the camera's line of
+    sight), or of its negative y axis if the camera looks straight down.
     """
     up = force / np.linalg.norm(force)
     forward = np.array([0.0, 0.0, 1.0]) if before is None else before[0]
@@ -406,9 +434,9 @@ def _mount(rig: Rig, options: Options) -> str:
     Raises:
         StrideTwinError: The rig has no such camera.
     """
-    there = [m for m in MOUNTS if f"/{m}/color" in rig.cameras and f"/{m}/imu" in rig.imus]
-    if not (options.mount or there):
+    available_mounts = [m for m in MOUNTS if f"/{m}/color" in rig.cameras and f"/{m}/imu" in rig.imus]
+    if not (options.mount or available_mounts):
         raise StrideTwinError(
             f"the rig cannot run dvio: needs {_WANTED}; it has {', '.join(rig.cameras) or 'no camera'}"
         )
-    return options.mount or there[0]
+    return options.mount or available_mounts[0]

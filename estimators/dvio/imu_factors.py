@@ -1,8 +1,8 @@
-"""IMU factors of the window: pre-integration between frames, and zero velocity, added to H d = b.
+"""IMU factors of the window: preintegration between frames and zero velocity, added to the equations H d = b.
 
-Pre-integration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that
-ends at its stamp, so rate and force are constant over it; the changes of attitude, velocity and position over
-it are exact to the third order of its rotation.
+Preintegration follows Zhao 2023 (7), after Forster et al. 2017. A sample is the mean over the interval that ends at its
+stamp, so rate and force are constant over it; the changes of attitude, velocity and position over it are exact to the
+third order of its rotation.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stridetwin.estimators.dvio.state import (
     ImuNoise,
     ImuSamples,
     Preintegration,
-    Window,
+    WindowState,
 )
 from stridetwin.estimators.matrices import (
     clear,
@@ -34,9 +34,9 @@ from stridetwin.estimators.matrices import (
     identity,
     mat3,
     mul,
-    propagated,
     rotate,
     rotate_back,
+    transform_covariance,
     transposed,
     vec3,
 )
@@ -46,7 +46,7 @@ from stridetwin.streams.samples import Array
 
 @njit(error_model="numpy", **INSIDE)
 def reset(z: Preintegration, bias: Array) -> None:
-    """Resets an increment to zero duration, at the biases (6,) of gyroscope and accelerometer."""
+    """Resets a measurement to zero duration, at the biases (6,) of gyroscope (rad/s) and accelerometer (m/s²)."""
     z.dt[0] = 0.0
     clear(z.delta_p)
     clear(z.delta_v)
@@ -58,9 +58,16 @@ def reset(z: Preintegration, bias: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
-    """Adds an interval of `dt` (s) of constant measured rate and force, (6,), rad/s and m/s², in place.
+    """Adds an interval of `dt` (s) of constant measured rate and force to a preintegrated measurement, in place.
 
-    The noise densities are in rad/s/√Hz and m/s²/√Hz. See docs/dvio.md (1)-(3).
+    See docs/dvio.md (1)-(3).
+
+    Args:
+        z: Δp, Δv, ΔR with their covariance and their derivative by the biases.
+        sample: (6,) angular rate, rad/s, and specific force, m/s².
+        dt: s.
+        rate_density: White noise of the rate, rad/s/√Hz.
+        force_density: White noise of the force, m/s²/√Hz.
     """
     phi, a, bias = vec3(), vec3(), z.bias
     for i in range(3):
@@ -70,7 +77,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     copy_matrix(z.delta_R, G)
     X, A = hat(phi), hat(a)
     X2, XA, Xa = mul(X, X), mul(X, A), hat(rotate(X, a))
-    # mean of the rotation over the interval, and its mean weighted with the remaining time
+    # δv = to_v a dt and δp = to_p a dt²: docs/dvio.md (1); and their derivatives by φ
     to_v, to_p, v_by_phi, p_by_phi = mat3(), mat3(), mat3(), mat3()
     for i in range(3):
         for j in range(3):
@@ -87,7 +94,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     rotation, Jr = exp(phi), right_jacobian(phi)
     p_by_turn, v_by_turn = mul(G, hat(dp)), mul(G, hat(dv))
     p_by_gyro, p_by_accel, v_by_gyro, v_by_accel = mul(G, p_by_phi), mul(G, to_p), mul(G, v_by_phi), mul(G, to_v)
-    F, B = identity(9), np.zeros((9, 6))
+    F, B = identity(9), np.zeros((9, 6))  # by the errors of (Δp, ΔR, Δv), and by the biases: docs/dvio.md (3)
     for i in range(3):
         F[i, 6 + i] = dt
         for j in range(3):
@@ -101,7 +108,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
             B[6 + i, 3 + j] = -dt * v_by_accel[i, j]
     # White noise of density s is a bias of standard deviation s / √dt over the interval.
     by_rate, by_force = rate_density / math.sqrt(dt), force_density / math.sqrt(dt)
-    P, by_bias = propagated(F, z.covariance), mul(F, z.by_bias)
+    P, by_bias = transform_covariance(F, z.covariance), mul(F, z.by_bias)
     for i in range(9):
         for j in range(6):
             z.by_bias[i, j] = by_bias[i, j] + B[i, j]
@@ -109,6 +116,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
             rates = B[i, 0] * B[j, 0] + B[i, 1] * B[j, 1] + B[i, 2] * B[j, 2]
             forces = B[i, 3] * B[j, 3] + B[i, 4] * B[j, 4] + B[i, 5] * B[j, 5]
             z.covariance[i, j] = P[i, j] + by_rate * by_rate * rates + by_force * by_force * forces
+    # Δp += Δv dt + ΔR δp, Δv += ΔR δv, ΔR <- ΔR Exp(φ): docs/dvio.md (2)
     for i in range(3):
         moved = delta_v[i] * dt
         for j in range(3):
@@ -122,7 +130,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
 
 
 @njit(error_model="numpy", **INSIDE)
-def _first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
+def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
     """Index of the first stamp after a time, by bisection."""
     low, high = 0, t_ns.shape[0]
     while low < high:
@@ -136,13 +144,14 @@ def _first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
 
 @njit(error_model="numpy", **INSIDE)
 def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
-    """Pre-integrates into `z` from `start_ns` to `end_ns`, at the biases (6,).
+    """Preintegrates IMU samples into `z` from `start_ns` to `end_ns`, at the biases (6,), rad/s and m/s².
 
-    The first sample is not later than the start, and the last one not before the end.
+    The first sample must not be later than the start, and the last one not before the end. An interval within one
+    sample is split into two, because the covariance of a single one is singular.
     """
     reset(z, bias)
     at, t_ns = start_ns, imu.t_ns
-    i = _first_after(t_ns, start_ns)
+    i = _find_first_after(t_ns, start_ns)
     while at < end_ns and i < t_ns.shape[0]:
         until = min(t_ns[i], end_ns)
         if at == start_ns and until == end_ns:
@@ -162,10 +171,14 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
 
 
 @njit(error_model="numpy", **INSIDE)
-def _moved(
+def _relative_motion(
     R: Array, pi: Array, vi: Array, pj: Array, vj: Array, dt: float, gravity: float, p: Array, v: Array
 ) -> None:  # fmt: skip
-    """Changes of position, p (3,), and velocity, v (3,), within `dt` beyond free fall, in the axes R of the earlier."""
+    """Motion from frame i to frame j in the axes of i, without gravity: two terms of docs/dvio.md (4).
+
+    Writes R_iᵀ (p_j − p_i − v_i t − g t²/2) into `p` (3,), m, and R_iᵀ (v_j − v_i − g t) into `v` (3,), m/s, for the
+    frames' positions and velocities in the world, `dt` = t in s, and g = (0, 0, −`gravity`) m/s².
+    """
     by_p, by_v = vec3(), vec3()
     for i in range(3):
         g = -gravity if i == 2 else 0.0
@@ -176,33 +189,38 @@ def _moved(
 
 
 @njit(error_model="numpy", **INSIDE)
-def motion(window: Window, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
-    """IMU residual from frame k to the next, docs/dvio.md (4): `r` (9,) of position, rotation and velocity.
+def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
+    """IMU residual between frame k and the next one, docs/dvio.md (4), and its Jacobian.
 
-    Its Jacobian `J` (9, 30) is with respect to the states of both, at first estimates if the factors say so.
+    Args:
+        window: Frames and preintegrated measurements.
+        k: Slot of the earlier frame.
+        factors: Gravity, and whether frames in the prior keep their first linearisation point.
+        r: (9,) out: residual of position (m), rotation (rad) and velocity (m/s).
+        J: (9, 30) out: derivative by the error states of frame k, then of frame k + 1.
     """
     frames, zs, gravity = window.frames, window.preintegrations, factors.gravity
-    dt, held, of_z = zs.dt[k, 0], frames.held, zs.by_bias[k]
+    dt, in_prior, of_z = zs.dt[k, 0], frames.in_prior, zs.by_bias[k]
     Ri, Rj = frames.R[k], frames.R[k + 1]
     pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
-    moved, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
+    bias_correction, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
     for i in range(9):
         for j in range(6):
-            moved[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
+            bias_correction[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
     for i in range(3):
-        rotation[i] = moved[3 + i]
-    _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
-    expected = mul(zs.delta_R[k], exp(rotation))
+        rotation[i] = bias_correction[3 + i]
+    _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
+    expected = mul(zs.delta_R[k], exp(rotation))  # ΔR Exp(J_R δb)
     e = log(mul(transposed(expected), mul(transposed(Ri), Rj)))
     for i in range(3):
-        r[i] = p[i] - zs.delta_p[k, i] - moved[i]
+        r[i] = p[i] - zs.delta_p[k, i] - bias_correction[i]
         r[3 + i] = e[i]
-        r[6 + i] = v[i] - zs.delta_v[k, i] - moved[6 + i]
-    if factors.first_estimates and held[k]:
+        r[6 + i] = v[i] - zs.delta_v[k, i] - bias_correction[6 + i]
+    if factors.first_estimates and in_prior[k]:
         Ri, pi, vi = frames.R_first[k], frames.p_first[k], frames.v_first[k]
-    if factors.first_estimates and held[k + 1]:
+    if factors.first_estimates and in_prior[k + 1]:
         Rj, pj, vj = frames.R_first[k + 1], frames.p_first[k + 1], frames.v_first[k + 1]
-    _moved(Ri, pi, vi, pj, vj, dt, gravity, p, v)
+    _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
     by_turn = mul(inverse, mul(transposed(Rj), Ri))
     # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
@@ -221,17 +239,20 @@ def motion(window: Window, k: int, factors: FactorParameters, r: Array, J: Array
             J[6 + i, D_VELOCITY + j] = -Ri[j, i]
             J[6 + i, n + D_VELOCITY + j] = Ri[j, i]
         for j in range(6):
-            turned = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
+            by_gyro_bias = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
             J[i, D_GYRO_BIAS + j] = -of_z[i, j]
-            J[3 + i, D_GYRO_BIAS + j] = -turned
+            J[3 + i, D_GYRO_BIAS + j] = -by_gyro_bias
             J[6 + i, D_GYRO_BIAS + j] = -of_z[6 + i, j]
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
-    """Adds the IMU factor from frame k to the next, Zhao 2023 (9), and the walk of its biases; returns the cost."""
+def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+    """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
+
+    See Zhao 2023 (9). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
+    """
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    motion(window, k, factors, r, J)
+    imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
     WJ = mul(weight, J)
     o = CALIBRATION + FRAME * k
@@ -245,7 +266,7 @@ def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: A
             g = J[i, a]
             if g == 0.0:
                 continue
-            b[o + a] -= g * wr
+            b[o + a] -= g * wr  # b -= Jᵀ Σ⁻¹ r, H += Jᵀ Σ⁻¹ J
             row = H[o + a]
             for c in range(a + 1):
                 row[o + c] += g * WJ[i, c]
@@ -266,7 +287,15 @@ def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: A
 
 @njit(error_model="numpy", **INSIDE)
 def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float:
-    """Adds the zero-velocity update of a frame of velocity (3,), if `sd` is finite, at its row; returns its cost."""
+    """Adds the zero-velocity update of one frame to H and b; returns its cost ½ |v|²/σ².
+
+    Args:
+        v: (3,) velocity of the frame, m/s.
+        sd: σ, m/s; inf for a frame that is not known to be stationary: nothing is added.
+        at: Row of the frame's velocity error in H and b.
+        H: (N, N) changed in place.
+        b: (N,) changed in place.
+    """
     if not math.isfinite(sd):
         return 0.0
     w, cost = 1.0 / sd**2, 0.0
@@ -278,11 +307,11 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_inertial(window: Window, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
-    """Adds the IMU factors of the oldest `frames` to H and b of all states; returns their cost."""
+def add_imu_factors(window: WindowState, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
+    """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost."""
     f, cost = window.frames, 0.0
     for k in range(frames):
         cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)
         if k + 1 < f.count[0]:
-            cost += add_motion(window, k, factors, H, b)
+            cost += add_imu_factor(window, k, factors, H, b)
     return cost

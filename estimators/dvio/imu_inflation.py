@@ -1,8 +1,8 @@
-"""Noise of the IMU as images show it: variance components of the window's increments.
+"""Online scale of the IMU's noise by variance components of the preintegrated measurements (Förstner 1979).
 
 A data sheet gives the white noise of a part. It knows neither the errors of axes and scale nor the vibration of a
-mount, and a rig may name another part. So the residuals of each increment are compared with their expected sizes
-(Förstner 1979), for gyroscope and accelerometer apart, and larger ones raise the noise of later increments. See
+mount, and a rig may name another part. So the residuals of each measurement between keyframes are compared with their
+expected sizes, separately for gyroscope and accelerometer, and larger ones raise the noise of later measurements. See
 docs/dvio.md (15).
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.level import covariance_of
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, WindowState
 from stridetwin.streams.samples import Array
 
 # Rows of the IMU residual, docs/dvio.md (4): rotation is the gyroscope's, position and velocity the accelerometer's.
@@ -31,10 +31,13 @@ _INCREMENTS = 3
 
 
 class ImuInflation:
-    """Factor on the noise of gyroscope and accelerometer, at least 1.
+    """Estimates a factor on the noise of gyroscope and accelerometer, at least 1, from the window's residuals.
 
     Args:
         nominal: Noise before any image.
+
+    Attributes:
+        factor: (2,) present factors of gyroscope and accelerometer.
     """
 
     def __init__(self, nominal: ImuNoise) -> None:
@@ -46,25 +49,37 @@ class ImuInflation:
 
     @property
     def noise(self) -> ImuNoise:
-        """Present noise of the samples."""
+        """Noise of the samples with the present factors."""
         (rate, force), nominal = self.factor, self._nominal
         return nominal._replace(
             rate=rate * nominal.rate, rate_share=rate * nominal.rate_share, force=force * nominal.force
         )
 
     def restart(self) -> None:
-        """Begins a window; what is known of the noise remains."""
+        """Begins a new window; the factors estimated so far remain."""
         self._factors.clear()
 
-    def follow(self, window: Window, factors: FactorParameters, L: Array) -> None:
-        """Takes the increments up to a keyframe, the newest frame; L is the Cholesky factor of the normal equations."""
+    def update(self, window: WindowState, factors: FactorParameters, L: Array) -> None:
+        """Uses the measurement that began three keyframes ago, once the newest frame is a keyframe.
+
+        Args:
+            window: The window after its optimisation.
+            factors: Noise model of the factors.
+            L: Cholesky factor of the window's normal equations.
+        """
         self._factors.append(self.factor)
         if len(self._factors) == _INCREMENTS:
             k = int(window.frames.count[0]) - 1 - _INCREMENTS
-            self.take(*residuals(window, k, factors, L), self._factors[0])
+            self.add_residuals(*residuals(window, k, factors, L), self._factors[0])
 
-    def take(self, squared: Array, expected: Array, factor: Array) -> None:
-        """Takes squared residuals and their expectation, (2,), of an increment integrated with a factor (2,)."""
+    def add_residuals(self, squared: Array, expected: Array, factor: Array) -> None:
+        """Adds one measurement's squared residuals and recomputes the factors, docs/dvio.md (15).
+
+        Args:
+            squared: (2,) weighted squared residuals of gyroscope and accelerometer.
+            expected: (2,) their expectation.
+            factor: (2,) factors on the noise with which the measurement was integrated.
+        """
         expected = np.maximum(expected, 0.0)
         squared = np.clip(squared, 0.0, _MAX_RATIO * expected)
         kept = 1.0 - 1.0 / _MEMORY
@@ -75,17 +90,18 @@ class ImuInflation:
         self.factor = np.sqrt(np.maximum(ratio / CONSISTENT_SHARE**2, 1.0))
 
 
-def residuals(window: Window, k: int, factors: FactorParameters, L: Array) -> tuple[Array, Array]:
-    """Weighted squared residuals of the increment after frame k, and their expectation, each (2,), by sensor.
+def residuals(window: WindowState, k: int, factors: FactorParameters, L: Array) -> tuple[Array, Array]:
+    """Weighted squared residuals of the IMU factor after frame k, and their expectation, each (2,), by sensor.
 
-    With the noise as assumed, the residuals r = e + J x of an increment of noise e and covariance C have the covariance
-    C − J P Jᵀ, where P is that of the states x.
+    With noise as assumed, the residual r = e + J x of a measurement with noise e of covariance C has the covariance C −
+    J P Jᵀ, where P is the covariance of the states x. So r_i (C⁻¹ r)_i has the expectation (C⁻¹ (C − J P Jᵀ))_ii; both
+    are summed over the rows of the gyroscope (rotation) and of the accelerometer (position and velocity).
     """
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    kernel.motion(window, k, factors, r, J)
+    kernel.imu_residual(window, k, factors, r, J)
     # The rest of L is that of the later frames alone, after the earlier ones are eliminated.
-    own = slice(CALIBRATION + FRAME * k, CALIBRATION + FRAME * int(window.frames.count[0]))
-    P = covariance_of(np.arange(2 * FRAME), L[own, own], own.stop - own.start)
+    states = slice(CALIBRATION + FRAME * k, CALIBRATION + FRAME * int(window.frames.count[0]))
+    P = covariance_of(np.arange(2 * FRAME), L[states, states], states.stop - states.start)
     weight, covariance = window.preintegrations.weight[k], window.preintegrations.covariance[k]
     squared = r * (weight @ r)
     expected = np.diag(weight @ (covariance - J @ P @ J.T))

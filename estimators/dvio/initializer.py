@@ -17,7 +17,7 @@ from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.noise_model import LATER_DEPTH_SD
 from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.projection import directions
-from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.sliding_window import SlidingWindow
 from stridetwin.estimators.dvio.state import LANDMARK_SLOTS, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
     Observations,
@@ -48,11 +48,11 @@ _MAX_MISFIT = 3.0  # mean squared residual, in variances, beyond which vision an
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Priors:
-    """Prior knowledge; a standard deviation of 0 means exactly known.
+    """Prior knowledge of an alignment in motion; a standard deviation of 0 means exactly known.
 
     Attributes:
         T_imu_camera: (4, 4) camera to IMU.
-        bias: (6,) at which the intervals were integrated.
+        bias: (6,) at which the intervals were integrated, rad/s and m/s².
         bias_sd: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
         mount_sd: (6,) of the camera's position (m) and attitude (rad) on the IMU.
         offset_sd: Of the camera's clock, s.
@@ -71,19 +71,19 @@ class Priors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """All unknowns of K images, in the IMU's axes at the newest one's nominal time.
+    """All unknowns of K images, in the axes of the IMU at the newest image's nominal time.
 
     Attributes:
-        R: (K, 3, 3) and
-        p: (K, 3) cameras, as in `Structure`.
-        v: (K, 3) m/s.
-        up: (3,) away from gravity, of length 1.
-        tilt_axes: (3, 2) about which it errs.
-        bias: (6,) rad/s, m/s².
-        scale: Of the structure's unit of length, m.
+        R: (K, 3, 3) newest camera <- camera, as in `Structure`.
+        p: (K, 3) position of each camera, as in `Structure`.
+        v: (K, 3) velocity of the IMU at each image, m/s.
+        up: (3,) unit vector against gravity.
+        tilt_axes: (3, 2) unit vectors about which the tilt errors of `up` rotate.
+        bias: (6,) gyroscope (rad/s) and accelerometer (m/s²).
+        scale: Length of the structure's unit, m.
         mount_R: (3, 3) IMU <- camera.
-        mount_p: (3,) m, camera in the IMU's frame.
-        offset: Of the camera's clock, s.
+        mount_p: (3,) camera in the IMU's frame, m.
+        offset: Correction of the camera's clock, s.
     """
 
     R: Array
@@ -100,11 +100,11 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Alignment(Motion):
-    """A motion with its uncertainty.
+    """The result of an alignment of vision and IMU: motion with its uncertainty.
 
     Attributes:
-        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), the newest v, the biases
-            and the logarithm of the scale.
+        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), the newest velocity
+            (m/s), the biases (rad/s, m/s²) and the logarithm of the scale.
         misfit: Mean squared residual, in variances.
     """
 
@@ -112,9 +112,14 @@ class Alignment(Motion):
     misfit: float
 
     def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
-        """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
+        """(15, 15) covariance of position, attitude (error on the right), velocity and biases in the world.
 
-        `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
+        The world's z axis is up; its heading and origin are not observable, so they have the given uncertainty.
+
+        Args:
+            R_world_imu: (3, 3) attitude of the IMU at the newest image.
+            place: (3, 3) covariance of the position, m².
+            heading_sd: rad.
         """
         J = np.zeros((15, 12))
         by_turn = -R_world_imu @ hat(self.v[-1])
@@ -130,18 +135,36 @@ class Alignment(Motion):
         return 0.5 * (out + out.T)
 
 
-def aligned(structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
-    """State at the newest of K ≥ 3 images, at angular rates (K, 3) rad/s; None if vision and IMU are inconsistent."""
+def align_vision_imu(
+    structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors
+) -> Alignment | None:
+    """Aligns structure from motion with the preintegrated IMU, for a start in motion.
+
+    After Qin 2018 (15)-(19): gyroscope bias from the rotations, then velocities, gravity and scale from one linear
+    problem; at last Gauss-Newton over all unknowns with their priors.
+
+    Args:
+        structure: Cameras of K ≥ 3 images.
+        preintegrations: Of the K − 1 intervals between them.
+        rates: (K, 3) measured angular rate at each image, rad/s.
+        priors: Of calibration and biases.
+
+    Returns:
+        The state at the newest image; None if vision and IMU contradict each other.
+    """
     bias = priors.bias.copy()
-    bias[:3] += gyro_bias(structure, preintegrations, priors)
-    start = _linear(structure, preintegrations, bias, priors)
+    bias[:3] += solve_gyro_bias(structure, preintegrations, priors)
+    start = _solve_linear(structure, preintegrations, bias, priors)
     if start is None:
         return None
-    return _refined(start, structure, preintegrations, rates, priors)
+    return _refine(start, structure, preintegrations, rates, priors)
 
 
-def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
-    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin 2018 (15))."""
+def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
+    """(3,) rad/s, correction of the gyroscope bias at which the intervals were integrated.
+
+    Weighted least squares of Log(ΔRᵀ R_kᵀ R_(k+1)) = J_R δb with the prior of the bias, after Qin 2018 (15).
+    """
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
     over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
@@ -152,8 +175,14 @@ def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Pri
     return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
 
 
-def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
-    """Velocities, gravity of free magnitude and scale (Qin 2018 (16)-(19))."""
+def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
+    """Velocities, gravity of free magnitude and, without measured depths, scale by linear least squares.
+
+    After Qin 2018 (16)-(19), per interval of duration dt between images a and b, with every row divided to be in m/s:
+    scale (p_b − p_a) / dt − v_a − g dt / 2 = (ΔP − arm_b + arm_a) / dt and v_b − v_a − g dt = ΔV, in the axes of the
+    newest camera's IMU. `arm` is the camera's offset from the IMU. None if the scale is not positive or |g| is far from
+    gravity.
+    """
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
     R = R_ic @ structure.R @ R_ic.T
@@ -164,11 +193,12 @@ def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
         dt, i, j = z.dt[k, 0], 6 * k, 3 * k
-        # both kinds of rows are speeds, m/s
+        # position: scale (p_b - p_a) / dt - v_a - g dt / 2 = (ΔP - arm_b + arm_a) / dt
         A[i : i + 3, j : j + 3] = -np.eye(3)
         A[i : i + 3, -4:-1] = -0.5 * dt * np.eye(3)
         A[i : i + 3, -1] = (cameras[k + 1] - cameras[k]) / dt
         b[i : i + 3] = (alpha[k, :, 0] - arm[k + 1] + arm[k]) / dt
+        # velocity: v_b - v_a - g dt = ΔV
         A[i + 3 : i + 6, j : j + 3], A[i + 3 : i + 6, j + 3 : j + 6] = -np.eye(3), np.eye(3)
         A[i + 3 : i + 6, -4:-1] = -dt * np.eye(3)
         b[i + 3 : i + 6] = beta[k, :, 0]
@@ -186,8 +216,13 @@ def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors
     )  # fmt: skip
 
 
-def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
-    """Gauss–Newton over all unknowns."""
+def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
+    """Gauss-Newton over all unknowns of `Motion`, weighted with the structure, the IMU noise and the priors.
+
+    Minimises Σ rᵀ Σ⁻¹ r of docs/dvio.md (4) plus the structure's information on the cameras and the priors of biases,
+    scale, mount and clock. Error vector (n,): cameras (6 K), velocities (3 K), tilt (2), biases (6), logarithm of the
+    scale, mount (6), clock. The newest camera is the reference and does not move. None if the problem is singular.
+    """
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K
     n = TILT + 2 + 6 + 1 + 6 + 1
@@ -198,23 +233,23 @@ def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, p
     )
     prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
     free[TILT + 2 :] = prior_sd > 0
-    moved = np.zeros(n)
+    deviation = np.zeros(n)
     index = [np.r_[6 * k : 6 * k + 12, V + 3 * k : V + 3 * k + 6, TILT : TILT + 16] for k in range(K - 1)]
-    moved[TILT + 2 : TILT + 8] = s.bias - priors.bias
+    deviation[TILT + 2 : TILT + 8] = s.bias - priors.bias
     large = True
     for step in range(_STEPS):
         if step == 0 or large:
-            r, J = _derived(s, z, rates, priors.gravity)
+            r, J = _residual_jacobian(s, z, rates, priors.gravity)
         else:
-            r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
-        H, b = np.diag(prior), -prior * moved
+            r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
+        H, b = np.diag(prior), -prior * deviation
         H[:V, :V] += structure.information
-        b[:V] -= structure.information @ moved[:V]
-        JtW = np.swapaxes(J, 1, 2) @ z.weight
-        own, b_own = JtW @ J, -(JtW @ r[..., None])[..., 0]
+        b[:V] -= structure.information @ deviation[:V]
+        JtW = np.swapaxes(J, 1, 2) @ z.weight  # Jᵀ Σ⁻¹ of each interval
+        H_interval, b_interval = JtW @ J, -(JtW @ r[..., None])[..., 0]
         for k in range(K - 1):
-            H[np.ix_(index[k], index[k])] += own[k]
-            b[index[k]] += b_own[k]
+            H[np.ix_(index[k], index[k])] += H_interval[k]
+            b[index[k]] += b_interval[k]
         e = np.zeros(n)
         try:
             P = np.linalg.inv(H[np.ix_(free, free)])
@@ -223,33 +258,38 @@ def _refined(s: Motion, structure: Structure, z: Preintegration, rates: Array, p
         e[free] = P @ b[free]
         if not np.isfinite(e).all():
             return None
-        s = _moved(s, e, K)
+        s = _apply_step(s, e, K)
         # Attitude errors add to first order, as their information is of that order.
-        moved += e
+        deviation += e
         size = np.abs(e[6 * K :]).max()
         large = size > _LARGE
         if size < _SETTLED:
             break
-    r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
-    cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + moved[:V] @ structure.information @ moved[:V])
-    whole = np.zeros((n, n))
-    whole[np.ix_(free, free)] = P
+    r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
+    cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + deviation[:V] @ structure.information @ deviation[:V])
+    full_covariance = np.zeros((n, n))
+    full_covariance[np.ix_(free, free)] = P
     out = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]
-    covariance = whole[np.ix_(out, out)]
+    covariance = full_covariance[np.ix_(out, out)]
     if not (np.isfinite(covariance).all() and (np.diag(covariance) >= 0).all()):
         return None
     return Alignment(**vars(s), covariance=covariance, misfit=cost / (9 * (K - 1) - 3 * K - 2))
 
 
-def _derived(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
-    """(K − 1, 9) residuals, docs/dvio.md (4), and their (K − 1, 9, 34) derivatives."""
+def _residual_jacobian(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
+    """(K − 1, 9) residuals of docs/dvio.md (4), and their (K − 1, 9, 34) derivatives by finite differences."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
-    r = _mismatch(s, z, rates, gravity, x)
+    r = _residuals(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
 
 
-def _mismatch(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
-    """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
+def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
+    """(D, K − 1, 9) IMU residuals, docs/dvio.md (4), of consecutive images a and b, for D error vectors x (D, 1, 34).
+
+    The IMU's pose at an image follows from the camera's by the mount (R_c, p_c), the scale and the time offset τ: M =
+    R_c R R_cᵀ Exp(−τ ω) and R_c scale p + p_c − M p_c, seen from the IMU at the newest image's nominal time. Position
+    (m), rotation (rad) and velocity (m/s) in that order.
+    """
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
@@ -267,6 +307,7 @@ def _mismatch(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Arr
     dv, dt = v_b - v_a, z.dt
     by = matvec(z.by_bias, bias - z.bias)
     to_a = np.swapaxes(R_a, -1, -2)
+    # docs/dvio.md (4) with g = -gravity up; positions at nominal times differ by v τ from those at the exposures
     rotation = np.swapaxes(z.delta_R, -1, -2) @ to_a @ R_b
     r = np.empty((*dv.shape[:-1], 9))
     r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
@@ -275,7 +316,8 @@ def _mismatch(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Arr
     return r
 
 
-def _moved(s: Motion, e: Array, K: int) -> Motion:
+def _apply_step(s: Motion, e: Array, K: int) -> Motion:
+    """Applies an error vector (n,) of `_refine` to the unknowns of K images; rotation errors are on the right."""
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
@@ -287,13 +329,15 @@ def _moved(s: Motion, e: Array, K: int) -> Motion:
 
 
 class Initializer:
-    """Tracks points from image to image and keeps the observations of about every third one; constant memory.
+    """Collects images and IMU samples of a moving sensor until they align, to start the window; constant memory.
+
+    It tracks points from image to image and keeps the observations of about every third image.
 
     Args:
         core: Provides tracker, lens, IMU and calibration, which no window needs yet.
     """
 
-    def __init__(self, core: Core) -> None:
+    def __init__(self, core: SlidingWindow) -> None:
         self._core = core
         self._t_ns: list[int] = []
         self._before_ns = 0
@@ -302,46 +346,49 @@ class Initializer:
         self._alive, self._pixels = np.zeros(LANDMARK_SLOTS, bool), np.zeros((LANDMARK_SLOTS, 2), np.float32)
 
     def reset(self) -> None:
-        """Restarts."""
+        """Drops all images and points, to start anew."""
         self._t_ns.clear()
         self._alive[:] = False
 
-    def take(self, frame: CameraFrame) -> Alignment | None:
-        """Takes an image whose time the IMU has reached; returns the state there once it is certain enough."""
+    def process_image(self, frame: CameraFrame) -> Alignment | None:
+        """Takes an image whose time the IMU has reached; returns the state there once it is certain enough.
+
+        None while there are too few images, after a gap, or while tilt or velocity are too uncertain.
+        """
         core, t_ns = self._core, self._core.imu_time(frame.t_ns)
-        heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
-        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
+        is_covered = not self._t_ns or core.inertial.covers(self._t_ns[0])
+        if not is_covered or (self._t_ns and not 0 < t_ns - self._before_ns < _MAX_GAP_S * 1e9):
             self.reset()
-        core.tracker.take(frame.grey)
-        self._follow(t_ns)
+        core.tracker.set_image(frame.grey)
+        self._track(t_ns)
         self._before_ns = t_ns
         if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < _MIN_INTERVAL_S:
             return None
-        self._keep(frame, t_ns)
+        self._store_observations(frame, t_ns)
         if len(self._t_ns) < _MIN_IMAGES:
             return None
-        found = self._align()
-        if found is None or found.misfit > _MAX_MISFIT:
+        alignment = self._align()
+        if alignment is None or alignment.misfit > _MAX_MISFIT:
             return None
-        variance = found.covariance.diagonal()
-        sure = variance[:2].max() < _MAX_TILT_SD_RAD**2 and variance[2:5].sum() < _MAX_SPEED_SD_MPS**2
-        return found if sure else None
+        variance = alignment.covariance.diagonal()
+        is_certain = variance[:2].max() < _MAX_TILT_SD_RAD**2 and variance[2:5].sum() < _MAX_SPEED_SD_MPS**2
+        return alignment if is_certain else None
 
-    def _follow(self, t_ns: int) -> None:
+    def _track(self, t_ns: int) -> None:
         """Tracks the points of the previous image, from their gyroscope predictions."""
         ids = np.flatnonzero(self._alive)
         if not len(ids):
             return
         core, z = self._core, blank_preintegration()
-        kernel.integrate(z, core.inertial.kept, self._before_ns, t_ns, core.nav.bias, core.noise)
-        R_ic, was = core.window.calibration.R, self._pixels[ids]
-        rays = directions(core.lens.normalised(was)) @ (R_ic.T @ z.delta_R @ R_ic)
-        there, good = core.tracker.follow(was, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
+        kernel.integrate(z, core.inertial.imu_samples, self._before_ns, t_ns, core.nav.bias, core.noise)
+        R_ic, previous_px = core.window.calibration.R, self._pixels[ids]
+        rays = directions(core.lens.to_normalized(previous_px)) @ (R_ic.T @ z.delta_R @ R_ic)
+        tracked_px, good = core.tracker.track(previous_px, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
         self._alive[ids] = good
-        self._pixels[ids] = there
+        self._pixels[ids] = tracked_px
 
-    def _keep(self, frame: CameraFrame, t_ns: int) -> None:
-        """Stores observations and searches for new points."""
+    def _store_observations(self, frame: CameraFrame, t_ns: int) -> None:
+        """Stores the observations of an image, drops the oldest image where there are too many, and adds new points."""
         core, c = self._core, self._core.window.calibration
         if len(self._t_ns) == _IMAGES:
             self._t_ns.pop(0)
@@ -356,20 +403,23 @@ class Initializer:
         self._pixels[new], self._alive[new] = points, True
         ids = np.flatnonzero(self._alive)
         self._seen[k], self._rho[k] = self._alive, 0.0
-        self._at[k, ids] = core.lens.normalised(self._pixels[ids]) * (1.0 + c.focal)
-        self._rho[k, ids] = core.depth(frame, self._pixels[ids]) / c.scale[0]
+        self._at[k, ids] = core.lens.to_normalized(self._pixels[ids]) * (1.0 + c.focal)
+        self._rho[k, ids] = core.inverse_depths(frame, self._pixels[ids]) / c.scale[0]
 
     def _align(self) -> Alignment | None:
-        found = self._structure()
-        if found is None:
+        """The alignment of the images collected so far; None if their structure is not determined."""
+        structure = self._estimate_structure()
+        if structure is None:
             return None
-        core, t_ns = self._core, self._t_ns[found.first :]
+        core, t_ns = self._core, self._t_ns[structure.first :]
         preintegrations = blank_preintegration(len(t_ns) - 1)
         for k in range(len(t_ns) - 1):
-            preintegrate(preintegrations, k, core.inertial.kept, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise)
-        return aligned(found, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._priors())
+            preintegrate(preintegrations, k, core.inertial.imu_samples, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise)
+        return align_vision_imu(
+            structure, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._build_priors()
+        )
 
-    def _structure(self) -> Structure | None:
+    def _estimate_structure(self) -> Structure | None:
         """Structure from at least as many images as an alignment needs."""
         p, K = self._core.parameters, len(self._t_ns)
         often = self._seen[:K].sum(axis=0) > 1
@@ -377,10 +427,11 @@ class Initializer:
             seen=self._seen[:K, often], at=self._at[:K, often], rho=self._rho[:K, often],
             sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=LATER_DEPTH_SD * p.inverse_depth_sd_per_m,
         )  # fmt: skip
-        found = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
-        return None if found is None or len(found.R) < _MIN_IMAGES else found
+        structure = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
+        return None if structure is None or len(structure.R) < _MIN_IMAGES else structure
 
-    def _priors(self) -> Priors:
+    def _build_priors(self) -> Priors:
+        """Prior knowledge of mount, clock, depth scale and biases from the window's parameters."""
         core, c, prior = self._core, self._core.window.calibration, self._core.calibration_prior
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p

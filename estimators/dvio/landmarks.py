@@ -22,14 +22,14 @@ from stridetwin.estimators.dvio.projection import (
     OBSERVER,
     RESIDUAL,
     Views,
-    at_exposure,
     directions,
     huber,
     observation_jacobian,
+    pose_at_exposure,
     project,
-    ray,
     set_camera,
     set_relative,
+    to_ray,
 )
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
@@ -41,7 +41,7 @@ from stridetwin.estimators.dvio.state import (
     FactorParameters,
     Frames,
     Landmarks,
-    Window,
+    WindowState,
 )
 from stridetwin.estimators.matrices import REORDERED, clear, clear_block, mul, transposed
 from stridetwin.streams.samples import Array
@@ -54,66 +54,69 @@ _FIXED = 1e12  # m²; on a fixed one
 
 
 class CameraEquations(NamedTuple):
-    """Normal equations of the observations, M = 10 + 6 F columns, and what is needed to recover the landmarks.
+    """Normal equations of all camera factors, of M = 10 + 6 F columns, and what recovers the eliminated landmarks.
 
     Attributes:
         H: (M, M) of calibration and poses; the lower triangle counts.
-        b: (M,).
-        pairs: (F, 22, 24) sums per host and observing frame: products of the Jacobian and, in column 22,
-                with the residual.
-        own: (L,) information on each inverse depth.
-        b_own: (L,).
-        cross: (L, M) between landmark and the rest.
+        b: (M,) right-hand side.
+        pairs: (F, 22, 24) sums per host and observing frame: products of the Jacobian's columns and, in column 22, with
+            the residual.
+        depth_information: (L,) h_ll: information on each landmark's inverse depth.
+        b_depth: (L,) right-hand side of each inverse depth.
+        cross: (L, M) h_l: between each inverse depth and calibration and poses.
         J: (3, 24) buffer for an observation's Jacobian and residual.
-        J_own: (3,) buffer for its derivative by the inverse depth.
+        J_depth: (3,) buffer for an observation's derivative by the inverse depth.
     """
 
     H: Array
     b: Array
     pairs: Array
-    own: Array
-    b_own: Array
+    depth_information: Array
+    b_depth: Array
     cross: Array
     J: Array
-    J_own: Array
+    J_depth: Array
 
 
 def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
-    """Workspace for F frames and L landmarks."""
+    """Preallocated camera equations for F frames and L landmarks."""
     m = CALIBRATION + POSE * frames
     return CameraEquations(
-        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)), own=np.zeros(landmarks),
-        b_own=np.zeros(landmarks), cross=np.zeros((landmarks, m)), J=np.zeros((3, COLUMNS)), J_own=np.zeros(3),
+        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)),
+        depth_information=np.zeros(landmarks), b_depth=np.zeros(landmarks), cross=np.zeros((landmarks, m)),
+        J=np.zeros((3, COLUMNS)), J_depth=np.zeros(3),
     )  # fmt: skip
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
-def _add(
+def _add_landmark(
     frames: Frames, marks: Landmarks, calibration: Calibration, factors: FactorParameters, views: Views,
     s: CameraEquations, l: int, last: int, host_depth: bool,
 ) -> float:  # fmt: skip
     """Adds the observations and measured depths of landmark `l` in frames up to `last`; returns their cost.
 
-    See docs/dvio.md (7)-(9); (8) only if `host_depth`.
+    Residuals of docs/dvio.md (7)-(9) with Huber weights; (8) of that page only if `host_depth`. Writes the landmark's
+    row of `cross`, `depth_information` and `b_depth`, and adds the products of each observing frame to `pairs`.
     """
-    J, Jl, at = s.J, s.J_own, marks.at[l]
+    J, Jl, at = s.J, s.J_depth, marks.at[l]
     host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
-    x, y = ray(calibration, at[host, 0], at[host, 1])
+    x, y = to_ray(calibration, at[host, 0], at[host, 1])
     cross = s.cross[l]
     clear(cross)
-    own, b_own, cost = _LOOSE, 0.0, 0.0
+    depth_information, b_depth, cost = _LOOSE, 0.0, 0.0
     rho = marks.rho[l, host]
     if rho > 0.0:
+        # measured depth of the host: r = s ξ - ρ_i, docs/dvio.md (8)
         if factors.depth_fixed:
-            own += _FIXED
+            depth_information += _FIXED
         elif host_depth:
             # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
             r = scale * xi - rho
             c, w = huber(r * r * factors.depth_weight, factors.huber_sd)
             w *= factors.depth_weight
             cost += c
-            own += w * scale * scale
-            b_own -= w * scale * r
+            depth_information += w * scale * scale
+            b_depth -= w * scale * r
             cross[D_SCALE] += w * scale * xi
             s.H[D_SCALE, D_SCALE] += w * xi * xi
             s.b[D_SCALE] -= w * xi * r
@@ -124,8 +127,8 @@ def _add(
         px, py, depth, before = project(views.rotation[host, j], views.translation[host, j], x, y, xi, LEAST_DEPTH)
         if not before or not observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
-        u, v = ray(calibration, at[j, 0], at[j, 1])
-        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
+        u, v = to_ray(calibration, at[j, 0], at[j, 1])
+        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0  # docs/dvio.md (7)
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
         c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
@@ -133,7 +136,7 @@ def _add(
         cost += c
         rho = marks.rho[l, j]
         if factors.projection_depth and rho > 0.0:
-            r2 = scale * depth - rho
+            r2 = scale * depth - rho  # docs/dvio.md (9)
             c, w = huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
             w2 = w * factors.later_depth_weight
             cost += c
@@ -144,8 +147,8 @@ def _add(
         J[0, RESIDUAL] = r0
         J[1, RESIDUAL] = r1
         J[2, RESIDUAL] = r2
-        own += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
-        b_own -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
+        depth_information += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
+        b_depth -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
         pair = s.pairs[j]
         for a in range(OBSERVATION):
             v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
@@ -159,31 +162,31 @@ def _add(
             i, k = HOST + a, OBSERVER + a
             cross[first + a] += l0 * J[0, i] + l1 * J[1, i] + l2 * J[2, i]
             cross[second + a] += l0 * J[0, k] + l1 * J[1, k] + l2 * J[2, k]
-    s.own[l] = own
-    s.b_own[l] = b_own
+    s.depth_information[l] = depth_information
+    s.b_depth[l] = b_depth
     return cost
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
-    """Takes a landmark, seen by the frames `seen` (F,), out of the equations. See docs/dvio.md (11)."""
-    cross, share = s.cross[l], 1.0 / s.own[l]
+    """Eliminates a landmark, seen by the frames `seen` (F,), from the equations: docs/dvio.md (11), first part."""
+    cross, share = s.cross[l], 1.0 / s.depth_information[l]
     for k in range(-1, last + 1):
         if k >= 0 and k != host and not seen[k]:
             continue
         start = 0 if k < 0 else CALIBRATION + POSE * k
         end = CALIBRATION + POSE * (k + 1)
         for i in range(start, end):
-            f = cross[i] * share
-            s.b[i] -= f * s.b_own[l]
+            f = cross[i] * share  # H -= h hᵀ / h_ll, b -= h b_l / h_ll
+            s.b[i] -= f * s.b_depth[l]
             row = s.H[i]
             for e in range(end):
                 row[e] -= f * cross[e]
 
 
 @njit(error_model="numpy", **INSIDE)
-def _gather(s: CameraEquations, host: int, last: int) -> None:
-    """Adds the sums of one host's landmarks to the normal equations."""
+def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
+    """Adds the sums `pairs` of the landmarks that one frame hosts to the camera equations H and b."""
     first = CALIBRATION + POSE * host
     for j in range(host + 1, last + 1):
         pair, second = s.pairs[j], CALIBRATION + POSE * j
@@ -207,8 +210,8 @@ def _gather(s: CameraEquations, host: int, last: int) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def usable(marks: Landmarks, l: int, last: int) -> bool:
-    """Whether a landmark has a host and is observed by another frame."""
+def is_usable(marks: Landmarks, l: int, last: int) -> bool:
+    """Whether a landmark has a host and is observed by another frame, both among the frames up to `last`."""
     host = marks.host[l]
     if host == NO_HOST or host > last:
         return False
@@ -220,7 +223,7 @@ def usable(marks: Landmarks, l: int, last: int) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def add_camera_factors(
-    window: Window, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
+    window: WindowState, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
     host_depth: bool, H: Array, b: Array,
 ) -> float:  # fmt: skip
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
@@ -237,25 +240,25 @@ def add_camera_factors(
             for a in range(OBSERVATION):
                 clear(pairs[j, a])
         for l in range(marks.host.shape[0]):
-            if marks.host[l] == host and usable(marks, l, last):
-                cost += _add(frames, marks, calibration, factors, views, s, l, last, host_depth)
+            if marks.host[l] == host and is_usable(marks, l, last):
+                cost += _add_landmark(frames, marks, calibration, factors, views, s, l, last, host_depth)
                 _eliminate(s, l, host, marks.seen[l], last)
-        _gather(s, host, last)
+        _add_host_sums(s, host, last)
     for i in range(m):
-        row, own = H[state(i)], s.H[i]
-        b[state(i)] += s.b[i]
+        row, camera_row = H[state_index(i)], s.H[i]
+        b[state_index(i)] += s.b[i]
         for e in range(CALIBRATION):
-            row[e] += own[e]
+            row[e] += camera_row[e]
         for k in range(last + 1):
             o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
             for e in range(POSE):
-                row[o + e] += own[q + e]
+                row[o + e] += camera_row[q + e]
     return cost
 
 
 @njit(error_model="numpy", **INSIDE)
-def state(i: int) -> int:
-    """Index among all states of the i-th of calibration and poses."""
+def state_index(i: int) -> int:
+    """Index among all states of the i-th column of the camera equations (calibration, then six per pose)."""
     if i < CALIBRATION:
         return i
     return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
@@ -263,7 +266,7 @@ def state(i: int) -> int:
 
 @njit(error_model="numpy", **INSIDE)
 def predict_observations(
-    window: Window, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
+    window: WindowState, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
     known: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
@@ -282,7 +285,7 @@ def predict_observations(
     n = frames.count[0]
     R_camera, p_camera = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(n):
-        R_host, p_host = at_exposure(frames, k, c.offset[0])
+        R_host, p_host = pose_at_exposure(frames, k, c.offset[0])
         set_camera(R_host, p_host, c, R_camera[k], p_camera[k])
     set_camera(R, p, c, R_camera[n], p_camera[n])
     A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
@@ -295,7 +298,7 @@ def predict_observations(
         known[l] = 0
         if h == NO_HOST:
             continue
-        x, y = ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
+        x, y = to_ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
         u, v, depth, before_it = project(A[h], t[h], x, y, xi, _FRONT)
         u_before, v_before, _, before_both = project(A_before[h], t_before[h], x, y, xi, _FRONT)
         if not (before_it and before_both):
@@ -315,9 +318,13 @@ def cull(
     marks: Landmarks, c: Calibration, factors: FactorParameters, views: Views, n: int, most: float,
     alive: NDArray[np.uint8],
 ) -> int:  # fmt: skip
-    """Removes observations beyond `most` standard deviations by the `n` frames; returns the newest's remaining ones.
+    """Removes observations with a residual beyond `most` standard deviations, in the first `n` frames.
 
-    A landmark that is an outlier in the newest frame is dropped: its `alive` becomes 0.
+    A landmark that is an outlier in the newest frame is dropped: its `alive` (L,) becomes 0. An outlying measured depth
+    is removed without its observation.
+
+    Returns:
+        Number of remaining observations in the newest frame.
     """
     scale, left = c.scale[0], 0
     for l in range(marks.host.shape[0]):
@@ -325,7 +332,7 @@ def cull(
         if h == NO_HOST:
             continue
         at, seen, rho = marks.at[l], marks.seen[l], marks.rho[l]
-        x, y = ray(c, at[h, 0], at[h, 1])
+        x, y = to_ray(c, at[h, 0], at[h, 1])
         for j in range(n):
             if j == h or not seen[j]:
                 continue
@@ -333,7 +340,7 @@ def cull(
             px, py, depth, before = project(A, t, x, y, marks.inverse_depth[l], LEAST_DEPTH)
             off = math.inf
             if before:
-                u, v = ray(c, at[j, 0], at[j, 1])
+                u, v = to_ray(c, at[j, 0], at[j, 1])
                 off = ((px - u) ** 2 + (py - v) ** 2) * factors.pixel_weight
             if off > most * most:
                 seen[j] = 0
@@ -350,25 +357,29 @@ def cull(
 
 
 def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uint8], newest: int) -> None:
-    """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
+    """Moves the landmarks that the oldest frame hosts to the newest frame if it observes them, else drops them.
 
-    Their observations by the newest frame are not used for the prior.
+    Used at marginalisation: observations of these landmarks by the newest frame are not part of the prior, so that each
+    counts once. The inverse depth in the newest camera is measured, or ξ / q_z of docs/dvio.md (6).
     """
-    own = np.flatnonzero(marks.host == 0)
-    kept = own[(alive[own] > 0) & (marks.seen[own, newest] > 0)]
-    rho, xi = marks.rho[kept, newest], marks.inverse_depth[kept]
-    depth = directions(marks.at[kept, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
+    hosted = np.flatnonzero(marks.host == 0)
+    rehosted = hosted[(alive[hosted] > 0) & (marks.seen[hosted, newest] > 0)]
+    rho, xi = marks.rho[rehosted, newest], marks.inverse_depth[rehosted]
+    depth = directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
     depth += xi * views.translation[0, newest, 2]
-    carried = np.maximum(xi / np.maximum(depth, LEAST_DEPTH), LEAST_INVERSE_DEPTH)
-    marks.inverse_depth[kept] = np.where(rho > 0.0, rho / c.scale, np.where(depth < LEAST_DEPTH, xi, carried))
-    marks.measured[kept[rho > 0.0]] = 1
-    marks.host[own], marks.seen[own] = NO_HOST, 0
-    marks.host[kept], marks.seen[kept, newest] = newest, 1
+    predicted = np.maximum(xi / np.maximum(depth, LEAST_DEPTH), LEAST_INVERSE_DEPTH)
+    marks.inverse_depth[rehosted] = np.where(rho > 0.0, rho / c.scale, np.where(depth < LEAST_DEPTH, xi, predicted))
+    marks.measured[rehosted[rho > 0.0]] = 1
+    marks.host[hosted], marks.seen[hosted] = NO_HOST, 0
+    marks.host[rehosted], marks.seen[rehosted, newest] = newest, 1
 
 
 @njit(error_model="numpy", **INSIDE)
-def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
-    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
+def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
+    """Mean image motion of points between two frames with their rotation removed, and the number of points.
+
+    The motion is on the plane at depth 1 (multiply by the focal length for pixels); 0 without points.
+    """
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
     A = mul(transposed(R_camera), mul(mul(transposed(f.R[newest]), f.R[since]), R_camera))
     total, count, still = 0.0, 0, np.zeros(3)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from stridetwin.estimators.dvio.mount_prior import MountPrior
-from stridetwin.estimators.dvio.optimiser import hold
-from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, Window
+from stridetwin.estimators.dvio.optimiser import fix_first_estimate
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, WindowState
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import hat
 
@@ -39,10 +39,10 @@ _MAX_TILT_SD_RAD = 0.02  # while the camera's tilt is less certain, a ramp could
 
 
 class LevelGround:
-    """Uses level ground in a window, once per stretch of the path.
+    """Uses level ground as a measurement of the camera's tilt, once per stretch of the path.
 
     Args:
-        ground_sd_rad: How level ground is as built.
+        ground_sd_rad: How level ground is as built: standard deviation, rad.
         used: Whether it is used at all.
     """
 
@@ -51,44 +51,51 @@ class LevelGround:
         self._p_last: Array | None = None
 
     def restart(self) -> None:
-        """Forgets where it was observed last."""
+        """Begins a new window: the next level ground is used wherever it is."""
         self._p_last = None
 
-    def due(self, p_imu_in_world: Array) -> bool:
-        """Whether an observation from a position (3,), m, would be independent of the last one."""
+    def is_due(self, p_imu_in_world: Array) -> bool:
+        """Whether level ground seen from a position (3,), m, is independent of the last one used.
+
+        True once per `SPACING_M` of path, and never if level ground is not used.
+        """
         last = self._p_last
         return self._used and (last is None or float(np.linalg.norm(p_imu_in_world - last)) >= SPACING_M)
 
     def observe(
-        self, window: Window, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
+        self, window: WindowState, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
     ) -> None:  # fmt: skip
-        """Takes the level ones of planes, seen by the frame in a slot, as one measurement of the tilt.
+        """Adds one measurement of the tilt from the level planes that the frame in a slot sees.
+
+        Planes that may be ramps are left out. At the start, planes that are too steep for an error of the tilt measure
+        the mount instead, and the prior of the mount widens.
 
         Args:
-            window: Its prior gets the measurement.
+            window: Its prior receives the measurement.
             L: Cholesky factor of the window's normal equations.
-            slot: Of the frame.
-            measured: (P, 3) 1/m, as of `read_planes`.
+            slot: Slot of the frame.
+            measured: (P, 3) planes in 1/m, as `read_planes` returns them.
             weights: (P, 3, 3) inverses of their covariances.
-            mount: Widened where the ground of the start shows that the mount is off.
+            mount: Prior of the mount.
         """
         if not len(measured):
             return
         sd_rad = self._ground_sd_rad
-        covariance = covariance_of(columns(slot), L, CALIBRATION + FRAME * (slot + 1))
+        covariance = covariance_of(slope_columns(slot), L, CALIBRATION + FRAME * (slot + 1))
         at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < SPACING_M
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
         level = [slope for slope in slopes if level_weight(slope, covariance, sd_rad, at_start=at_start)]
         if not level:
             of_mount = start_slope(slopes, covariance) if at_start else None
             if of_mount and mount.widen(window):
-                self._use(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
+                self._add_slope(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
             return
         common = mean_slope(level, [misfit(slope, covariance, sd_rad) for slope in level])
         if weight := level_weight(common, covariance, sd_rad, at_start=at_start):
-            self._use(window, slot, common, weight)
+            self._add_slope(window, slot, common, weight)
 
-    def _use(self, window: Window, slot: int, slope: Slope, weight: float) -> None:
+    def _add_slope(self, window: WindowState, slot: int, slope: Slope, weight: float) -> None:
+        """Adds a slope of a weight, 1/rad², to the window's prior, and notes where the frame saw it."""
         add_level(window, slot, slope, weight)
         self._p_last = window.frames.p[slot].copy()
 
@@ -107,14 +114,14 @@ class Slope(NamedTuple):
     variance: float = 0.0
 
 
-def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = None) -> Slope:
-    """Slope of a plane seen by the frame in a slot. See docs/dvio.md (12).
+def slope_of(window: WindowState, slot: int, measured: Array, weight: Array | None = None) -> Slope:
+    """Slope of a plane seen by the frame in a slot, with derivative and variance: docs/dvio.md (12).
 
     Args:
-        window: With the frame.
-        slot: Of the frame.
-        measured: (3,) 1/m, as of `read_planes`.
-        weight: (3, 3) inverse of its covariance; None: it is exact.
+        window: Frames and calibration.
+        slot: Slot of the frame.
+        measured: (3,) plane in 1/m, as `read_planes` returns it.
+        weight: (3, 3) inverse of its covariance; None means exact.
     """
     c, R = window.calibration, window.frames.R[slot]
     scale = np.array([1.0 / (1.0 + c.focal[0]), 1.0 / (1.0 + c.focal[1]), 1.0])
@@ -130,11 +137,13 @@ def slope_of(window: Window, slot: int, measured: Array, weight: Array | None = 
 
 
 def misfit(slope: Slope, covariance: Array, ground_sd_rad: float) -> float:
-    """Squared Mahalanobis distance of a slope from level.
+    """Squared Mahalanobis distance rᵀ (J P Jᵀ + σ² I)⁻¹ r of a slope r from level.
+
+    σ² is the variance of the measured slope and of level ground as built.
 
     Args:
-        slope: Of the ground.
-        covariance: (6, 6) of the errors that it depends on, rad².
+        slope: Slope of the ground.
+        covariance: (6, 6) P of the errors that the slope depends on, rad².
         ground_sd_rad: How level ground is as built.
     """
     spread = slope.J @ covariance @ slope.J.T + (ground_sd_rad**2 + slope.variance) * np.eye(2)
@@ -142,7 +151,12 @@ def misfit(slope: Slope, covariance: Array, ground_sd_rad: float) -> float:
 
 
 def is_tilt_known(slope: Slope, covariance: Array) -> bool:
-    """Whether the camera's tilt, of a covariance (6, 6), rad², is certain enough to separate level from ramp."""
+    """Whether the camera's tilt is certain enough to tell level ground from a ramp.
+
+    Args:
+        slope: Slope of the ground, whose derivative projects the covariance.
+        covariance: (6, 6) of the errors that the slope depends on, rad².
+    """
     return bool(np.trace(slope.J @ covariance @ slope.J.T) <= 2.0 * _MAX_TILT_SD_RAD**2)
 
 
@@ -163,11 +177,14 @@ def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
 def level_weight(slope: Slope, covariance: Array, ground_sd_rad: float, *, at_start: bool = False) -> float:
     """Weight of a slope as level ground, 1/rad²; 0 where it may be a ramp.
 
+    The weight is 1/σ² of the slope and of level ground as built, less by Huber's rule for slopes beyond 1.5 standard
+    deviations.
+
     Args:
-        slope: Of the ground.
-        covariance: (6, 6) of the errors that it depends on, rad².
+        slope: Slope of the ground.
+        covariance: (6, 6) of the errors that the slope depends on, rad².
         ground_sd_rad: How level ground is as built.
-        at_start: Whether the ground is that of the start.
+        at_start: Whether the ground is that of the start, where the limits are wider.
     """
     steepest = _MAX_START_SLOPE_RAD if at_start else _MAX_SLOPE_RAD
     if not is_tilt_known(slope, covariance) or slope.r @ slope.r > steepest**2:
@@ -196,28 +213,34 @@ def start_slope(slopes: Sequence[Slope], covariance: Array) -> Slope | None:
     return common if common.variance < _MAX_START_SCATTER_RAD**2 else None
 
 
-def columns(slot: int) -> NDArray[np.int64]:
-    """(6,) indices, among all states, of the errors that a slope depends on."""
-    own = CALIBRATION + FRAME * slot + D_ATTITUDE
-    return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, own : own + 3]
+def slope_columns(slot: int) -> NDArray[np.int64]:
+    """(6,) indices, among all states, of the errors that a slope depends on: mount rotation and frame attitude."""
+    attitude = CALIBRATION + FRAME * slot + D_ATTITUDE
+    return np.r_[D_ATTITUDE_IC : D_ATTITUDE_IC + 3, attitude : attitude + 3]
 
 
-def covariance_of(which: NDArray[np.int64], L: Array, size: int) -> Array:
-    """(K, K) covariance of some of the first `size` states; L is the Cholesky factor of their normal equations."""
-    unit = np.zeros((size, len(which)))
-    unit[which, range(len(which))] = 1.0
+def covariance_of(indices: NDArray[np.int64], L: Array, size: int) -> Array:
+    """(K, K) covariance of selected states, by two triangular solves with the Cholesky factor.
+
+    Args:
+        indices: (K,) indices of the states.
+        L: Lower Cholesky factor of the normal equations.
+        size: Number of states in the equations.
+    """
+    unit = np.zeros((size, len(indices)))
+    unit[indices, range(len(indices))] = 1.0
     Y: Array = solve_triangular(L[:size, :size], unit, lower=True, check_finite=False)
     return np.asarray(Y.T @ Y)
 
 
-def add_level(window: Window, slot: int, slope: Slope, weight: float) -> None:
-    """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration.
+def add_level(window: WindowState, slot: int, slope: Slope, weight: float) -> None:
+    """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration: docs/dvio.md (12).
 
-    See docs/dvio.md (12).
+    H += w JᵀJ and b += w Jᵀ(J x − r), where x is the deviation of the states from the prior's linearisation point.
     """
-    f, prior, at = window.frames, window.prior, columns(slot)
-    if not f.held[slot]:
-        hold(window, slot)
+    f, prior, at = window.frames, window.prior, slope_columns(slot)
+    if not f.in_prior[slot]:
+        fix_first_estimate(window, slot)
     moved = np.concatenate(
         [window.calibration.moved[D_ATTITUDE_IC : D_ATTITUDE_IC + 3], f.moved[slot, D_ATTITUDE : D_ATTITUDE + 3]]
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, Window
+from stridetwin.estimators.dvio.state import D_ATTITUDE_IC, D_POSITION_IC, WindowState
 from stridetwin.streams.samples import Array
 
 GROUPS = (slice(D_POSITION_IC, D_POSITION_IC + 3), slice(D_ATTITUDE_IC, D_ATTITUDE_IC + 3))
@@ -23,11 +23,11 @@ _MEASURED_SHARE = 0.25  # of its variance; the position's follows once the mount
 
 
 class MountPrior:
-    """Variance of the mount's position (m²) and rotation (rad²) in the prior of a window.
+    """Variances of the mount's position (m²) and rotation (rad²) in the prior of a window: docs/dvio.md (13).
 
     Args:
-        nominal_sd: (2,) of a mount as calibrated, m and rad; 0: exactly known.
-        slipped_sd: (2,) of one that is not; the position begins with it.
+        nominal_sd: (2,) standard deviations of a mount as calibrated, m and rad; 0: exactly known.
+        slipped_sd: (2,) those of a mount that has slipped; the position begins with them.
     """
 
     def __init__(self, nominal_sd: Array, slipped_sd: Array) -> None:
@@ -37,7 +37,10 @@ class MountPrior:
         self._mean = np.zeros(6)
 
     def start(self, mean: Array) -> Array:
-        """(6,) standard deviations of a window that starts, about a mean (6,) of the calibration's `moved`."""
+        """(6,) standard deviations of the mount for a window that starts, three of position and three of rotation.
+
+        `mean` (6,) is the deviation `moved` of the calibration about which the prior is centred.
+        """
         self._mean = mean.copy()
         return np.repeat(self.sd, 3)
 
@@ -47,32 +50,37 @@ class MountPrior:
         return np.asarray(np.sqrt(self._variance))
 
     @property
-    def adapts(self) -> bool:
-        """Whether there is anything to follow."""
+    def is_adaptive(self) -> bool:
+        """Whether the variances may change: some mount is neither exactly known nor fixed as calibrated."""
         return bool((self._most > self._least).any())
 
-    def follow(self, window: Window, covariance: Array) -> None:
-        """Follows the estimated mount, of a covariance (6, 6) in the order of the calibration's errors."""
-        for i, own in enumerate(GROUPS):
-            before, spread = self._variance[i], float(covariance.diagonal()[own].sum())
+    def update(self, window: WindowState, covariance: Array) -> None:
+        """Updates the variances from the estimated mount, docs/dvio.md (13), and the window's prior with them.
+
+        Args:
+            window: Its calibration is the estimate; its prior is changed.
+            covariance: (6, 6) of the mount, position (m) before rotation (rad).
+        """
+        for i, group in enumerate(GROUPS):
+            before, spread = self._variance[i], float(covariance.diagonal()[group].sum())
             waits = i == _POSITION and spread > 3.0 * _MEASURED_SHARE * before
             if before == 0.0 or waits:
                 continue
-            off = window.calibration.moved[own] - self._mean[own]
-            estimated = (_FREEDOM * self._least[i] + off @ off + spread) / (_FREEDOM + 3.0)
+            deviation = window.calibration.moved[group] - self._mean[group]
+            estimated = (_FREEDOM * self._least[i] + deviation @ deviation + spread) / (_FREEDOM + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 
-    def widen(self, window: Window) -> bool:
-        """Lets the rotation be that of a mount which is not as calibrated; false if it is exactly known."""
+    def widen(self, window: WindowState) -> bool:
+        """Gives the rotation the variance of a slipped mount; returns False if the rotation is exactly known."""
         if self._variance[_ROTATION] == 0.0:
             return False
         self._exchange(window, _ROTATION, self._most[_ROTATION])
         return True
 
-    def _exchange(self, window: Window, i: int, after: float) -> None:
-        """Replaces a variance in the window's prior."""
-        prior, own = window.prior, GROUPS[i]
-        change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(own.start, own.stop)
+    def _exchange(self, window: WindowState, i: int, after: float) -> None:
+        """Replaces the variance of one group (position or rotation) in the window's prior by `after`."""
+        prior, group = window.prior, GROUPS[i]
+        change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(group.start, group.stop)
         prior.H[at, at] += change
-        prior.b[own] += change * self._mean[own]
+        prior.b[group] += change * self._mean[group]
         self._variance[i] = after

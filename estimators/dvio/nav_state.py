@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.state import FRAME, Frames, ImuNoise, ImuSamples, Preintegration
-from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, propagated
+from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, transform_covariance
 from stridetwin.estimators.so3 import hat
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
@@ -72,7 +72,10 @@ def blank_nav_state() -> NavState:
 
 @njit(error_model="numpy", **INSIDE)
 def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: float) -> None:
-    """Propagates a state by the IMU's measurement since; the time stays."""
+    """Propagates a state and its covariance by a preintegrated measurement; its time is not changed.
+
+    p += v t + g t²/2 + R Δp, v += g t + R Δv, R <- R ΔR, and P <- F P Fᵀ + G Σ Gᵀ + random walk of the biases.
+    """
     dt, delta_R, delta_p, delta_v, by_bias = z.dt[0], z.delta_R, z.delta_p, z.delta_v, z.by_bias
     R, p, v, covariance = mat3(), nav.p, nav.v, nav.covariance
     copy_matrix(nav.R, R)
@@ -92,7 +95,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
             F[i, 9 + j] = p_by_bias[i, j]
             F[3 + i, 9 + j] = by_bias[3 + i, j]
             F[6 + i, 9 + j] = v_by_bias[i, j]
-    P, Q = propagated(F, covariance), propagated(G, z.covariance)
+    P, Q = transform_covariance(F, covariance), transform_covariance(G, z.covariance)
     for i in range(FRAME):
         for j in range(FRAME):
             covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
@@ -113,8 +116,8 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
 
 
 @njit(error_model="numpy", **INSIDE)
-def plausible(nav: NavState) -> bool:
-    """Whether a state is physically possible for a person."""
+def is_plausible(nav: NavState) -> bool:
+    """Whether a state is finite, and its speed and biases are possible for a person with a consumer IMU."""
     total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         total += nav.p[i] + nav.R[i, 0] + nav.R[i, 1] + nav.R[i, 2]
@@ -139,11 +142,11 @@ def pose_covariance(nav: NavState) -> Array:
     for i in range(6):
         for j in range(6):
             P[i, j] = nav.covariance[i, j]
-    return propagated(to_world, P)
+    return transform_covariance(to_world, P)
 
 
-class Inertial:
-    """A buffer of samples in time order.
+class ImuBuffer:
+    """Buffer of IMU samples in time order.
 
     A sample that is not finite, out of range or not later than the last one is rejected. A sample is invalid if it is
     saturated, or if it follows missing samples (it then replaces them, as the mean with the previous one). Samples of
@@ -151,7 +154,7 @@ class Inertial:
 
     Args:
         calibration: Rate and ranges.
-        parameters: Of the odometry.
+        parameters: Limits of a stationary sensor.
     """
 
     def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
@@ -166,8 +169,8 @@ class Inertial:
         self._limit = np.repeat(ranges, 3) * _SATURATED_SHARE
         self._largest = np.repeat([_MAX_RATE_RADPS, _MAX_FORCE_MPS2], 3)
 
-    def take(self, sample: Imu) -> bool:
-        """Takes a sample; False where it is ignored."""
+    def add(self, sample: Imu) -> bool:
+        """Adds a sample; returns False if the sample is rejected."""
         if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
             return False
         x = np.empty(6)
@@ -189,8 +192,8 @@ class Inertial:
         return True
 
     @property
-    def kept(self) -> ImuSamples:
-        """The samples, without a copy."""
+    def imu_samples(self) -> ImuSamples:
+        """The samples as views of the buffer, without a copy."""
         n = self.count
         return ImuSamples(self.t_ns[:n], self.samples[:n], self.invalid[:n])
 
@@ -200,8 +203,8 @@ class Inertial:
         return int(self.t_ns[self.count - 1])
 
     @property
-    def staying_ns(self) -> int:
-        """Stamp of the oldest sample that remains after the next one."""
+    def oldest_retained_ns(self) -> int:
+        """Stamp of the oldest sample that is still in the buffer after the next one is added."""
         return int(self.t_ns[max(self.count - self._half, 0)])
 
     def gap_s(self) -> float:
@@ -209,7 +212,7 @@ class Inertial:
         return (self.newest_ns - int(self.t_ns[self.count - 2])) * 1e-9 if self.count > 1 else 0.0
 
     def rate_at(self, t_ns: int) -> Array:
-        """(3,) measured angular rate near a time, rad/s."""
+        """(3,) measured angular rate at a time, rad/s, interpolated between the middles of the samples' intervals."""
         i = int(np.searchsorted(self.t_ns[: self.count], t_ns))
         i = min(max(i, 1), self.count - 1)
         share = (t_ns - self.t_ns[i - 1]) / (self.t_ns[i] - self.t_ns[i - 1])
@@ -219,18 +222,22 @@ class Inertial:
         return np.asarray((1 - weight) * self.samples[i, :3] + weight * self.samples[j, :3])
 
     def since(self, t_ns: int, until_ns: int) -> Array:
-        """(N, 6) samples within (t_ns, until_ns]."""
+        """(N, 6) rate (rad/s) and force (m/s²) of the samples within (t_ns, until_ns]."""
         i, j = np.searchsorted(self.t_ns[: self.count], [t_ns, until_ns], side="right")
         return self.samples[i:j]
 
-    def reaches_back(self, t_ns: int) -> bool:
-        """Whether the samples are complete from a time on."""
+    def covers(self, t_ns: int) -> bool:
+        """Whether the buffer holds all samples from a time on."""
         return self.count > 0 and int(self.t_ns[0]) <= t_ns
 
-    def stationary(self, until_ns: int) -> bool:
-        """Whether the sensor was stationary just before a time, by the scatter of its samples."""
+    def is_stationary(self, until_ns: int) -> bool:
+        """Whether the sensor was stationary in the `STATIONARY_S` before a time.
+
+        It was if the standard deviations of rate and force over that time are below the parameters' limits. False if
+        the buffer does not cover that time or samples are missing.
+        """
         start = until_ns - round(STATIONARY_S * 1e9)
-        if not self.reaches_back(start):
+        if not self.covers(start):
             return False
         x = self.since(start, until_ns)
         if len(x) < _MIN_COMPLETE_SHARE * STATIONARY_S / self.period_s:

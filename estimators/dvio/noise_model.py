@@ -37,7 +37,7 @@ LATER_DEPTH_SD = 2.0
 
 
 def imu_noise(parameters: DvioParameters, imu: ImuCalibration) -> ImuNoise:
-    """Noise of an IMU's samples by its data sheet."""
+    """Noise of an IMU's samples: that of its data sheet, with lower limits, times the parameters' factor."""
     f, w = parameters.imu_noise_factor, _BIAS_WALK_FACTOR
     return ImuNoise(
         rate=f * max(imu.gyroscope_noise_density, _MIN_RATE_NOISE),
@@ -57,7 +57,13 @@ def bias_sd(imu: ImuCalibration) -> Array:
 
 
 def factor_parameters(parameters: DvioParameters, focal_px: float, noise: ImuNoise) -> FactorParameters:
-    """Noise model and choice of the factors, for a camera of a focal length and an IMU."""
+    """Noise model and choice of the factors.
+
+    Args:
+        parameters: Noise of images and depth, and the method.
+        focal_px: Mean focal length of the camera.
+        noise: Noise of the IMU, whose random walk the bias factors use.
+    """
     depth_sd, method = parameters.inverse_depth_sd_per_m, parameters.method
     return FactorParameters(
         gravity=parameters.gravity_mps2,
@@ -80,9 +86,9 @@ class CalibrationPrior(NamedTuple):
 
     Attributes:
         mount_sd: (2,) of the camera's position (m) and rotation (rad) on the IMU, mounted as calibrated.
-        slipped_sd: (2,) the same of a camera that is not.
+        slipped_sd: (2,) of position (m) and rotation (rad) of a camera that has slipped.
         offset_sd_s: Of the camera's clock.
-        depth_scale_sd: Of the depth camera.
+        depth_scale_sd: Of the depth camera's scale, relative.
         focal_sd: Of the focal lengths, relative.
     """
 
@@ -94,7 +100,7 @@ class CalibrationPrior(NamedTuple):
 
 
 def calibration_prior(parameters: DvioParameters) -> CalibrationPrior:
-    """What the method refines of the calibration, and how far it may be off."""
+    """Prior of the calibration: which values the method refines, and how far they may be off."""
     p, method = parameters, parameters.method
     refines_mount_and_clock, refines_all = method.calibration != NOMINAL, method.calibration == ALL
     return CalibrationPrior(

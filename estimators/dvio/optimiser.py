@@ -1,4 +1,4 @@
-"""The window's least squares, docs/dvio.md (10), and marginalisation of its oldest frame into the prior (11).
+"""The window's least squares, docs/dvio.md (10), and marginalisation of its oldest frame, docs/dvio.md (11).
 
 Landmarks are eliminated first, then Cholesky; Levenberg–Marquardt.
 """
@@ -20,7 +20,7 @@ from stridetwin.estimators.dvio.state import (
     ImuNoise,
     ImuSamples,
     Preintegration,
-    Window,
+    WindowState,
 )
 from stridetwin.streams.samples import Array
 
@@ -28,16 +28,16 @@ _FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
 
 
 class Work(NamedTuple):
-    """Preallocated buffers for the normal equations.
+    """Preallocated buffers for the normal equations of N states.
 
     Attributes:
-        H: (N, N) of frames and calibration; the lower triangle counts.
-        b: (N,).
-        factor: (N, N) its Cholesky factor.
-        step: (N,).
+        H: (N, N) of calibration and frames; the lower triangle counts.
+        b: (N,) right-hand side.
+        factor: (N, N) Cholesky factor of H.
+        step: (N,) solution of H d = b.
         camera: Camera factors.
-        views: Of the frames.
-        saved: Copies of the arrays of `_moving`, before a step.
+        views: Cameras of the frames.
+        saved: Copies of the arrays of `_state_arrays`, before a step.
     """
 
     H: Array
@@ -49,28 +49,38 @@ class Work(NamedTuple):
     saved: list[Array]
 
 
-def blank_work(window: Window) -> Work:
-    """Buffers for a window."""
+def blank_work(window: WindowState) -> Work:
+    """Preallocated buffers for a window of this size."""
     frames, landmarks = len(window.frames.t_ns), len(window.landmarks.host)
     n = CALIBRATION + FRAME * frames
     return Work(
         H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n),
         camera=blank_camera_equations(frames, landmarks), views=blank_views(frames),
-        saved=[a.copy() for a in _moving(window)],
+        saved=[a.copy() for a in _state_arrays(window)],
     )  # fmt: skip
 
 
 def preintegrate(
     zs: Preintegration, k: int, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise
 ) -> None:
-    """`imu_factors.integrate` into the `k`-th of an array, with its inverse covariance."""
+    """Preintegrates IMU samples between two times into the k-th measurement of an array, with its weight Σ⁻¹.
+
+    Args:
+        zs: Measurements with a leading axis.
+        k: Index of the measurement.
+        imu: Samples that cover the interval.
+        start_ns: Begin of the interval.
+        end_ns: End of the interval.
+        bias: (6,) biases of gyroscope (rad/s) and accelerometer (m/s²).
+        noise: Noise of the samples.
+    """
     z = Preintegration(*(a[k] for a in zs))
     kernel.integrate(z, imu, start_ns, end_ns, bias, noise)
     z.weight[:] = kernel.inverse(z.covariance)
 
 
-def _moving(window: Window) -> tuple[Array, ...]:
-    """What a step changes."""
+def _state_arrays(window: WindowState) -> tuple[Array, ...]:
+    """The arrays of the window that an optimisation step changes, as views."""
     f, c = window.frames, window.calibration
     return (
         f.R, f.p, f.v, f.bias, f.moved, c.R, c.p, c.offset, c.scale, c.focal, c.moved, window.landmarks.inverse_depth,
@@ -78,32 +88,33 @@ def _moving(window: Window) -> tuple[Array, ...]:
 
 
 def _linearise(
-    window: Window, factors: FactorParameters, work: Work, frames: int, last: int, host_depth: bool
+    window: WindowState, factors: FactorParameters, work: Work, frames: int, last: int, host_depth: bool
 ) -> float:
-    """Normal equations of the prior and of all factors of the oldest `frames`, landmarks eliminated; returns the cost.
+    """Writes the normal equations of prior and factors into `work`, landmarks eliminated; returns the cost.
 
-    These are of the landmarks that the frames host, as observed by frames up to `last`; their measured depths count
-    only if `host_depth`.
+    The equations contain the IMU factors and the landmarks hosted by the oldest `frames`, as observed by frames up to
+    `last`; the measured depths of the hosts count only if `host_depth`. The cost of the prior is up to a constant.
     """
-    kernel.view(window.frames, window.calibration, factors.first_estimates, work.views)
+    kernel.update_views(window.frames, window.calibration, factors.first_estimates, work.views)
     prior, d, size = window.prior, _deviation(window), CALIBRATION + FRAME * int(window.frames.count[0])
     by_prior = prior.H @ d
     work.H[:size, :size], work.b[:] = prior.H[:size, :size], prior.b - by_prior
     cost = d @ (0.5 * by_prior - prior.b)  # Zhao 2023 (6), up to a constant
-    cost += kernel.add_inertial(window, factors, frames, work.H, work.b)
+    cost += kernel.add_imu_factors(window, factors, frames, work.H, work.b)
     cost += kernel.add_camera_factors(
         window, factors, work.views, work.camera, frames, last, host_depth, work.H, work.b
     )
     return float(cost)
 
 
-def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, enough: float) -> float:
-    """Moves the states towards the minimum of docs/dvio.md (10), in at most `steps`; returns a recent cost.
+def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: int, cost_tolerance: float) -> float:
+    """Minimises docs/dvio.md (10) by Levenberg-Marquardt in at most `steps`; returns a recent cost.
 
-    Stops if a step lowers the cost by less than the share `enough`. The factor in `work` is that of the last equations.
+    It stops if a step lowers the cost by less than the share `cost_tolerance`. `work.factor` is afterwards the undamped
+    Cholesky factor of the last equations, from which covariances follow. The cost after the last step is not computed.
     """
     n = int(window.frames.count[0])
-    size, moving = CALIBRATION + FRAME * n, _moving(window)
+    size, moving = CALIBRATION + FRAME * n, _state_arrays(window)
     damping, cost = _FIRST_DAMPING, _linearise(window, factors, work, n, n - 1, factors.host_depth)
     for i in range(steps):
         if not kernel.solve(work.H, work.b, size, damping, work.factor, work.step):
@@ -111,12 +122,12 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
             continue
         for saved, a in zip(work.saved, moving):
             saved[:] = a
-        kernel.move(window.frames, window.landmarks, window.calibration, work.camera, work.step)
+        kernel.apply_step(window.frames, window.landmarks, window.calibration, work.camera, work.step)
         if i == steps - 1:
             break
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
         if new <= cost * (1.0 + 1e-9) + 1e-9:
-            done = cost - new < enough * abs(cost)
+            done = cost - new < cost_tolerance * abs(cost)
             cost, damping = new, max(0.1 * damping, 1e-12)
             if done:
                 break
@@ -133,57 +144,67 @@ def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, 
     return cost
 
 
-def _deviation(window: Window) -> Array:
-    """(N,) deviation of the states from their first estimates; 0 for those that the prior does not contain."""
+def _deviation(window: WindowState) -> Array:
+    """(N,) deviation d of the states from their first estimates; 0 for frames that the prior does not contain."""
     f = window.frames
-    return np.concatenate([window.calibration.moved, np.where(f.held[:, None] > 0, f.moved, 0.0).ravel()])
+    return np.concatenate([window.calibration.moved, np.where(f.in_prior[:, None] > 0, f.moved, 0.0).ravel()])
 
 
-def hold(window: Window, slot: int) -> None:
-    """Marks a frame as in the prior: its Jacobians stay at its current state."""
+def fix_first_estimate(window: WindowState, slot: int) -> None:
+    """Includes a frame in the prior: its Jacobians stay at the present state, its first estimate."""
     f = window.frames
-    f.held[slot] = 1
+    f.in_prior[slot] = 1
     f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
     f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
 
 
-def marginalize_oldest(window: Window, factors: FactorParameters, work: Work, alive: NDArray[np.uint8]) -> None:
-    """Marginalises the oldest frame with the landmarks that it hosts; `drop_oldest` then takes it out of the window.
+def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Work, alive: NDArray[np.uint8]) -> None:
+    """Marginalises the oldest frame, with the landmarks that it hosts, into the window's prior.
 
-    Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
-    The window holds three frames or more.
+    `drop_oldest` then removes the frame from the window, which must hold three frames or more. Each observation is used
+    once: observations of these landmarks by the newest frame stay with it, which becomes their host.
+
+    Args:
+        window: Its prior and landmarks change.
+        factors: Noise model of the factors.
+        work: Buffers.
+        alive: (L,) 1 where a landmark is tracked; others of the oldest frame are dropped.
     """
     f = window.frames
     newest = int(f.count[0]) - 1
     size = CALIBRATION + FRAME * (newest + 1)
     _linearise(window, factors, work, 1, newest - 1, factors.host_depth and factors.host_depth_in_prior)
-    left, right = without_oldest(work.H[:size, :size], work.b[:size])
+    left, right = eliminate_oldest(work.H[:size, :size], work.b[:size])
     d = np.delete(_deviation(window), np.s_[CALIBRATION : CALIBRATION + FRAME])
     prior, n = window.prior, len(right)
     prior.H[:], prior.b[:] = 0.0, 0.0
     prior.H[:n, :n], prior.b[:n] = left, right + left @ d[:n]
     for k in range(1, newest):
         o = CALIBRATION + FRAME * (k - 1)
-        if not f.held[k] and prior.H[o, o] > 0.0:
-            hold(window, k)
+        if not f.in_prior[k] and prior.H[o, o] > 0.0:
+            fix_first_estimate(window, k)
     rehost(window.landmarks, window.calibration, work.views, alive, newest)
 
 
-def without_oldest(H: Array, b: Array) -> tuple[Array, Array]:
-    """The equations H d = b without the oldest frame; of H the lower triangle counts. See docs/dvio.md (11)."""
+def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
+    """The equations H d = b without the oldest frame o: H_rr − H_ro H_oo⁻¹ H_or, docs/dvio.md (11).
+
+    Returns H (symmetric) and b of the remaining states; of the given H only the lower triangle is read. H_oo is scaled
+    to a unit diagonal before its inversion.
+    """
     lower = np.tril(H, -1)
-    whole = lower + lower.T + np.diag(np.diag(H))
-    own, rest = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
-    scale = np.maximum(whole.diagonal()[own], 1e-12) ** -0.5
+    full = lower + lower.T + np.diag(np.diag(H))
+    oldest, remaining = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
+    scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5
     scales = np.outer(scale, scale)
-    cover = np.linalg.inv(whole[own, own] * scales + 1e-12 * np.eye(FRAME)) * scales
-    share = whole[rest, own] @ cover
-    left = np.tril(whole[np.ix_(rest, rest)] - share @ whole[own, rest])
-    return left + np.tril(left, -1).T, b[rest] - share @ b[own]
+    cover = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
+    share = full[remaining, oldest] @ cover  # H_ro H_oo⁻¹
+    left = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
+    return left + np.tril(left, -1).T, b[remaining] - share @ b[oldest]
 
 
-def drop_oldest(window: Window) -> None:
-    """Moves every slot one to the front, over the oldest frame."""
+def drop_oldest(window: WindowState) -> None:
+    """Removes the oldest frame: moves the arrays of all later slots one slot to the front."""
     frames, marks = window.frames, window.landmarks
     n = int(frames.count[0])
     for a in (*frames[1:], *window.preintegrations):
@@ -192,5 +213,5 @@ def drop_oldest(window: Window) -> None:
         a[:, : n - 1] = a[:, 1:n]
     marks.seen[:, n - 1] = 0
     marks.host[marks.host > 0] -= 1
-    frames.held[n - 1] = 0
+    frames.in_prior[n - 1] = 0
     frames.count[0] = n - 1

@@ -1,4 +1,4 @@
-"""What users may change of the odometry, and the published methods as choices of factors.
+"""Parameters of the odometry that users may change, and the published methods as choices of factors.
 
 Numbers that no user needs are constants of the modules that use them.
 """
@@ -17,7 +17,7 @@ CALIBRATIONS = NOMINAL, MOUNT_AND_CLOCK, ALL = ("nominal", "mount_and_clock", "a
 
 @dataclass(frozen=True, kw_only=True)
 class DvioMethod:
-    """Which factors and extensions are used; the defaults are the proposed method."""
+    """Choice of factors and extensions; the defaults are the proposed method, `METHODS` has the published ones."""
 
     host_depth: str = "factor"
     """Use of the depth that its host frame measures of a landmark: `none`, `fixed` (the landmark keeps it), or `factor`
@@ -51,13 +51,13 @@ class DvioMethod:
 
     @property
     def uses_depth(self) -> bool:
-        """Whether any term reads depth."""
+        """Whether any factor reads measured depth."""
         return self.host_depth != "none" or self.projection_depth
 
 
 @dataclass(frozen=True, kw_only=True)
 class DvioParameters:
-    """What users may change; one set serves head and chest, every gait and room.
+    """Parameters of the odometry; one set serves head and chest, every gait and room.
 
     Values without another origin were chosen by hand on twin walks of tuning seeds, below 1000. Standard deviations of
     noise are larger than at one instant: errors of one source (a patch, an axis of the IMU) are correlated in time, and
@@ -140,8 +140,8 @@ METHODS: dict[str, DvioParameters] = {
 """The proposed method; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
 
 
-def named(method: str) -> DvioParameters:
-    """The parameters of a method.
+def method_parameters(method: str) -> DvioParameters:
+    """The parameters of a method by its name.
 
     Raises:
         ConfigError: Unknown method; the message lists the available ones.

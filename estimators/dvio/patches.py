@@ -32,11 +32,11 @@ _SLOPE_REACH_PX, _SLOPE_STEP_PX = 8, 2  # half of the window of a slope, and bet
 
 
 class AlignmentLimits(NamedTuple):
-    """Alignment of a point with its host's patch, in pixels of the resolution at which it takes place.
+    """Limits of a patch alignment, in pixels of the resolution at which it takes place.
 
     Attributes:
-        max_move_px: From the first guess.
-        min_correlation: With the patch.
+        max_move_px: Largest distance of the result from the first guess.
+        min_correlation: Smallest normalised correlation with the patch.
         settled_px: Smaller steps end the iteration.
     """
 
@@ -67,8 +67,9 @@ def cornerness_at(
 ) -> None:
     """Scores candidates (N, 2) px by the lesser eigenvalue of `cornerness`, (levels/px)², into `score` (N,).
 
-    -1 where it is less than `min_cornerness`, or than the share `min_roundness` of the greater eigenvalue (along a
-    straight edge a point can slide, or sticks to the jaggies of the image), or where the border is too close.
+    The score is -1 where that eigenvalue is less than `min_cornerness`, or than the share `min_roundness` of the
+    greater eigenvalue (along a straight edge a point can slide, or sticks to the jaggies of the image), or where the
+    border is too close.
     """
     height, width = grey.shape
     for i in range(candidates.shape[0]):
@@ -81,8 +82,8 @@ def cornerness_at(
 
 
 @njit(error_model="numpy", **INSIDE)
-def _near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px: float) -> bool:
-    """Whether one of the first `count` points is close to a pixel."""
+def _is_near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px: float) -> bool:
+    """Whether one of the first `count` points (N, 2) px is closer than `apart_px` to the pixel (x, y)."""
     k = 0
     while k < count and not (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2 < apart_px * apart_px:
         k += 1
@@ -96,9 +97,19 @@ def pick(
 ) -> int:  # fmt: skip
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
-    All points are (N, 2) px of an image (H, W); `order` are the candidates from the best, and `taken` exist already.
-    `filled` (rows, columns) is a buffer, with one entry per cell. A picked point has a distance of `min_distance_px` or
-    more from all others. Fills `out` (wanted, 2) as far as there are points; returns their number.
+    A picked point is at least `min_distance_px` away from all others.
+
+    Args:
+        shape: (H, W) of the image.
+        candidates: (N, 2) px.
+        order: (N,) indices of the candidates from the best.
+        taken: (M, 2) px, existing points.
+        min_distance_px: Smallest distance between two points.
+        filled: (rows, columns) buffer with one entry per cell.
+        out: (wanted, 2) px, out: the picked points come first.
+
+    Returns:
+        Number of picked points.
     """
     height, width = shape
     rows, columns = filled.shape
@@ -119,7 +130,7 @@ def pick(
             c, r = int(x * columns / width), int(y * rows / height)
             if filled[r, c] > most:
                 continue
-            if _near(taken, taken.shape[0], x, y, min_distance_px) or _near(out, count, x, y, min_distance_px):
+            if _is_near(taken, taken.shape[0], x, y, min_distance_px) or _is_near(out, count, x, y, min_distance_px):
                 continue
             out[count, 0], out[count, 1] = x, y
             filled[r, c] += 1
@@ -129,7 +140,7 @@ def pick(
 
 @njit(error_model="numpy", **INSIDE)
 def _sort(values: Array, n: int) -> None:
-    """Sorts the first n values, few, by insertion."""
+    """Sorts the first n values in place by insertion; n is small."""
     for i in range(1, n):
         value, at = values[i], i
         while at > 0 and values[at - 1] > value:
@@ -175,8 +186,8 @@ PIXELS = (2 * REACH + 1) ** 2
 
 
 @njit(error_model="numpy", **INSIDE)
-def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
-    """Grey value between pixels; the point lies inside."""
+def _interpolate(grey: NDArray[np.uint8], x: float, y: float) -> float:
+    """Grey value at (x, y) px, bilinear; the four pixels around lie inside the image."""
     j, i = int(x), int(y)
     a, b = x - j, y - i
     top = (1.0 - a) * grey[i, j] + a * grey[i, j + 1]
@@ -184,12 +195,12 @@ def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
 
 
 class Patches(NamedTuple):
-    """Appearance of points where they were first observed.
+    """Appearance of points in the frame that first observed them.
 
     Attributes:
-        basis: (L, PIXELS, 3) gradient along x and y, per pixel, and grey value, each minus its mean.
-        inverse: (L, 3, 3) of the products of the basis' columns; 0 for patches without enough texture.
-        power: (L,) sum of the squares of the grey values.
+        basis: (L, PIXELS, 3) per pixel: gradient along x and y, and grey value, each minus its mean over the patch.
+        inverse: (L, 3, 3) inverse of basisᵀ basis; 0 for patches without enough texture.
+        power: (L,) sum of the squares of the grey values, minus their mean.
     """
 
     basis: NDArray[np.float32]
@@ -198,13 +209,13 @@ class Patches(NamedTuple):
 
 
 def blank_patches(slots: int) -> Patches:
-    """Empty patches."""
+    """Patches for so many landmark slots, without texture."""
     return Patches(np.zeros((slots, PIXELS, 3), np.float32), np.zeros((slots, 3, 3)), np.zeros(slots))
 
 
 @njit(error_model="numpy", **INSIDE)
 def _determinant(M: Array) -> float:
-    """Of (3, 3)."""
+    """Determinant of a (3, 3) matrix."""
     a = M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1]
     b = M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0]
     c = M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0]
@@ -212,7 +223,7 @@ def _determinant(M: Array) -> float:
 
 
 @njit(error_model="numpy", **INSIDE)
-def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
+def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
     """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
     height, width = grey.shape
     side = 2 * REACH + 3
@@ -222,7 +233,7 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
             for j in range(side):
                 x = min(max(points[n, 0] + j - REACH - 1, 0.0), width - 1.001)
                 y = min(max(points[n, 1] + i - REACH - 1, 0.0), height - 1.001)
-                T[i, j] = _value(grey, x, y)
+                T[i, j] = _interpolate(grey, x, y)
         B = patches.basis[ids[n]]
         clear(mean)
         k = 0
@@ -250,10 +261,14 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
-def _compare(
+def _correlate(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
-    """Products of the image about (x, y) with a patch's basis, by column, and with itself, its mean removed."""
+    """Correlates the image about (x, y) px, warped by M (2, 2), with a patch's basis (PIXELS, 3).
+
+    Returns:
+        basisᵀ s (three numbers) for the warped grey values s, and Σ (s − mean)².
+    """
     g0, g1, g2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     total, square = np.float32(0.0), np.float32(0.0)
     k = 0
@@ -282,16 +297,20 @@ def align(
     grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, limits: AlignmentLimits,
     points: NDArray[np.float32], good: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Aligns points with their patches.
+    """Aligns points with their patches by inverse compositional Gauss-Newton.
+
+    The warped image about a point is modelled as gain (T + dᵀ∇T) with the patch T. Least squares over the patch's basis
+    give (gain d, gain) = (BᵀB)⁻¹ Bᵀ s, and the point moves by −M d until the steps are small. A point fails if it
+    leaves the image or moves too far, or if gain, texture or correlation are too small.
 
     Args:
-        grey: (H, W).
-        patches: As stored by `cut`.
-        ids: (N,) slot of each.
-        warps: (N, 2, 2) from the patch's pixels to the image's.
-        limits: Of the alignment.
-        points: (N, 2) px, changed.
-        good: (N,) changed: False where alignment fails; points that are False on entry are skipped.
+        grey: (H, W) image.
+        patches: Stored by `cut_patches`.
+        ids: (N,) slot of each point.
+        warps: (N, 2, 2) M, from the patch's pixels to the image's.
+        limits: Limits of the alignment.
+        points: (N, 2) px, first guess in, result out.
+        good: (N,) in and out: points that are False on entry are skipped, and False where the alignment fails.
     """
     height, width = grey.shape
     for l in range(len(ids)):
@@ -311,9 +330,9 @@ def align(
             if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
                 correlation = 0.0
                 break
-            g0, g1, g2, own = _compare(grey, x, y, M, patches.basis[ids[l]])
-            correlation = g2 / math.sqrt(own * power + 1e-9)
-            # image model: the patch, moved by d and scaled by a gain
+            g0, g1, g2, power_image = _correlate(grey, x, y, M, patches.basis[ids[l]])
+            correlation = g2 / math.sqrt(power_image * power + 1e-9)  # Σ T s / √(Σ T² Σ s²)
+            # (gain d, gain) = (BᵀB)⁻¹ Bᵀ s: the patch, moved by d and scaled by a gain
             d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
             d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2
             gain = inverse[2, 0] * g0 + inverse[2, 1] * g1 + inverse[2, 2] * g2
@@ -321,6 +340,7 @@ def align(
                 correlation = 0.0
                 break
             d0, d1 = d0 / gain, d1 / gain
+            # the patch's coordinates move by d, so the point moves by -M d
             mx, my = M[0, 0] * d0 + M[0, 1] * d1, M[1, 0] * d0 + M[1, 1] * d1
             x, y = x - mx, y - my
             if math.hypot(x - x0, y - y0) > limits.max_move_px:
@@ -336,10 +356,10 @@ def align(
 def read_slope(
     depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, roughness: float
 ) -> Array:
-    """(N, 2) gradients of the inverse depth (linear in the image of a plane) about points (N, 2) px, 1/m per pixel.
+    """(N, 2) gradients of the inverse depth about points (N, 2) px, 1/m per pixel, by least squares.
 
-    0 where the mean scatter about a plane exceeds `roughness`, 1/m, or where a depth of the image (H, W) m does not lie
-    between `min_depth_m` and `max_depth_m`.
+    Inverse depth is linear in the image of a plane. The gradient is 0 where the scatter about a plane exceeds
+    `roughness`, 1/m, or where a depth of the image (H, W) m does not lie between `min_depth_m` and `max_depth_m`.
     """
     reach, (height, width) = _SLOPE_REACH_PX, depth.shape
     at = np.floor(points.astype(float) + 0.5).astype(int)
@@ -347,10 +367,10 @@ def read_slope(
     steps = np.arange(-reach, reach + 1, _SLOPE_STEP_PX)
     columns, rows = (a.ravel() for a in np.meshgrid(steps, steps))
     z = depth[at[inside, 1, None] + rows, at[inside, 0, None] + columns].astype(float)
-    whole = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
-    v, inside = 1.0 / z[whole], inside[whole]
+    is_complete = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
+    v, inside = 1.0 / z[is_complete], inside[is_complete]
     gradient = v @ np.column_stack([columns, rows]) / (columns @ columns)
-    left = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
+    scatter = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
     slope = np.zeros((len(points), 2))
-    slope[inside] = np.where(left[:, None] < roughness**2, gradient, 0.0)
+    slope[inside] = np.where(scatter[:, None] < roughness**2, gradient, 0.0)
     return slope

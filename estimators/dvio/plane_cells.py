@@ -25,14 +25,14 @@ _SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatt
 
 
 def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
-    """(R, C, 2) px of the samples of an image (H, W): whole cells of them."""
+    """(R, C, 2) px of the depth samples of an image (H, W); R and C are whole numbers of cells."""
     rows, columns = (n // (_STEP_PX * _SIDE) * _SIDE for n in shape)
     v, u = np.mgrid[:rows, :columns] * _STEP_PX + _STEP_PX // 2
     return np.stack([u, v], axis=-1).astype(np.float32)
 
 
 @njit(error_model="numpy", **INSIDE)
-def inverse_of(s: Array, out: Array) -> bool:
+def invert_symmetric(s: Array, out: Array) -> bool:
     """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular."""
     a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
@@ -47,8 +47,11 @@ def inverse_of(s: Array, out: Array) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
-    """Plane (3,) from sums, and the inverse of their normal equations."""
-    if not inverse_of(s, inverse):
+    """Plane (3,) by least squares from a cell's sums `s` (11,), and the inverse of the normal equations (3, 3).
+
+    ξ = plane · (x, y, 1) for inverse depths ξ on the plane at depth 1. False if the samples do not determine a plane.
+    """
+    if not invert_symmetric(s, inverse):
         return False
     for i in range(3):
         plane[i] = inverse[i, 0] * s[6] + inverse[i, 1] * s[7] + inverse[i, 2] * s[8]
@@ -56,8 +59,12 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _sums(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
-    """Sums of each cell, (R, C, 11); the sixth, the number of samples, is 0 if the cell is not full or is rough."""
+def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
+    """Writes the sums of each cell into (R, C, 11) `cells`, see `_SUMS`.
+
+    The sixth sum, the number of samples, becomes 0 if the cell is not full, or rougher about its plane than `sd` (1/m)
+    explains.
+    """
     inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
@@ -88,34 +95,47 @@ def _sums(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float
 
 
 @njit(error_model="numpy", **INSIDE)
-def _apart(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
-    """Squared Mahalanobis distance between the planes of a cell's sums (11,) and of a region, by a sample's variance.
+def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
+    """Squared Mahalanobis distance between the plane of a cell and that of a region; inf if one is undetermined.
 
-    `region` is the (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
+    Args:
+        s: (11,) sums of the cell.
+        region: (3, 3) inverse of the region's normal equations; 0 takes the region's plane as exact.
+        variance: Of a sample's inverse depth, 1/m².
+        plane: (3,) plane of the region.
+        buffers: (2, 3, 3) overwritten.
     """
-    own, both = buffers[0], buffers[1]
+    inverse, inverse_sum = buffers[0], buffers[1]
     e = np.empty(3)
-    if not _solve(s, own, e):
+    if not _solve(s, inverse, e):
         return math.inf
     for i in range(3):
         e[i] -= plane[i]
         for j in range(3):
-            own[i, j] += region[i, j]
-    t = np.array([own[0, 0], own[0, 1], own[0, 2], own[1, 1], own[1, 2], own[2, 2]])
-    if not inverse_of(t, both):
+            inverse[i, j] += region[i, j]
+    t = np.array([inverse[0, 0], inverse[0, 1], inverse[0, 2], inverse[1, 1], inverse[1, 2], inverse[2, 2]])
+    if not invert_symmetric(t, inverse_sum):
         return math.inf
     chi = 0.0
     for i in range(3):
         for j in range(3):
-            chi += e[i] * both[i, j] * e[j]
+            chi += e[i] * inverse_sum[i, j] * e[j]
     return chi / variance
 
 
 @njit(error_model="numpy", **INSIDE)
 def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
-    """Grows a region by neighbours on its plane, then by all other cells on it; returns its number of cells.
+    """Grows a region by neighbouring cells on its plane, then by all other cells on it; returns its number of cells.
 
-    `group` (R, C) is 0 where a cell is free, `name` where it belongs to the region, whose sums are `total` (11,).
+    Cells that do not lie on the final plane are removed at the end.
+
+    Args:
+        cells: (R, C, 11) sums.
+        group: (R, C) 0 where a cell is free, `name` where it belongs to the region, -1 where it was removed.
+        name: Number of the region.
+        variance: Of a sample's inverse depth, 1/m².
+        total: (11,) sums of the region, changed in place.
+        plane: (3,) out: plane of the region.
     """
     rows, columns = group.shape
     inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
@@ -135,7 +155,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _apart(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
+                if beside and _plane_distance(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
                     group[r, c] = name
                     total += cells[r, c]
                     _solve(total, inverse, plane)
@@ -145,7 +165,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
-            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, buffers) > _CELL_GATE:
+            if group[r, c] == name and _plane_distance(cells[r, c], inverse, variance, plane, buffers) > _CELL_GATE:
                 group[r, c] = -1
                 total -= cells[r, c]
                 count -= 1
@@ -156,22 +176,22 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
 def read_planes(
     depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, planes: Array, weights: Array
 ) -> int:
-    """The largest planes of a depth image; 0.4 ms.
+    """Reads the largest planes of a depth image; 0.4 ms.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
         rays: (R, C, 2) of `sample_pixels` on the plane at depth 1.
         min_depth_m: Nearest depth that counts.
-        sd: Of an inverse depth, 1/m.
+        sd: Standard deviation of an inverse depth, 1/m.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
-        weights: (P, 3, 3) out: inverse of its covariance.
+        weights: (P, 3, 3) out: inverse of the planes' covariances.
 
     Returns:
         Number of planes.
     """
     rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
-    _sums(depth, rays, min_depth_m, sd, cells)
+    _sum_cells(depth, rays, min_depth_m, sd, cells)
     score = np.empty(rows * columns)
     for i in range(len(score)):
         s = cells[i // columns, i % columns]

@@ -22,17 +22,17 @@ LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to
 
 
 class Views(NamedTuple):
-    """Cameras of the window's frames, at the current and the linearisation states, and from each to every later one.
+    """Relative poses of the window's cameras, at the current states and at those where Jacobians are taken.
 
-    A host is older than the frames that observe its landmarks ("observers").
+    A host is older than the frames that observe its landmarks ("observers"), so entry [i, j] has i < j.
 
     Attributes:
         rotation: (F, F, 3, 3) observer's camera <- host's camera.
-        translation: (F, F, 3) host's camera in the observer's.
-        rotation_first: As `rotation`, where Jacobians are taken.
-        translation_first: As `translation`.
-        C: (F, 3, 3) camera <- world, where Jacobians are taken.
-        CR: (F, F, 3, 3) observer's camera <- host's IMU, likewise.
+        translation: (F, F, 3) position of the host's camera in the observer's, m.
+        rotation_first: (F, F, 3, 3) as `rotation`, at the linearisation states.
+        translation_first: (F, F, 3) as `translation`, at the linearisation states.
+        C: (F, 3, 3) camera <- world, at the linearisation states.
+        CR: (F, F, 3, 3) observer's camera <- host's IMU, at the linearisation states.
     """
 
     rotation: Array
@@ -44,7 +44,7 @@ class Views(NamedTuple):
 
 
 def blank_views(frames: int) -> Views:
-    """Views of F frames, to be filled."""
+    """Preallocated views of F frames; `update_views` fills them."""
     F = frames
     pair, vector = (F, F, 3, 3), (F, F, 3)
     return Views(
@@ -54,12 +54,12 @@ def blank_views(frames: int) -> Views:
 
 
 def directions(at: Array) -> Array:
-    """(..., 3) with a third component of 1, of (..., 2) on the plane at depth 1."""
+    """(..., 3) rays (x, y, 1) of points (..., 2) on the plane at depth 1."""
     return np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1)
 
 
 @njit(error_model="numpy", **INSIDE)
-def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
+def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
     p, rotation = vec3(), vec3()
@@ -71,7 +71,7 @@ def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
 
 @njit(error_model="numpy", **INSIDE)
 def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
-    """Pose of the camera, at a pose of the IMU."""
+    """Writes the camera's rotation (3, 3) and position (3,) in the world, for a pose R, p of the IMU."""
     copy_matrix(mul(R, c.R), R_camera)
     mounted = rotate(R, c.p)
     for i in range(3):
@@ -80,7 +80,10 @@ def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Ar
 
 @njit(error_model="numpy", **INSIDE)
 def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
-    """A host's camera in the axes of the camera <- world `C` at p (3,)."""
+    """Writes the pose of a host's camera in an observer's camera: rotation C R_host, translation C (p_host − p).
+
+    `C` (3, 3) is observer's camera <- world, `p` (3,) its position in the world, m.
+    """
     away = vec3()
     for i in range(3):
         away[i] = p_host[i] - p[i]
@@ -89,15 +92,18 @@ def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Arr
 
 
 @njit(error_model="numpy", **INSIDE)
-def view(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
-    """Fills the views of all frames."""
+def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
+    """Fills the views of all frames, each at the exposure of its image.
+
+    With `first_estimates`, Jacobians of frames in the prior are taken at their first estimates.
+    """
     n = frames.count[0]
     R, p, R_first, p_first = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
     R_imu = np.empty((n, 3, 3))  # where Jacobians are taken
     for k in range(n):
-        R_k, p_k = at_exposure(frames, k, c.offset[0])
+        R_k, p_k = pose_at_exposure(frames, k, c.offset[0])
         set_camera(R_k, p_k, c, R[k], p[k])
-        if first_estimates and frames.held[k]:
+        if first_estimates and frames.in_prior[k]:
             R_k, p_k = frames.R_first[k], frames.p_first[k]
         copy_matrix(R_k, R_imu[k])
         set_camera(R_k, p_k, c, R_first[k], p_first[k])
@@ -113,8 +119,8 @@ def view(frames: Frames, c: Calibration, first_estimates: bool, views: Views) ->
 
 
 @njit(error_model="numpy", **INSIDE)
-def ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
-    """An observation on the plane at depth 1, by the current estimate of the focal lengths."""
+def to_ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
+    """An observation (x, y) by the nominal intrinsics as (x, y) by the estimated focal lengths, at depth 1."""
     return x * (1.0 + calibration.focal[0]), y * (1.0 + calibration.focal[1])
 
 
@@ -122,11 +128,18 @@ def ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
 def project(
     A: Array, s: Array, x: float, y: float, inverse_depth: float, least: float
 ) -> tuple[float, float, float, bool]:
-    """Observation by one frame of a landmark along (x, y, 1) in the camera of its host. See docs/dvio.md (6).
+    """Projects a landmark along (x, y, 1) in its host's camera into an observer's camera. See docs/dvio.md (6).
 
-    `A` (3, 3) and `s` (3,) are the rotation and translation of `Views` from the host to the observer. Returns x and y
-    on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera: its depth there, of
-    that in the host, no less than `least`.
+    Args:
+        A: (3, 3) rotation of `Views` from the host to the observer.
+        s: (3,) translation of `Views`, m.
+        x: Of the ray in the host.
+        y: Of the ray in the host.
+        inverse_depth: ξ, 1/m.
+        least: Smallest depth in the observer, as a share of the depth in the host, of a point in front of the camera.
+
+    Returns:
+        x and y on the plane at depth 1, the inverse depth, and whether the point is in front of the observer's camera.
     """
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
@@ -141,10 +154,24 @@ def observation_jacobian(
     frames: Frames, c: Calibration, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float,
     J: Array, Jl: Array,
 ) -> bool:  # fmt: skip
-    """Jacobians of `project`. Written out: it runs a thousand times per image, and allocation is slow.
+    """Derivatives of `project` at the linearisation states, docs/dvio.md (6).
 
-    `J` (3, ≥ 22) is by calibration, host's pose and observer's pose, `Jl` (3,) by the inverse depth. False, and nothing
-    is written, if the landmark is not in front of the camera.
+    Written out, because it runs a thousand times per image and allocation is slow.
+
+    Args:
+        frames: Velocities and rates, for the derivative by the time offset.
+        c: Calibration.
+        views: Filled views.
+        host: Slot of the host.
+        observer: Slot of the observer.
+        x: Of the ray in the host.
+        y: Of the ray in the host.
+        inverse_depth: ξ, 1/m.
+        J: (3, ≥ 22) out: of (x, y, inverse depth) by calibration, host's pose and observer's pose.
+        Jl: (3,) out: by the inverse depth.
+
+    Returns:
+        False, and nothing is written, if the landmark is not in front of the camera.
     """
     A, s = views.rotation_first[host, observer], views.translation_first[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
@@ -208,7 +235,7 @@ def observation_jacobian(
 
 @njit(error_model="numpy", **INSIDE)
 def huber(squared: float, limit: float) -> tuple[float, float]:
-    """Huber cost and weight of a squared residual in variances."""
+    """Huber cost and weight of a squared residual in variances, quadratic up to `limit` standard deviations."""
     if squared <= limit * limit:
         return 0.5 * squared, 1.0
     size = math.sqrt(squared)

@@ -1,4 +1,4 @@
-"""The sliding window's core: takes one image after the other, tracks points and optimises."""
+"""The sliding window: takes one image after the other, tracks points and optimises."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.imu_inflation import ImuInflation
 from stridetwin.estimators.dvio.level import LevelGround, covariance_of
 from stridetwin.estimators.dvio.mount_prior import MountPrior
-from stridetwin.estimators.dvio.nav_state import STATIONARY_S, Inertial, NavState, blank_nav_state, copy_of, state_of
+from stridetwin.estimators.dvio.nav_state import STATIONARY_S, ImuBuffer, NavState, blank_nav_state, copy_of, state_of
 from stridetwin.estimators.dvio.noise_model import bias_sd, calibration_prior, factor_parameters, imu_noise
 from stridetwin.estimators.dvio.optimiser import (
     blank_work,
     drop_oldest,
-    hold,
+    fix_first_estimate,
     marginalize_oldest,
     minimise,
     preintegrate,
@@ -28,11 +28,11 @@ from stridetwin.estimators.dvio.state import (
     FRAME,
     LANDMARK_SLOTS,
     NO_HOST,
-    Window,
+    WindowState,
     blank_preintegration,
     blank_window,
 )
-from stridetwin.estimators.dvio.structure_from_motion import perspective
+from stridetwin.estimators.dvio.structure_from_motion import solve_pnp
 from stridetwin.estimators.dvio.tracker import CameraFrame, Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
@@ -64,14 +64,20 @@ _FIXED_SD = 1e-7  # standard deviation of quantities that are not estimated
 _PLANES = 6  # largest number of planes read from a depth image
 
 
-class Core:
-    """The window, its point tracker, and the state propagated from its newest frame.
+class SlidingWindow:
+    """The window of frames and landmarks, its point tracker, and the state propagated from its newest frame.
 
     Args:
         camera: Calibration.
         imu: Calibration.
         T_imu_camera: (4, 4) camera to IMU.
         parameters: Parameters for any rig.
+
+    Attributes:
+        window: Frames, landmarks, calibration and prior.
+        nav: State propagated by the IMU from the newest frame.
+        inertial: Buffer of IMU samples.
+        seen: Number of observations in the newest frame.
     """
 
     def __init__(
@@ -80,12 +86,12 @@ class Core:
         self.parameters, self.noise = parameters, imu_noise(parameters, imu)
         self.inflation = ImuInflation(self.noise)
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
-        self.inertial = Inertial(imu, parameters)
+        self.inertial = ImuBuffer(imu, parameters)
         self.lens = Lens(camera)
         self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
         self.tracker = Tracker(self.lens.shape)
         self._frames = parameters.keyframes + 2
-        self.window: Window = blank_window(self._frames, LANDMARK_SLOTS, T_imu_camera, camera.timeshift_cam_imu_s)
+        self.window: WindowState = blank_window(self._frames, LANDMARK_SLOTS, T_imu_camera, camera.timeshift_cam_imu_s)
         self._work = blank_work(self.window)
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
@@ -95,7 +101,7 @@ class Core:
         self._pixels = np.zeros((LANDMARK_SLOTS, 2), np.float32)
         self._depth_range_m = float(parameters.min_depth_m), float(parameters.max_depth_m)
         at = sample_pixels(self.lens.shape)
-        self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
+        self._rays = self.lens.to_normalized(at.reshape(-1, 2)).reshape(at.shape)
         self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
         self._newest_is_key = False
         self._mount = MountPrior(self.calibration_prior.mount_sd, self.calibration_prior.slipped_sd)
@@ -104,7 +110,7 @@ class Core:
         self.seen = 0
 
     @property
-    def tracking(self) -> bool:
+    def is_tracking(self) -> bool:
         """Whether the newest frame has enough observations."""
         return self.seen >= _MIN_OBSERVATIONS
 
@@ -113,47 +119,54 @@ class Core:
         return t_ns + round(self.window.calibration.offset[0] * 1e9)
 
     def start(self, frame: CameraFrame, covariance: Array) -> None:
-        """Begins a window with an image, at the state `nav` of a covariance (15, 15)."""
+        """Starts a new window with an image, at the state `nav` of a covariance (15, 15)."""
         w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
         self._alive[:] = 0
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
-        f.held[:], f.count[0] = 0, 1
-        self._place(0, frame.t_ns, self.nav)
-        hold(w, 0)
+        f.in_prior[:], f.count[0] = 0, 1
+        self._set_frame(0, frame.t_ns, self.nav)
+        fix_first_estimate(w, 0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
         sensor_sd = [prior.offset_sd_s, prior.depth_scale_sd, prior.focal_sd, prior.focal_sd]
         sd = np.concatenate([self._mount.start(c.moved[:6]), sensor_sd])
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _FIXED_SD) ** -2
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
-        own = slice(CALIBRATION, CALIBRATION + FRAME)
-        w.prior.H[own, own] = np.linalg.inv(covariance)
+        state = slice(CALIBRATION, CALIBRATION + FRAME)
+        w.prior.H[state, state] = np.linalg.inv(covariance)
         self._level.restart()
         self.inflation.restart()
         self.nav.covariance[:] = covariance
         self._previous = copy_of(self.nav)
         self.tracker.reset()
-        self.tracker.take(frame.grey)
-        self._find(frame, 0)
-        self._anchor(frame, 0)
+        self.tracker.set_image(frame.grey)
+        self._add_landmarks(frame, 0)
+        self._store_patches(frame, 0)
         self._newest_is_key = True
         self.seen = int(self._alive.sum())
 
-    def start_covariance(self, place: Array, heading_sd: float, tilt_sd: float, speed_sd: float) -> Array:
-        """(15, 15) of a state with biases of their a-priori spread; `place` is (3, 3) m²."""
+    def start_covariance(self, position_covariance: Array, heading_sd: float, tilt_sd: float, speed_sd: float) -> Array:
+        """(15, 15) covariance of a start at `nav` with biases of their a-priori spread.
+
+        Args:
+            position_covariance: (3, 3) m².
+            heading_sd: rad.
+            tilt_sd: rad, about both horizontal axes.
+            speed_sd: m/s, on each axis.
+        """
         P = np.zeros((FRAME, FRAME))
         R = self.nav.R
-        P[:3, :3] = place
+        P[:3, :3] = position_covariance
         P[3:6, 3:6] = R.T @ np.diag([tilt_sd**2, tilt_sd**2, heading_sd**2]) @ R
         P[6:9, 6:9] = np.eye(3) * speed_sd**2
         P[range(9, 15), range(9, 15)] = self.bias_sd**2
         return P
 
-    def take(self, frame: CameraFrame, stationary: bool) -> None:
-        """Takes the next image; the IMU samples up to its time are already here.
+    def process_image(self, frame: CameraFrame, stationary: bool) -> None:
+        """Adds the next image: tracks points and optimises; a keyframe also adds points and marginalises the oldest frame.
 
-        `stationary` says whether the IMU measures no motion.
+        The IMU samples up to the image's time must be in the buffer; `stationary` says that the IMU measures no motion.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1
@@ -161,47 +174,51 @@ class Core:
         t_ns = self.imu_time(frame.t_ns)
         predicted = state_of(f, before)
         self._propagate(predicted, t_ns)
-        moved = self._follow(frame, predicted, before, slot)
-        stationary &= moved < _MAX_STATIONARY_PX and self._drift(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
+        moved = self._track_landmarks(frame, predicted, before, slot)
+        stationary &= moved < _MAX_STATIONARY_PX and self._drift_px(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
         f.count[0] = slot + 1
-        self._place(slot, frame.t_ns, predicted)
-        f.held[slot] = 0
+        self._set_frame(slot, frame.t_ns, predicted)
+        f.in_prior[slot] = 0
         f.zero_velocity_sd[slot] = STATIONARY_SPEED_SD_MPS if stationary and p.method.zero_velocity_updates else np.inf
         preintegrate(
-            w.preintegrations, slot - 1, self.inertial.kept, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
+            w.preintegrations, slot - 1, self.inertial.imu_samples, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
             self.noise,
         )  # fmt: skip
         key = self._is_key(slot)
         minimise(w, self.factors, self._work, _KEYFRAME_STEPS if key else p.method.steps, _COST_TOLERANCE)
-        self._measure()
+        self._mark_observable_depths()
         o = CALIBRATION + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(L)
         self.seen = self._cull()
         if key:
-            self._find(frame, slot)
-            if self._mount.adapts:
-                self._mount.follow(w, covariance_of(np.arange(6), self._work.factor, CALIBRATION + FRAME * (slot + 1)))
+            self._add_landmarks(frame, slot)
+            if self._mount.is_adaptive:
+                self._mount.update(w, covariance_of(np.arange(6), self._work.factor, CALIBRATION + FRAME * (slot + 1)))
             self._observe_level_ground(frame, slot)
             if p.method.imu_noise_from_images:
-                self.inflation.follow(w, self.factors, self._work.factor)
+                self.inflation.update(w, self.factors, self._work.factor)
                 self.noise = self.inflation.noise
             if slot >= p.keyframes:
                 marginalize_oldest(w, self.factors, self._work, self._alive)
                 drop_oldest(w)
-            self._anchor(frame, int(f.count[0]) - 1)
+            self._store_patches(frame, int(f.count[0]) - 1)
         self._newest_is_key = key
         self.nav = state_of(f, int(f.count[0]) - 1)._replace(covariance=inverse.T @ inverse)
         self._previous = copy_of(self.nav)
 
     def propagate(self, until_ns: int) -> None:
-        """Propagates `nav` to a time that the IMU has reached."""
+        """Propagates `nav` to a time on the IMU's clock that its samples cover."""
         self._propagate(self.nav, until_ns)
         # A state older than the samples could not be propagated any more.
-        self._propagate(self._previous, self.inertial.staying_ns)
+        self._propagate(self._previous, self.inertial.oldest_retained_ns)
 
-    def go_back(self, t_ns: int) -> bool:
-        """Sets `nav` to the propagated state at a time since the newest frame; False if that is too long ago."""
+    def rewind_to(self, t_ns: int) -> bool:
+        """Sets `nav` to the propagated state at an earlier time since the newest frame.
+
+        Returns:
+            False if that time is before the state from which samples are kept; `nav` is then unchanged.
+        """
         if t_ns < self._previous.t_ns[0]:
             return False
         self.nav = copy_of(self._previous)
@@ -215,24 +232,26 @@ class Core:
         return int(f.t_ns[f.count[0] - 1])
 
     @property
-    def joined(self) -> bool:
-        """Whether the IMU samples are complete since the frame to which the next image's frame will be linked."""
+    def is_imu_complete(self) -> bool:
+        """Whether the IMU samples cover all the time since the frame that the next image will be linked to."""
         f = self.window.frames
-        return self.inertial.reaches_back(int(f.t_ns[f.count[0] - (1 if self._newest_is_key else 2)]))
+        return self.inertial.covers(int(f.t_ns[f.count[0] - (1 if self._newest_is_key else 2)]))
 
     @property
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Whether the newest state is physically possible for a person."""
-        return bool(kernel.plausible(self.nav))
+        return bool(kernel.is_plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
+        """Propagates a state in place to a later time by the buffered IMU samples."""
         if until_ns > state.t_ns[0]:
             z = self._preintegration
-            kernel.integrate(z, self.inertial.kept, state.t_ns[0], until_ns, state.bias, self.noise)
+            kernel.integrate(z, self.inertial.imu_samples, state.t_ns[0], until_ns, state.bias, self.noise)
             kernel.add_increment(state, z, self.noise, self.parameters.gravity_mps2)
             state.t_ns[0] = until_ns
 
-    def _place(self, slot: int, t_ns: int, state: NavState) -> None:
+    def _set_frame(self, slot: int, t_ns: int, state: NavState) -> None:
+        """Sets the frame in a slot to a state, stamped with an image's time `t_ns` on the camera's clock."""
         f = self.window.frames
         f.offset[slot] = self.window.calibration.offset[0]
         f.t_ns[slot] = self.imu_time(t_ns)
@@ -240,7 +259,7 @@ class Core:
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.zero_velocity_sd[slot] = np.inf
 
-    def _follow(self, frame: CameraFrame, predicted: NavState, before: int, slot: int) -> float:
+    def _track_landmarks(self, frame: CameraFrame, predicted: NavState, before: int, slot: int) -> float:
         """Tracks landmarks into the image and stores their observations in the slot; returns their mean motion, px."""
         w, marks, p = self.window, self.window.landmarks, self.parameters
         n = len(marks.host)
@@ -249,18 +268,18 @@ class Core:
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
         marks.seen[:, slot] = 0
         self._alive[:] = 0
-        was, inverse_depth, warps = self._pixels[ids], expected[ids, 2], warp[ids]
+        previous_px, inverse_depth, warps = self._pixels[ids], expected[ids, 2], warp[ids]
         motion = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids])
-        predicted_px = was + motion
-        self.tracker.take(frame.grey)
-        there, good = predicted_px, np.zeros(len(ids), bool)
+        predicted_px = previous_px + motion
+        self.tracker.set_image(frame.grey)
+        tracked_px, good = predicted_px, np.zeros(len(ids), bool)
         if p.method.anchored:
-            there, good = self.tracker.align(ids, predicted_px, warps)
+            tracked_px, good = self.tracker.align(ids, predicted_px, warps)
         elsewhere = good.sum() < _MIN_PREDICTED_SHARE * len(ids)
         if elsewhere:
-            there, good = self.tracker.follow(was, predicted_px)
+            tracked_px, good = self.tracker.track(previous_px, predicted_px)
         # Reject moving points: they are not where the wearer's motion and the point's depth predict them.
-        off = np.linalg.norm(there - predicted_px, axis=1)
+        distance_px = np.linalg.norm(tracked_px - predicted_px, axis=1)
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
@@ -268,29 +287,47 @@ class Core:
         gate = (
             _GATE_PX + 2 * self.lens.focal_px * speed_sd * dt * inverse_depth + unsure * (_UNMEASURED_GATE_PX + moved)
         )
-        fits = off < gate
+        fits = distance_px < gate
         if good.sum() >= _MIN_POINTS and (good & fits).sum() < _MIN_PREDICTED_SHARE * good.sum():
-            fits = self._agree(ids, there, good)
+            fits = self._pnp_inliers(ids, tracked_px, good)
         good &= fits
         if p.method.anchored and elsewhere:
-            there, good = self.tracker.settle(ids, there, warps, good)
-        ids, there, was, inverse_depth = ids[good], there[good], was[good], inverse_depth[good]
+            tracked_px, good = self.tracker.align_fine(ids, tracked_px, warps, good)
+        ids, tracked_px, previous_px, inverse_depth = (
+            ids[good],
+            tracked_px[good],
+            previous_px[good],
+            inverse_depth[good],
+        )
         rate = self.inertial.rate_at(int(predicted.t_ns[0])) - predicted.bias[:3]
-        then = self.lens.at_image_time(there, inverse_depth, w.calibration, predicted.R, predicted.v, rate)
-        rho = self.depth(frame, then)
+        image_time_px = self.lens.at_image_time(
+            tracked_px, inverse_depth, w.calibration, predicted.R, predicted.v, rate
+        )
+        rho = self.inverse_depths(frame, image_time_px)
         # Reject points at another depth, or occluded by something in front.
-        apart = np.abs(w.calibration.scale[0] * inverse_depth - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
-        here = ~(apart & (rho > 0) & (marks.measured[ids] > 0))
-        ids, there, was, rho, at = ids[here], there[here], was[here], rho[here], self.lens.normalised(then[here])
+        is_off_depth = (
+            np.abs(w.calibration.scale[0] * inverse_depth - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
+        )
+        is_consistent = ~(is_off_depth & (rho > 0) & (marks.measured[ids] > 0))
+        ids, tracked_px, previous_px, rho, at = (
+            ids[is_consistent],
+            tracked_px[is_consistent],
+            previous_px[is_consistent],
+            rho[is_consistent],
+            self.lens.to_normalized(image_time_px[is_consistent]),
+        )
         self._alive[ids] = 1
-        self._pixels[ids] = there
+        self._pixels[ids] = tracked_px
         marks.seen[ids, slot] = 1
         marks.at[ids, slot] = at
         marks.rho[ids, slot] = rho
-        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= _MIN_POINTS else np.inf
+        return float(np.median(np.linalg.norm(tracked_px - previous_px, axis=1))) if len(ids) >= _MIN_POINTS else np.inf
 
-    def _drift(self, slot: int, t_ns: int) -> float:
-        """Median motion of points since the newest frame `STATIONARY_S` older, px: a slow shift; 0 if it is unknown."""
+    def _drift_px(self, slot: int, t_ns: int) -> float:
+        """Median image motion since the newest frame that is at least `STATIONARY_S` older, px: shows a slow motion.
+
+        0 if there is no such frame or too few common points.
+        """
         f, marks = self.window.frames, self.window.landmarks
         since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(STATIONARY_S * 1e9), "right")) - 1
         both = (marks.seen[:, [since, slot]] > 0).all(axis=1)
@@ -300,55 +337,65 @@ class Core:
     def _cull(self) -> int:
         """Removes outliers; returns the number of remaining observations of the newest frame."""
         w, factors, work = self.window, self.factors, self._work
-        kernel.view(w.frames, w.calibration, factors.first_estimates, work.views)
+        kernel.update_views(w.frames, w.calibration, factors.first_estimates, work.views)
         return int(
             kernel.cull(w.landmarks, w.calibration, factors, work.views, w.frames.count[0], _CULL_SD, self._alive)
         )
 
-    def _measure(self) -> None:
-        """Marks landmarks as measured whose depth is known from motion."""
+    def _mark_observable_depths(self) -> None:
+        """Marks landmarks as measured whose inverse depth motion alone determines to `_MEASURED_SD`."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
-        sure = marks.inverse_depth[l] ** 2 * self._work.camera.own[l] > _MEASURED_SD**2
+        sure = marks.inverse_depth[l] ** 2 * self._work.camera.depth_information[l] > _MEASURED_SD**2
         marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
-    def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(N,) which points one camera pose explains, if the predicted one explains few."""
+    def _pnp_inliers(
+        self, ids: NDArray[np.int64], tracked_px: NDArray[np.float32], good: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """(N,) which points one camera pose explains (P3P, RANSAC), where the predicted pose explains few.
+
+        Args:
+            ids: (N,) landmarks.
+            tracked_px: (N, 2) px.
+            good: (N,) which of them were tracked.
+        """
         w, marks = self.window, self.window.landmarks
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
-        agree = np.zeros(len(ids), bool)
+        is_inlier = np.zeros(len(ids), bool)
         h = marks.host[ids]
         m = directions(marks.at[ids, h]) / marks.inverse_depth[ids, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
-        at = self.lens.normalised(there)
-        if (pose := perspective(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
-            agree[use] = pose[2]
-        return agree
+        at = self.lens.to_normalized(tracked_px)
+        if (pose := solve_pnp(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
+            is_inlier[use] = pose[2]
+        return is_inlier
 
-    def depth(self, frame: CameraFrame, points: NDArray[np.float32]) -> Array:
+    def inverse_depths(self, frame: CameraFrame, points: NDArray[np.float32]) -> Array:
         """(N,) measured inverse depths at (N, 2) px, 1/m; 0 where none is reliable."""
         rho = np.zeros(len(points))
         if frame.depth is not None and self.parameters.method.uses_depth and len(points):
             kernel.read_depth(frame.depth, points, *self._depth_range_m, rho)
         return rho
 
-    def _find(self, frame: CameraFrame, slot: int) -> None:
-        """New landmarks, hosted by the slot."""
+    def _add_landmarks(self, frame: CameraFrame, slot: int) -> None:
+        """Searches for new points in an image and adds them as landmarks that the frame in a slot hosts."""
         marks, p = self.window.landmarks, self.parameters
         free = np.flatnonzero(marks.host == NO_HOST)
         taken = self._pixels[self._alive > 0]
         points = self.tracker.find(taken, min(p.landmarks - len(taken), len(free)))
         ids = free[: len(points)]
-        rho, f = self.depth(frame, points), self.window.frames
-        guess = np.where(rho > 0, rho, _UNKNOWN_INVERSE_DEPTH_PER_M)
-        then = self.lens.at_image_time(points, guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot])
-        if then is not points:
-            rho = self.depth(frame, then)
+        rho, f = self.inverse_depths(frame, points), self.window.frames
+        rho_guess = np.where(rho > 0, rho, _UNKNOWN_INVERSE_DEPTH_PER_M)
+        image_time_px = self.lens.at_image_time(
+            points, rho_guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot]
+        )
+        if image_time_px is not points:
+            rho = self.inverse_depths(frame, image_time_px)
         marks.host[ids] = slot
         marks.seen[ids] = 0
         marks.seen[ids, slot] = 1
-        marks.at[ids, slot] = self.lens.normalised(then)
+        marks.at[ids, slot] = self.lens.to_normalized(image_time_px)
         marks.rho[ids, slot] = rho
         marks.measured[ids] = rho > 0
         scale = self.window.calibration.scale[0]
@@ -357,30 +404,30 @@ class Core:
         self._pixels[ids] = points
 
     def _observe_level_ground(self, frame: CameraFrame, slot: int) -> None:
-        """Measures the tilt by level ground in the depth image of the newest frame, a keyframe, where that is due."""
+        """Measures the tilt by level ground in the depth image of the newest keyframe, once per stretch of path."""
         w = self.window
-        if frame.depth is None or not self._level.due(w.frames.p[slot]):
+        if frame.depth is None or not self._level.is_due(w.frames.p[slot]):
             return
         rho, weights = self._measured_planes
         sd = float(self.parameters.inverse_depth_sd_per_m)
         count = kernel.read_planes(frame.depth, self._rays, self._depth_range_m[0], sd, rho, weights)
         self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
 
-    def _anchor(self, frame: CameraFrame, slot: int) -> None:
+    def _store_patches(self, frame: CameraFrame, slot: int) -> None:
         """Stores the patches of the landmarks that the slot hosts."""
         marks, p = self.window.landmarks, self.parameters
         if not p.method.anchored:
             return
         ids = np.flatnonzero((marks.host == slot) & (self._alive > 0))
         points = self._pixels[ids]
-        self.tracker.anchor(ids, points)
+        self.tracker.store_patches(ids, points)
         marks.slope[ids] = 0.0
         if frame.depth is not None and p.method.uses_depth:
             slope = read_slope(frame.depth, points, *self._depth_range_m, p.inverse_depth_sd_per_m)
             marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
-        """Whether the newest frame differs enough from the last keyframe to be one."""
+        """Whether the newest frame becomes a keyframe: by parallax, by lost points, or after `_MAX_KEYFRAME_S`."""
         f = self.window.frames
         moved, common = kernel.parallax(self.window, slot, slot - 1)
         return bool(

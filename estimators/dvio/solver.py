@@ -11,8 +11,8 @@ from stridetwin.estimators.dvio.landmarks import (
     MOST_INVERSE_DEPTH,
     POSE,
     CameraEquations,
-    state,
-    usable,
+    is_usable,
+    state_index,
 )
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Calibration, Frames, Landmarks
 from stridetwin.estimators.matrices import copy_matrix, mul
@@ -21,7 +21,8 @@ from stridetwin.streams.samples import Array
 
 
 @njit(error_model="numpy", **INSIDE)
-def _move_calibration(c: Calibration, d: Array) -> None:
+def _step_calibration(c: Calibration, d: Array) -> None:
+    """Adds a step (10,) to position (m) and rotation (rad) of the mount, clock (s), depth scale and focal lengths."""
     for i in range(3):
         c.p[i] += d[i]
     copy_matrix(mul(c.R, exp(d[3:6])), c.R)
@@ -34,11 +35,15 @@ def _move_calibration(c: Calibration, d: Array) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _move_frame(f: Frames, k: int, e: Array) -> None:
-    """Moves a frame by its step (15,): from its first estimate by all steps since, if the prior contains it."""
+def _step_frame(f: Frames, k: int, e: Array) -> None:
+    """Adds a step (15,) to the frame in slot k: position, attitude (error on the right), velocity and biases.
+
+    A frame in the prior is recomputed from its first estimate and the sum of all steps since, which is what the prior
+    refers to.
+    """
     R, p, v, bias = f.R[k], f.p[k], f.v[k], f.bias[k]
     R_0, p_0, v_0, bias_0 = R, p, v, bias
-    if f.held[k]:
+    if f.in_prior[k]:
         m = f.moved[k]
         for i in range(FRAME):
             m[i] += e[i]
@@ -52,19 +57,23 @@ def _move_frame(f: Frames, k: int, e: Array) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def move(frames: Frames, marks: Landmarks, calibration: Calibration, camera: CameraEquations, d: Array) -> None:
-    """Applies the step d (N,) of all states, and what follows from it for the landmarks."""
+def apply_step(frames: Frames, marks: Landmarks, calibration: Calibration, camera: CameraEquations, d: Array) -> None:
+    """Applies a step d (N,) of all states to frames and calibration, and the step that follows for each landmark.
+
+    An eliminated inverse depth changes by (b_l − h_lᵀ d) / h_ll, with h_l over calibration and poses; it stays within
+    `LEAST_INVERSE_DEPTH` and `MOST_INVERSE_DEPTH`.
+    """
     n = frames.count[0]
-    _move_calibration(calibration, d)
+    _step_calibration(calibration, d)
     for k in range(n):
-        _move_frame(frames, k, d[CALIBRATION + FRAME * k : CALIBRATION + FRAME * (k + 1)])
+        _step_frame(frames, k, d[CALIBRATION + FRAME * k : CALIBRATION + FRAME * (k + 1)])
     by_pose = np.empty(CALIBRATION + POSE * n)
     for i in range(by_pose.shape[0]):
-        by_pose[i] = d[state(i)]
+        by_pose[i] = d[state_index(i)]
     for l in range(marks.host.shape[0]):
-        if usable(marks, l, n - 1):
-            s = camera.b_own[l]
+        if is_usable(marks, l, n - 1):
+            s = camera.b_depth[l]  # b_l - h_lᵀ d
             for i in range(by_pose.shape[0]):
                 s -= camera.cross[l, i] * by_pose[i]
-            xi = marks.inverse_depth[l] + s / camera.own[l]
+            xi = marks.inverse_depth[l] + s / camera.depth_information[l]
             marks.inverse_depth[l] = min(max(xi, LEAST_INVERSE_DEPTH), MOST_INVERSE_DEPTH)

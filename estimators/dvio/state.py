@@ -123,7 +123,7 @@ class Frames(NamedTuple):
         p: (F, 3) IMU in the world, m.
         v: (F, 3) m/s.
         bias: (F, 6) of gyroscope (rad/s) and accelerometer (m/s²).
-        held: (F,) 1 where the prior contains the frame; its Jacobians are then taken at its first estimate.
+        in_prior: (F,) 1 where the prior contains the frame; its Jacobians are then taken at its first estimate.
         R_first: (F, 3, 3) that estimate.
         p_first: (F, 3).
         v_first: (F, 3).
@@ -140,7 +140,7 @@ class Frames(NamedTuple):
     p: Array
     v: Array
     bias: Array
-    held: NDArray[np.uint8]
+    in_prior: NDArray[np.uint8]
     R_first: Array
     p_first: Array
     v_first: Array
@@ -174,7 +174,7 @@ class Landmarks(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """What the window estimates of the sensors.
+    """Estimated calibration of the sensors.
 
     Attributes:
         R: (3, 3) IMU <- camera.
@@ -205,8 +205,8 @@ class Prior(NamedTuple):
     b: Array
 
 
-class Window(NamedTuple):
-    """The sliding window.
+class WindowState(NamedTuple):
+    """State of the sliding window: all that the optimisation reads and changes.
 
     Attributes:
         frames: States.
@@ -224,7 +224,7 @@ class Window(NamedTuple):
 
 
 def blank_preintegration(slots: int | None = None) -> Preintegration:
-    """An increment of zero duration, or an array of them."""
+    """Preintegrated measurements of zero duration: one, or `slots` of them with a leading axis."""
     lead = () if slots is None else (slots,)
     gamma = np.zeros((*lead, 3, 3))
     gamma[...] = np.eye(3)
@@ -235,15 +235,15 @@ def blank_preintegration(slots: int | None = None) -> Preintegration:
     )  # fmt: skip
 
 
-def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> Window:
+def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> WindowState:
     """An empty window with slots for frames and landmarks; t_imu = t_cam + offset."""
     F, L, states = frames, landmarks, CALIBRATION + FRAME * frames
     identities = np.zeros((F, 3, 3))
     identities[:] = np.eye(3)
-    return Window(
+    return WindowState(
         frames=Frames(
             count=np.zeros(1, np.int64), t_ns=np.zeros(F, np.int64), R=identities.copy(), p=np.zeros((F, 3)),
-            v=np.zeros((F, 3)), bias=np.zeros((F, 6)), held=np.zeros(F, np.uint8), R_first=identities.copy(),
+            v=np.zeros((F, 3)), bias=np.zeros((F, 6)), in_prior=np.zeros(F, np.uint8), R_first=identities.copy(),
             p_first=np.zeros((F, 3)), v_first=np.zeros((F, 3)), bias_first=np.zeros((F, 6)),
             moved=np.zeros((F, FRAME)), rate=np.zeros((F, 3)), offset=np.zeros(F), zero_velocity_sd=np.full(F, np.inf),
         ),

@@ -40,11 +40,11 @@ class Observations:
     """Observations of N points in K images.
 
     Attributes:
-        seen: (K, N) whether.
+        seen: (K, N) whether the image shows the point.
         at: (K, N, 2) where, on the plane at depth 1.
         rho: (K, N) measured inverse depth there, 1/m; 0 where none.
-        sd: Of `at`.
-        rho_sd: Of `rho`, 1/m.
+        sd: Standard deviation of `at`.
+        rho_sd: Standard deviation of `rho`, 1/m.
     """
 
     seen: NDArray[np.bool_]
@@ -60,12 +60,12 @@ class Observations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
-    """Cameras in the axes of the newest, the last one.
+    """Cameras of K images in the axes of the newest, which is the last one.
 
     Attributes:
-        first: Index of its first image.
-        R: (K, 3, 3) newest <- camera.
-        p: (K, 3) m, or in units of the first one's distance.
+        first: Index of the first of these images among all.
+        R: (K, 3, 3) newest camera <- camera.
+        p: (K, 3) positions, in m, or in units of the distance between first and newest camera.
         information: (6K, 6K) on the errors of position and attitude (on its right) of each; the newest has none.
         misfit: Mean squared residual, in variances.
         scaled: Whether lengths are in m.
@@ -89,7 +89,7 @@ def structure_with_depth(s: Observations) -> Structure | None:
     agree = s.seen.copy()
     while k > 0:
         shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.rho[k - 1] > 0))
-        step = _step(s, directions(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared])
+        step = _relative_pose(s, directions(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared])
         if step is None:
             break
         M, t, fits = step  # camera k <- camera k - 1
@@ -105,8 +105,8 @@ def structure_with_depth(s: Observations) -> Structure | None:
     rho[-1] = 0.0
     seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (rho > 0).any(axis=0))
     R_all, p_all = np.array(R[::-1]), np.array(p[::-1])
-    points = _placed(R_all, p_all, s.at, rho)
-    return _bundled(replace(s, seen=seen, rho=rho), R_all, p_all, points, k, scaled=True)
+    points = _back_project(R_all, p_all, s.at, rho)
+    return _bundle_adjust(replace(s, seen=seen, rho=rho), R_all, p_all, points, k, scaled=True)
 
 
 def structure_of_bearings(s: Observations) -> Structure | None:
@@ -125,70 +125,87 @@ def structure_of_bearings(s: Observations) -> Structure | None:
         )
         if E is None or E.shape != (3, 3):
             continue
-        found, rotation, translation, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_MAX_BASELINES)[:4]
+        inlier_count, rotation, translation, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_MAX_BASELINES)[
+            :4
+        ]
         fits = np.asarray(mask)[:, 0] > 0
-        if found < _MIN_POINTS or found < _MIN_PAIR_SHARE * len(shared):
+        if inlier_count < _MIN_POINTS or inlier_count < _MIN_PAIR_SHARE * len(shared):
             continue
         M, t = np.asarray(rotation, float), np.asarray(translation, float)[:, 0]
         if np.median(_angles(directions(a[fits]) @ M.T, directions(b[fits]))) < _MIN_PAIR_PARALLAX_RAD:
             return None  # older ones are missing, and newer ones have less parallax
-        return _around(s.since(k), shared[fits], M, t, k)
+        return _connect_images(s.since(k), shared[fits], M, t, k)
     return None
 
 
-def _around(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
-    """The images between the oldest and the newest, whose relative pose is known."""
+def _connect_images(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
+    """Structure of K images from the known relative pose M (3, 3), t (3,) of the oldest in the newest.
+
+    Points seen by both, `shared` (N,), are triangulated, the images between are placed by P3P, and all are adjusted.
+    None if an image shows too few of these points.
+    """
     K, N = s.seen.shape
     ends = np.zeros((K, N), bool)
     ends[0, shared] = ends[-1, shared] = True
-    points, sure = _crossing(np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]])
+    points, sure = _triangulate(np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]])
     R, p = [M], [t]
     for k in range(1, K - 1):
         use = np.flatnonzero(sure & s.seen[k])
-        step = _step(s, points[use], s.at[k, use])
+        step = _relative_pose(s, points[use], s.at[k, use])
         if step is None:
             return None
         R.append(step[0].T)
         p.append(-step[0].T @ step[1])
     R_all, p_all = np.array([*R, np.eye(3)]), np.array([*p, np.zeros(3)])
     seen = s.seen & (s.seen.sum(axis=0) > 1)
-    points, sure = _crossing(R_all, p_all, s.at, seen)
-    return _bundled(replace(s, seen=seen & sure, rho=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
+    points, sure = _triangulate(R_all, p_all, s.at, seen)
+    return _bundle_adjust(replace(s, seen=seen & sure, rho=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
 
 
-def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """(3, 3) and (3,) camera <- axes of points (N, 3) by P3P of observations (N, 2), and which points agree.
+def solve_pnp(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """Pose of a camera by P3P with RANSAC from points (N, 3) and their observations (N, 2) on the plane at depth 1.
 
-    None where fewer than `fewest` agree within `error`, on the plane at depth 1.
+    Args:
+        points: (N, 3) in any axes.
+        at: (N, 2).
+        error: Largest residual of an inlier, on the plane at depth 1.
+        fewest: Smallest number of inliers.
+
+    Returns:
+        (3, 3) rotation and (3,) translation, camera <- axes of the points, and (N,) the inliers; None if there are too
+        few.
     """
     if len(points) < fewest:
         return None
-    found, rotation, translation, inliers = cv2.solvePnPRansac(
+    success, rotation, translation, inliers = cv2.solvePnPRansac(
         points, at, np.eye(3), None, iterationsCount=60, reprojectionError=error, flags=cv2.SOLVEPNP_AP3P
     )
-    if not found or inliers is None or len(inliers) < fewest:
+    if not success or inliers is None or len(inliers) < fewest:
         return None
     fits = np.zeros(len(points), bool)
     fits[inliers[:, 0]] = True
     return np.asarray(cv2.Rodrigues(rotation)[0], float), np.asarray(translation, float)[:, 0], fits
 
 
-def _step(s: Observations, points: Array, at: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """`perspective` with a least share of the points as inliers."""
-    return perspective(points, at, _POSE_ERROR_SD * s.sd, max(_MIN_POINTS, _MIN_POSE_SHARE * len(points)))
+def _relative_pose(s: Observations, points: Array, at: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """`solve_pnp` with limits from the observations' noise and the number of points."""
+    return solve_pnp(points, at, _POSE_ERROR_SD * s.sd, max(_MIN_POINTS, _MIN_POSE_SHARE * len(points)))
 
 
-def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
-    """(N, 3) points by the first measured depth of each."""
+def _back_project(R: Array, p: Array, at: Array, rho: Array) -> Array:
+    """(N, 3) points from the first measured inverse depth of each, in the axes of the newest camera."""
     n = np.arange(at.shape[1])
     k = (rho > 0).argmax(axis=0)
     depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
     return matvec(R[k], directions(at[k, n]) * depth[:, None]) + p[k]
 
 
-def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """(N, 3) points nearest to all their rays, and whether they are in front of all cameras."""
-    ray = np.matmul(directions(at), np.swapaxes(R, 1, 2))
+def _triangulate(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """(N, 3) points nearest to all their rays, and (N,) whether they are determined and in front of all cameras.
+
+    Least squares: Σ (I − d dᵀ) (X − p) = 0 over unit rays d from the cameras' positions p.
+    """
+    ray = np.matmul(directions(at), np.swapaxes(R, 1, 2))  # d, in the axes of the newest camera
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
     # The least eigenvalue is about that of two rays, ½ angle², times their number.
@@ -200,15 +217,18 @@ def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[A
     return points, sure & (before | ~seen).all(axis=0)
 
 
-def _bundled(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
-    """Least squares of Zhao 2023 (1) and (3) over cameras and points, twice: the second time without outliers."""
+def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
+    """Least squares of Zhao 2023 (1) and (3) over cameras and points, then once more without outliers.
+
+    None if too few observations agree.
+    """
     use = s.seen.sum(axis=0) > 1
     s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
     for steps in (3, 2):
         if (s.seen.sum(axis=1) < _MIN_POINTS).any() or not np.isfinite(points).all():
             return None
-        R, p, points = _descended(s, R, p, points, scaled, steps)
+        R, p, points = _minimize(s, R, p, points, scaled, steps)
         r, _ = _residuals(s, R, p, points)
         off = np.linalg.norm(r[..., :2], axis=-1)
         seen = s.seen & (off < _CULL_SD)
@@ -226,10 +246,10 @@ def _bundled(s: Observations, R: Array, p: Array, points: Array, first: int, sca
     return Structure(first=first, R=R, p=p, information=H, misfit=float((r**2).sum() / max(freedom, 1)), scaled=scaled)
 
 
-def _descended(
+def _minimize(
     s: Observations, R: Array, p: Array, points: Array, scaled: bool, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Levenberg–Marquardt."""
+    """Levenberg-Marquardt over cameras and points in at most `steps`; returns cameras R, p and points."""
     damping, cost = _DAMPING, _cost(_residuals(s, R, p, points)[0])
     for _ in range(steps):
         m = _equations(s, R, p, points, scaled)
@@ -259,12 +279,14 @@ def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Arra
     return r, q
 
 
-def _sizes(r: Array) -> Array:
+def _residual_norms(r: Array) -> Array:
+    """(K, N, 2) length of the image residual and of the depth residual of each observation, in standard deviations."""
     return np.stack([np.linalg.norm(r[..., :2], axis=-1), np.abs(r[..., 2])], axis=-1)
 
 
 def _cost(r: Array) -> float:
-    size = _sizes(r)
+    """Sum of Huber costs of (K, N, 3) residuals in standard deviations."""
+    size = _residual_norms(r)
     return float(np.where(size < _HUBER_SD, size**2, 2 * _HUBER_SD * size - _HUBER_SD**2).sum())
 
 
@@ -287,10 +309,15 @@ class _Normal(NamedTuple):
 
 
 def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
+    """Normal equations of cameras and points, weighted by Huber's rule, with the points eliminated.
+
+    Residuals of Zhao 2023 (1) and (3) by the error states of each camera (position, attitude on its right) and the
+    points. Without measured depths, the distance of the first camera from the newest is fixed.
+    """
     r, q = _residuals(s, R, p, points)
     K, N = s.seen.shape
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
-    w = np.sqrt(np.minimum(1.0, _HUBER_SD / np.maximum(_sizes(r), 1e-9)))[..., [0, 0, 1]]
+    w = np.sqrt(np.minimum(1.0, _HUBER_SD / np.maximum(_residual_norms(r), 1e-9)))[..., [0, 0, 1]]
     A = np.zeros((K, N, 3, 3))  # by the point in the camera
     A[..., 0, 0] = A[..., 1, 1] = inverse / s.sd
     A[..., :2, 2] = -q[..., :2] * (inverse**2)[..., None] / s.sd
@@ -300,13 +327,14 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
     r = r * w
     by_point = np.matmul(A.reshape(K, 3 * N, 3), np.swapaxes(R, 1, 2)).reshape(K, N, 3, 3)
     by_camera = np.concatenate([-by_point, np.cross(A, q[:, :, None])], axis=-1)
-    own = _summed(by_point[..., :, None] * by_point[..., None, :]).sum(axis=0)
-    b_points = -_summed(by_point * r[..., None]).sum(axis=0)
-    loose = 1e-6 * np.trace(own, axis1=1, axis2=2)[:, None, None] + 1e-9
-    solved = np.linalg.inv(own + loose * np.eye(3))
-    cross = _summed(by_camera[..., :, None] * by_point[..., None, :])
+    H_points = _sum_residuals(by_point[..., :, None] * by_point[..., None, :]).sum(axis=0)
+    b_points = -_sum_residuals(by_point * r[..., None]).sum(axis=0)
+    loose = 1e-6 * np.trace(H_points, axis1=1, axis2=2)[:, None, None] + 1e-9
+    H_points_inverse = np.linalg.inv(H_points + loose * np.eye(3))
+    cross = _sum_residuals(by_camera[..., :, None] * by_point[..., None, :])
     rows = cross.transpose(1, 0, 2, 3).reshape(N, 6 * K, 3)
-    gain = (rows @ solved).transpose(1, 0, 2).reshape(6 * K, 3 * N)
+    # H -= H_cp H_pp⁻¹ H_pc over the points, and b likewise
+    gain = (rows @ H_points_inverse).transpose(1, 0, 2).reshape(6 * K, 3 * N)
     H, b = -gain @ rows.transpose(1, 0, 2).reshape(6 * K, 3 * N).T, -gain @ b_points.reshape(-1)
     for k in range(K):
         J, at = by_camera[k].reshape(3 * N, 6), slice(6 * k, 6 * k + 6)
@@ -315,14 +343,15 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
     if not scaled:
         n = p[0] / np.linalg.norm(p[0])
         H[:3, :3] += _SCALE_INFORMATION * np.outer(n, n)
-    return _Normal(H, b, cross, solved, b_points)
+    return _Normal(H, b, cross, H_points_inverse, b_points)
 
 
-def _summed(a: Array) -> Array:
+def _sum_residuals(a: Array) -> Array:
     """(K, N, ...) of (K, N, 3, ...): sums over the three residuals of an observation."""
     return np.asarray(a[:, :, 0] + a[:, :, 1] + a[:, :, 2])
 
 
 def _angles(a: Array, b: Array) -> Array:
+    """(N,) angle between vectors a and b (N, 3), rad."""
     cross = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.asarray(np.arctan2(cross, (a * b).sum(axis=-1)))

@@ -37,7 +37,7 @@ Points = NDArray[np.float32]
 
 
 class Lens:
-    """From pixels to the plane at depth 1 and back, and the rolling shutter behind it.
+    """Maps pixels to the plane at depth 1 and back, and corrects the rolling shutter: docs/dvio.md (14).
 
     Each row is exposed a little later than the one above; the middle one at the image's time. While the camera moves, a
     point is therefore seen where it was or will be.
@@ -57,8 +57,8 @@ class Lens:
         self.focal_px = float(np.sqrt(fu * fv))
         self._readout_s, self._last_row = camera.readout_s, max(camera.height - 1, 1)
 
-    def normalised(self, pixels: NDArray[np.floating[Any]]) -> Array:
-        """(N, 2) on the plane at depth 1 of (N, 2) pixels."""
+    def to_normalized(self, pixels: NDArray[np.floating[Any]]) -> Array:
+        """(N, 2) points on the plane at depth 1 of (N, 2) pixels, without distortion."""
         if not self._fisheye and not self._distortion.any():
             return np.asarray((pixels - self._centre) / self._focal)
         if not len(pixels):
@@ -67,7 +67,7 @@ class Lens:
         return np.asarray(undistort(pixels[:, None].astype(float), self._K, self._distortion)[:, 0], dtype=float)
 
     def pixels(self, at: Array) -> Points:
-        """(N, 2) pixels of (N, 2) on the plane at depth 1."""
+        """(N, 2) pixels of (N, 2) points on the plane at depth 1, with distortion."""
         if not len(at):
             return np.zeros((0, 2), np.float32)
         if self._fisheye:
@@ -78,23 +78,23 @@ class Lens:
     def at_image_time(
         self, points: Points, inverse_depth: Array, calibration: Calibration, R: Array, v: Array, rate: Array
     ) -> Points:
-        """Where resting points would be if all rows were exposed at the time of the image.
+        """Pixels at which resting points would be if all rows were exposed at the time of the image.
 
         Args:
             points: (N, 2) px, as seen.
             inverse_depth: (N,) 1/m.
             calibration: Mount of the camera on the IMU.
             R: (3, 3) world <- IMU.
-            v: (3,) m/s, of the IMU in the world.
-            rate: (3,) rad/s, of the IMU.
+            v: (3,) velocity of the IMU in the world, m/s.
+            rate: (3,) angular rate of the IMU, rad/s.
 
         Returns:
-            (N, 2) px; the points themselves of a global shutter.
+            (N, 2) px; `points` itself for a global shutter.
         """
         if not self._readout_s or not len(points):
             return points
         late_s = (points[:, 1] / self._last_row - 0.5) * self._readout_s
-        at, c = self.normalised(points), calibration
+        at, c = self.to_normalized(points), calibration
         flow = image_velocity(at, inverse_depth, c.R.T @ (R.T @ v + np.cross(rate, c.p)), c.R.T @ rate)
         return self.pixels(at - late_s[:, None] * flow)
 
@@ -102,11 +102,13 @@ class Lens:
 def image_velocity(at: Array, inverse_depth: Array, velocity: Array, rate: Array) -> Array:
     """(N, 2) 1/s, motion on the plane at depth 1 of resting points (Longuet-Higgins & Prazdny 1980).
 
+    See docs/dvio.md (14).
+
     Args:
-        at: (N, 2) on the plane at depth 1.
+        at: (N, 2) points on the plane at depth 1.
         inverse_depth: (N,) 1/m.
-        velocity: (3,) m/s, of the camera in its own axes.
-        rate: (3,) rad/s, likewise.
+        velocity: (3,) velocity of the camera in its own axes, m/s.
+        rate: (3,) angular rate of the camera in its own axes, rad/s.
     """
     x, y = at.T
     (vx, vy, vz), (wx, wy, wz) = velocity, rate
@@ -152,56 +154,72 @@ class Tracker:
         """Restarts: no point is tracked into the next image."""
         self._grey, self._scales = None, []
 
-    def take(self, grey: NDArray[np.uint8]) -> None:
-        """Takes the next image, (H, W)."""
+    def set_image(self, grey: NDArray[np.uint8]) -> None:
+        """Makes `grey` (H, W) the last image; the last one becomes the previous image."""
         self._before, self._grey, self._scales = self._grey, grey, []
 
-    def follow(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """Tracks points (N, 2) px of the previous image into the last one, from where they are expected there (N, 2).
+    def track(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
+        """Tracks points of the previous image into the last one (Lucas and Kanade 1981, pyramid).
 
-        Returns their pixels and whether forward and backward tracking succeeded, (N,).
+        Args:
+            points: (N, 2) px in the previous image.
+            start: (N, 2) px, where they are expected in the last one.
+
+        Returns:
+            (N, 2) px, and (N,) whether forward and backward tracking succeeded and agree.
         """
         before, grey = self._before, self._grey
         if before is None or grey is None or not len(points):
             return points.copy(), np.zeros(len(points), bool)
         flags, window = cv2.OPTFLOW_USE_INITIAL_FLOW, (_FLOW_WINDOW_PX, _FLOW_WINDOW_PX)
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _FLOW_STEPS, _FLOW_SETTLED_PX)
-        there, found, _ = cv2.calcOpticalFlowPyrLK(
+        tracked, status, _ = cv2.calcOpticalFlowPyrLK(
             before, grey, points, start.copy(), winSize=window, maxLevel=_FLOW_LEVELS, criteria=criteria, flags=flags
         )
-        back, returned, _ = cv2.calcOpticalFlowPyrLK(
-            grey, before, there, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
+        back, back_status, _ = cv2.calcOpticalFlowPyrLK(
+            grey, before, tracked, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
         )
-        good = (found[:, 0] > 0) & (returned[:, 0] > 0)
+        good = (status[:, 0] > 0) & (back_status[:, 0] > 0)
         good &= np.abs(back - points).max(axis=1) < _MAX_FORWARD_BACKWARD_PX
         height, width = self._shape
-        good &= (there > 2).all(axis=1) & (there[:, 0] < width - 3) & (there[:, 1] < height - 3)
-        return np.asarray(there, np.float32), good
+        good &= (tracked > 2).all(axis=1) & (tracked[:, 0] < width - 3) & (tracked[:, 1] < height - 3)
+        return np.asarray(tracked, np.float32), good
 
-    def anchor(self, slots: NDArray[np.int64], points: Points) -> None:
+    def store_patches(self, slots: NDArray[np.int64], points: Points) -> None:
         """Stores the patches of the last image about (N, 2) px in slots (N,)."""
-        for scale, (grey, patches) in enumerate(zip(self._smoothed(), self._patches)):
-            kernel.cut(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
+        for scale, (grey, patches) in enumerate(zip(self._image_pyramid(), self._patches)):
+            kernel.cut_patches(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
 
     def align(self, slots: NDArray[np.int64], points: Points, warps: Array) -> tuple[Points, NDArray[np.bool_]]:
         """Aligns points (N, 2) px with the patches in their slots (N,): at half the resolution, then whole.
 
         `warps` (N, 2, 2) map a patch's pixels to the image's. Returns pixels, and which were aligned, (N,).
         """
-        half, found = points / np.float32(2.0), np.ones(len(points), bool)
-        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, _COARSE, half, found)
-        points = np.where(found[:, None], np.float32(2.0) * half, points)
-        return self.settle(slots, points, warps, np.ones(len(points), bool))
+        half, is_aligned = points / np.float32(2.0), np.ones(len(points), bool)
+        kernel.align(self._image_pyramid()[1], self._patches[1], slots, warps, _COARSE, half, is_aligned)
+        points = np.where(is_aligned[:, None], np.float32(2.0) * half, points)
+        return self.align_fine(slots, points, warps, np.ones(len(points), bool))
 
-    def settle(
+    def align_fine(
         self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_]
     ) -> tuple[Points, NDArray[np.bool_]]:
-        """As `align`, but only at the whole resolution and for points that are `good`, (N,)."""
+        """Aligns points with the patches in their slots at the whole resolution, from a good guess.
+
+        Args:
+            slots: (N,) landmark slots.
+            points: (N, 2) px, guess.
+            warps: (N, 2, 2) maps from a patch's pixels to the image's.
+            good: (N,) points that are False are skipped.
+
+        Returns:
+            (N, 2) px, and (N,) which points were aligned.
+        """
         points, good = points.copy(), good.copy()
-        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, FINE, points, good)
+        kernel.align(self._image_pyramid()[0], self._patches[0], slots, warps, FINE, points, good)
         return points, good
 
-    def _smoothed(self) -> list[NDArray[np.uint8]]:
+    def _image_pyramid(self) -> list[NDArray[np.uint8]]:
+        """The last image, smoothed, at full and at half resolution; computed once per image."""
         assert self._grey is not None
         if not self._scales:
             smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
@@ -241,12 +259,12 @@ _FIXED_POINT = 16.0  # OpenCV's disparities are in sixteenths of a pixel
 
 
 class Stereo:
-    """Depth of each image of the left camera.
+    """Depth images for the left camera of a stereo pair by semi-global matching.
 
     Args:
         left: Calibration of the camera that the odometry follows.
-        right: Of the other one, on the same body.
-        topic: Of the depth.
+        right: Calibration of the other camera, on the same body.
+        topic: Topic of the depth images.
 
     Raises:
         ConfigError: The two do not view the same scene side by side, or an unknown model of distortion.
@@ -272,7 +290,7 @@ class Stereo:
         self._times_depth = float(-P2[0, 3])  # disparity, px, of a point at 1 m
         v, u = np.mgrid[: left.height, : left.width]
         pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
-        rays = np.concatenate([self._lens.normalised(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
+        rays = np.concatenate([self._lens.to_normalized(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
         at = rays[:, :2] / rays[:, 2:] * [P1[0, 0], P1[1, 1]] + [P1[0, 2], P1[1, 2]]
         shape = (left.height, left.width)
         self._column, self._row = (np.ascontiguousarray(a.astype(np.float32).reshape(shape)) for a in at.T)
@@ -290,7 +308,7 @@ class Stereo:
         )
 
     def depth(self, left: Image, right: Image) -> Depth:
-        """Depth registered to the left of two images of the same time; 0 where there is no match."""
+        """Depth image, m, registered to the left image of a pair of the same time; 0 where there is no match."""
         pair = [cv2.remap(_grey(p.pixels), *m, cv2.INTER_LINEAR) for p, m in zip((left, right), self._maps)]
         disparity = self._matcher.compute(*pair).astype(np.float32) / _FIXED_POINT
         seen = cv2.remap(disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
@@ -318,4 +336,5 @@ def with_depth(samples: Iterable[Sample], stereo: Stereo, right: str) -> Iterato
 
 
 def _grey(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W) grey values of a grey or RGB image."""
     return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)

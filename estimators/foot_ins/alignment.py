@@ -11,8 +11,8 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Quaternion,
     Vec3,
+    axpy,
     dot,
-    plus,
     product,
     put_quaternion,
     put_vec3,
@@ -26,6 +26,7 @@ from stridetwin.estimators.foot_ins.stance import add_across_sole, unknown_bias_
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     ATTITUDE,
+    CONTACT_PHASE,
     D_ACCEL_BIAS,
     D_ATTITUDE,
     D_CONTACT,
@@ -35,20 +36,19 @@ from stridetwin.estimators.foot_ins.state import (
     D_SCALE,
     D_VELOCITY,
     FILL,
-    HEADED,
-    LANDED,
-    LEVERED,
+    HEADING_KNOWN,
+    LEVER_KNOWN,
+    NAVIGATING,
     NEVER_LANDED,
     PHASE,
     STATES,
     T_ALIGN,
     T_KNOWN,
     T_LAST,
+    T_LAST_MOTION,
     T_STATIONARY,
-    T_STOOD,
-    TRACKING,
     VELOCITY,
-    Memory,
+    FilterState,
 )
 from stridetwin.estimators.matrices import clear
 
@@ -61,15 +61,15 @@ _GAP_SPEED_MPS, _GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while th
 
 
 @njit(**INSIDE)
-def begin(memory: Memory, t_ns: int) -> None:
+def begin(memory: FilterState, t_ns: int) -> None:
     """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
     memory.clock[PHASE] = ALIGNING
     memory.norm[0] = 0.0
     memory.clock[T_ALIGN] = t_ns
     memory.clock[T_STATIONARY] = t_ns
     memory.clock[FILL] = 0
-    memory.clock[LANDED] = NEVER_LANDED
-    memory.clock[T_STOOD] = t_ns
+    memory.clock[CONTACT_PHASE] = NEVER_LANDED
+    memory.clock[T_LAST_MOTION] = t_ns
     clear(memory.force_sum[0])
     clear(memory.force_sum[1])
     put_quaternion(quaternion(memory.nominal, ATTITUDE), memory.tilted, 0)
@@ -77,7 +77,7 @@ def begin(memory: Memory, t_ns: int) -> None:
 
 
 @njit(**INSIDE)
-def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
+def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
     if statistic > parameters.stationary_level + unknown_bias_statistic(memory):
@@ -90,7 +90,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
     stationary = (t_ns - clock[T_STATIONARY]) * 1e-9 >= _ALIGN_S
     late = (t_ns - clock[T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
     period = 0 if stationary or not late else 1
-    level(memory, vec3(force_sum[period], 0))
+    level_attitude(memory, vec3(force_sum[period], 0))
     tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
     speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
@@ -98,12 +98,12 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
         size = math.sqrt(dot(vec3(force_sum[0], 0), vec3(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
         memory.norm[0] = size if stationary else parameters.gravity_mps2
         _widen_accel_bias(memory, memory.norm[0] - parameters.gravity_mps2)
-        clock[PHASE] = TRACKING
-        clock[HEADED] = 1
-        if clock[LEVERED] == 0:
-            clock[LEVERED] = 1
+        clock[PHASE] = NAVIGATING
+        clock[HEADING_KNOWN] = 1
+        if clock[LEVER_KNOWN] == 0:
+            clock[LEVER_KNOWN] = 1
             up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
-            put_vec3(plus((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
+            put_vec3(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
             P, o = memory.covariance, memory.row + D_CONTACT
             for i in range(3):
                 for j in range(3):
@@ -112,7 +112,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Vec3, 
 
 
 @njit(**INSIDE)
-def _widen_accel_bias(memory: Memory, excess: float) -> None:
+def _widen_accel_bias(memory: FilterState, excess: float) -> None:
     """Makes the accelerometer's bias at least as uncertain as the excess (m/s²) of the force at rest over gravity."""
     P, o = memory.covariance, memory.row + D_ACCEL_BIAS
     for i in range(o, o + 3):
@@ -120,7 +120,7 @@ def _widen_accel_bias(memory: Memory, excess: float) -> None:
 
 
 @njit(**INSIDE)
-def level(memory: Memory, force: Vec3) -> None:
+def level_attitude(memory: FilterState, force: Vec3) -> None:
     """Rotates the initial attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
     Successive shortest rotations, as the mean settles, would rotate the heading.
@@ -132,7 +132,7 @@ def level(memory: Memory, force: Vec3) -> None:
     size = math.sqrt(x * x + y * y + z * z)
     if size > 0.0:
         q = product(_onto_vertical(x / size, y / size, z / size), q)
-    if memory.clock[HEADED] == 0:
+    if memory.clock[HEADING_KNOWN] == 0:
         R = rotation_matrix(q)
         heading = math.atan2(R[1][0], R[0][0]) if abs(R[2][0]) < 0.9 else math.atan2(R[1][2], R[0][2])
         q = product(quat_exp(0.0, 0.0, -heading), q)
@@ -146,7 +146,9 @@ def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
 
 
 @njit(**INSIDE)
-def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float) -> None:
+def _set_covariance(
+    memory: FilterState, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
+) -> None:
     """Covariance of an alignment: the variances of position, heading and biases are kept."""
     P, clock, o = memory.covariance, memory.clock, memory.row
     for i in range(o, o + STATES):
@@ -154,7 +156,7 @@ def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, til
             if j != i:
                 P[i, j] = P[j, i] = 0.0
     lost, lost_before = (t_ns - clock[T_KNOWN]) * 1e-9, (clock[T_LAST] - clock[T_KNOWN]) * 1e-9
-    growth, levered = lost**2 - lost_before**2, clock[LEVERED] != 0
+    growth, levered = lost**2 - lost_before**2, clock[LEVER_KNOWN] != 0
     for i in range(3):
         p, g, b = o + D_POSITION + i, o + D_GYRO_BIAS + i, o + D_ACCEL_BIAS + i
         P[p, p] = P[p, p] + _GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2

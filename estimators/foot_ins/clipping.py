@@ -7,8 +7,8 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
+    axpy,
     conjugate,
-    plus,
     product,
     put_quaternion,
     quaternion,
@@ -23,12 +23,12 @@ from stridetwin.estimators.foot_ins.state import (
     RESTORED,
     RING,
     VELOCITY,
-    Memory,
+    FilterState,
     force_of,
     rate_of,
     ring_row,
 )
-from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
+from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift_covariance
 
 _MAX_PEAK_S = 0.15  # a longer clipped peak is not determined by its two ends
 # Least number of clipped samples of a peak: shorter impacts on an accelerometer ring and have no such shape.
@@ -37,7 +37,7 @@ _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a la
 
 
 @njit(**INSIDE)
-def restore(memory: Memory, parameters: KernelParameters) -> None:
+def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
     """Rewinds to before a channel reached its range, and propagates again with the reconstructed peak.
 
     See docs/foot_ins.md (15).
@@ -53,7 +53,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     """
     first = 0
     for channel in range(6):
-        first = max(first, _peak(memory, parameters, channel))
+        first = max(first, _reconstruct_peak(memory, parameters, channel))
     memory.clock[RESTORED] = first
     if first == 0:
         return
@@ -75,12 +75,12 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
             moved[back, k] = x[k] - moved[back, k]
         before = quaternion(moved[back], ATTITUDE)
         put_quaternion(product(quaternion(x, ATTITUDE), conjugate(before)), moved[back], ATTITUDE)
-    shift(memory.covariance, memory.row, plus(vec3(x, POSITION), -1.0, p), plus(vec3(x, VELOCITY), -1.0, v))
+    shift_covariance(memory.covariance, memory.row, axpy(vec3(x, POSITION), -1.0, p), axpy(vec3(x, VELOCITY), -1.0, v))
 
 
 @njit(**INSIDE)
-def is_clipped(memory: Memory, parameters: KernelParameters) -> bool:
-    """Whether a channel is clipped, or too recently so for `restore` to have reconstructed its peak.
+def is_clipped(memory: FilterState, parameters: KernelParameters) -> bool:
+    """Whether a channel is clipped, or too recently so for `restore_peaks` to have reconstructed its peak.
 
     An update meanwhile would blame the state for the error, and the same peak would be added a second time.
     """
@@ -93,7 +93,7 @@ def is_clipped(memory: Memory, parameters: KernelParameters) -> bool:
 
 
 @njit(**INSIDE)
-def _dt(memory: Memory, i: int) -> float:
+def _dt(memory: FilterState, i: int) -> float:
     """Length of the interval of the ring's sample `i`, s."""
     return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % RING]) * 1e-9
 
@@ -105,7 +105,7 @@ def _range(parameters: KernelParameters, channel: int) -> float:
 
 
 @njit(**INSIDE)
-def _peak(memory: Memory, parameters: KernelParameters, channel: int) -> int:
+def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel: int) -> int:
     """Writes the hidden part of one channel's peak into `memory.hidden`.
 
     Returns the number of samples since the peak began; 0 if none has just ended.
@@ -152,6 +152,6 @@ def _peak(memory: Memory, parameters: KernelParameters, channel: int) -> int:
 
 
 @njit(**INSIDE)
-def _sample(memory: Memory, back: int, channel: int, sign: float) -> float:
+def _sample(memory: FilterState, back: int, channel: int, sign: float) -> float:
     """A channel of the sample `back` samples older than the newest, times a sign."""
     return sign * memory.ring[ring_row(memory, back), channel]

@@ -15,16 +15,16 @@ from stridetwin.estimators.foot_ins.state import (
     BY_FLOOR,
     BY_RATE,
     BY_VELOCITY,
-    HEADED,
+    HEADING_KNOWN,
     IGNORED,
+    NAVIGATING,
     POSITION,
     REPORTED,
     START_HEADING_SD,
     START_POSITION_SD,
     T_LAST,
-    TRACKING,
     VELOCITY,
-    Memory,
+    FilterState,
 )
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording.reader import Recording
@@ -60,13 +60,13 @@ class StartPose:
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
 
-    def place(self, memory: Memory) -> None:
+    def apply_to(self, memory: FilterState) -> None:
         """Places a foot without samples at this pose."""
         q = np.asarray(self.q_world_imu, dtype=float)
         memory.nominal[POSITION : POSITION + 3] = self.p_imu_in_world
         memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
         memory.start_sd[:] = self.position_sd, self.heading_sd
-        memory.clock[HEADED] = 1
+        memory.clock[HEADING_KNOWN] = 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +91,7 @@ class FootInsEstimate:
     aligned: bool
 
     @classmethod
-    def of(cls, memory: Memory, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
+    def of(cls, memory: FilterState, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
         """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
@@ -99,10 +99,10 @@ class FootInsEstimate:
         way = p - memory.path[:3]
         covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
         return cls(
-            t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
+            t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == NAVIGATING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
             covariance=covariance,
-            standing_speed_sd=standing_speed_sd, aligned=phase == TRACKING,
+            standing_speed_sd=standing_speed_sd, aligned=phase == NAVIGATING,
         )  # fmt: skip
 
 
@@ -137,7 +137,7 @@ class FootInsPath:
             ),
             v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
             standing_speed_sd=standing_speed_sd[used],
-            aligned=phase[used] == TRACKING,
+            aligned=phase[used] == NAVIGATING,
         )
 
     def estimate(
@@ -158,7 +158,7 @@ class FootInsPath:
         )  # fmt: skip
 
 
-def nis_by_kind(memory: Memory) -> dict[str, float]:
+def nis_by_kind(memory: FilterState) -> dict[str, float]:
     """Mean normalised innovation squared, per degree of freedom, of each kind of update used so far: 1 if consistent.
 
     The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate).

@@ -12,7 +12,7 @@ from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
-from stridetwin.estimators.foot_ins.state import IGNORED, blank
+from stridetwin.estimators.foot_ins.state import IGNORED, initial_state
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
@@ -54,11 +54,11 @@ class FootIns:
         calibration = None if rig is None else rig.imu(_topic(options))
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = blank()
+        self._memory = initial_state()
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))  # `update` allocates nothing for these
-        self._results = self._results_of(1)
+        self._results = self._allocate_results(1)
         if start is not None:
-            start.place(self._memory)
+            start.apply_to(self._memory)
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -107,14 +107,14 @@ class FootIns:
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
         rate, force = block.columns["angular_rate"], block.columns["specific_force"]
-        results = self._results_of(len(block))
+        results = self._allocate_results(len(block))
         kernel.run(
             self._memory, self._parameters, np.ascontiguousarray(block.t_ns, dtype=np.int64),
             np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), *results,
         )  # fmt: skip
         return FootInsPath.of(block.t_ns, *results)
 
-    def _results_of(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
+    def _allocate_results(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
         """Phase (N,), standing speed (N,), nominal state (N, 22), pose covariance (N, 6, 6)."""
         return np.empty(n, np.int8), np.empty(n), np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
 

@@ -90,7 +90,7 @@ def correct_probably(
 @njit(**INSIDE)
 def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> tuple[float, float]:
     """The innovation beyond the accumulated error, and its variance; writes P hᵀ into `gain`."""
-    _weigh(P, gain, o, h)
+    _covariance_times_row(P, gain, o, h)
     s = r
     for j in range(len(h)):
         if h[j] != 0.0:
@@ -100,7 +100,7 @@ def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r:
 
 
 @njit(**INSIDE)
-def _weigh(P: Array, gain: Array, o: int, h: Array) -> None:
+def _covariance_times_row(P: Array, gain: Array, o: int, h: Array) -> None:
     """Writes P hᵀ into `gain`."""
     zero(gain)
     for j in range(len(h)):
@@ -114,7 +114,7 @@ def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
     """Writes H P Hᵀ of the first m rows of the Jacobian, by the states from row `o` on, into the workspace."""
     H = work.jacobian
     for i in range(m):
-        _weigh(P, work.gain, o, H[i])
+        _covariance_times_row(P, work.gain, o, H[i])
         for k in range(i + 1):
             s = 0.0
             for j in range(H.shape[1]):
@@ -123,7 +123,7 @@ def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
 
 
 @njit(**INSIDE)
-def normalized_innovation(work: Workspace, m: int, variance: float) -> float:
+def innovation_norm(work: Workspace, m: int, variance: float) -> float:
     """Length of the innovation: of m measurements with this noise variance, in standard deviations.
 
     √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` comes before.
@@ -145,7 +145,7 @@ def normalized_innovation(work: Workspace, m: int, variance: float) -> float:
 
 @njit(**INSIDE)
 def back_substitute(work: Workspace, m: int) -> None:
-    """Replaces `solved`, L⁻¹ z after `normalized_innovation`, by S⁻¹ z."""
+    """Replaces `solved`, L⁻¹ z after `innovation_norm`, by S⁻¹ z."""
     L, y = work.factor, work.solved
     for i in range(m - 1, -1, -1):
         for j in range(i + 1, m):
@@ -154,13 +154,13 @@ def back_substitute(work: Workspace, m: int) -> None:
 
 
 @njit(**INSIDE)
-def gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
+def apply_gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
     """Update with m measurements, whose noise grows in proportion to what of the innovation exceeds `innovation_gate`.
 
     See docs/foot_ins.md (11). Returns the length of the innovation in standard deviations.
     """
     spread_measurements(P, work, o, m)
-    length = normalized_innovation(work, m, 1.0)
+    length = innovation_norm(work, m, 1.0)
     inflation = max(1.0, length / innovation_gate)
     for i in range(m):
         correct(P, dx, work.gain, o, work.jacobian[i], work.innovation[i], inflation * inflation)

@@ -9,11 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.foot_ins.alignment import align, begin
-from stridetwin.estimators.foot_ins.clipping import restore
+from stridetwin.estimators.foot_ins.clipping import restore_peaks
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import Vec3, plus, put_vec3, vec3
+from stridetwin.estimators.foot_ins.quaternions import Vec3, axpy, put_vec3, vec3
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -31,18 +31,18 @@ from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     EMPTY,
     IGNORED,
+    NAVIGATING,
     PHASE,
     POSITION,
     T_KNOWN,
     T_LAST,
-    TRACKING,
-    Memory,
+    FilterState,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.estimators.matrices import copy
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 _MAX_RATE_RADPS = 100.0  # a larger angular rate is ignored: no foot moves so
 _MAX_FORCE_MPS2 = 5000.0  # a larger specific force is ignored
@@ -52,7 +52,7 @@ _MAX_VELOCITY_SD_MPS = 2.0  # zero-velocity updates with a larger standard devia
 
 
 @njit(**INSIDE)
-def possible(rate: Vec3, force: Vec3) -> bool:
+def is_possible(rate: Vec3, force: Vec3) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
     for i in range(3):
@@ -62,14 +62,16 @@ def possible(rate: Vec3, force: Vec3) -> bool:
 
 
 @njit(**INSIDE)
-def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float, float]:
+def add_sample(
+    memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
+) -> tuple[int, float, float]:
     """Takes a sample (rad/s, m/s²) into the ring and, until the filter is aligned, into the alignment.
 
     Returns:
         Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
     """
     clock = memory.clock
-    if not possible(rate, force):
+    if not is_possible(rate, force):
         return IGNORED, 0.0, 0.0
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)
@@ -83,7 +85,7 @@ def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
         begin(memory, t_ns)
     append_sample(memory, t_ns, rate, force)
     statistic = motion_statistic(memory, parameters)
-    phase = TRACKING
+    phase = NAVIGATING
     if clock[PHASE] == ALIGNING:
         phase = ALIGNING
         memory.peak[0] = statistic
@@ -95,19 +97,19 @@ def take(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
 
 
 @njit(**INSIDE)
-def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float]:
+def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float]:
     """Takes one sample (rad/s, m/s²), the mean over the interval that ends at `t_ns`, into the memory.
 
     Returns:
         Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the stationary
         foot's speed, m/s, inf while it is not detected as stationary.
     """
-    phase, dt, statistic = take(memory, parameters, t_ns, rate, force)
-    if phase != TRACKING:
+    phase, dt, statistic = add_sample(memory, parameters, t_ns, rate, force)
+    if phase != NAVIGATING:
         return phase, math.inf
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))
     predict(memory, parameters, rate, force, dt)
-    restore(memory, parameters)
+    restore_peaks(memory, parameters)
     move_contact_point(memory, parameters, dt)
     vary_height_drift(memory, parameters, dt)
     speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
@@ -118,18 +120,18 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Vec3, fo
     level_floor_update(memory, parameters, t_ns, speed)
     if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
         zero_rate_update(memory, parameters, rate, dt)
-    return TRACKING, speed
+    return NAVIGATING, speed
 
 
 @njit(**INSIDE)
-def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
+def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None:
     """Writes the nominal state (22,), and the (6, 6) covariance of position (m) and attitude (rad), world axes.
 
     The scale of the path is unknown by a share that no update of one foot observes: a state that only adds to the
     covariance of the position, along the way from the start.
     """
     P, o = memory.covariance, memory.row
-    way = plus(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
+    way = axpy(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
     copy(memory.nominal, state)
     for i in range(3):
         for j in range(3):
@@ -139,9 +141,9 @@ def note_estimate(memory: Memory, state: Array, covariance: Array) -> None:
             covariance[3 + i, 3 + j] = P[o + D_ATTITUDE + i, o + D_ATTITUDE + j]
 
 
-@_called
+@_entry_kernel
 def run(
-    memory: Memory, parameters: KernelParameters, t_ns: NDArray[np.int64], rate: Array, force: Array,
+    memory: FilterState, parameters: KernelParameters, t_ns: NDArray[np.int64], rate: Array, force: Array,
     phase: NDArray[np.int8], speed: Array, state: Array, covariance: Array,
 ) -> None:  # fmt: skip
     """Takes N samples, `rate` and `force` (N, 3), and writes the results of `step` and the estimate after each.
@@ -159,4 +161,4 @@ def run(
     """
     for k in range(len(t_ns)):
         phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))
-        note_estimate(memory, state[k], covariance[k])
+        write_estimate(memory, state[k], covariance[k])

@@ -56,7 +56,7 @@ def cross(a: Vec3, b: Vec3) -> Vec3:
 
 
 @njit(**INSIDE)
-def plus(a: Vec3, k: float, b: Vec3) -> Vec3:
+def axpy(a: Vec3, k: float, b: Vec3) -> Vec3:
     """Sum a + k b."""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
@@ -68,7 +68,7 @@ def rotate(R: Mat3, v: Vec3) -> Vec3:
 
 
 @njit(**INSIDE)
-def scaled(k: float, R: Mat3) -> Mat3:
+def scale_matrix(k: float, R: Mat3) -> Mat3:
     """Matrix k R."""
     return (
         (k * R[0][0], k * R[0][1], k * R[0][2]),

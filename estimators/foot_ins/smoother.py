@@ -9,50 +9,50 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
-from stridetwin.estimators.foot_ins.kernel import note_estimate, step
+from stridetwin.estimators.foot_ins.kernel import step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
 from stridetwin.estimators.foot_ins.quaternions import vec3
-from stridetwin.estimators.foot_ins.state import IGNORED, NOMINAL, RESTORED, TRACKING, Memory
+from stridetwin.estimators.foot_ins.state import IGNORED, NAVIGATING, NOMINAL, RESTORED, FilterState
 from stridetwin.estimators.foot_ins.window import (
     HELD,
     OLDEST,
-    Window,
+    TransitionWindow,
     append,
     apply_restored,
     augment,
-    augmented_memory,
     empty_window,
+    initial_augmented_state,
     release_oldest,
 )
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
-_called = cached(Path(__file__).parent, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 # Of N samples: time, phase, standing speed (m/s), (N, 22) state, (N, 6, 6) covariance of position and attitude.
 Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 
 @njit(**INSIDE)
-def _write(window: Window, out: Rows, k: int) -> None:
+def _write(window: TransitionWindow, out: Rows, k: int) -> None:
     """Gives the oldest sample and writes it into row `k`."""
     i = release_oldest(window)
     out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
-    note_estimate(window.given, out[3][k], out[4][k])
+    write_estimate(window.released, out[3][k], out[4][k])
 
 
-@_called
+@_entry_kernel
 def run(
-    memory: Memory, window: Window, parameters: KernelParameters, lag_ns: int, t_ns: NDArray[np.int64], rate: Array,
-    force: Array, finish: bool, out: Rows,
+    memory: FilterState, window: TransitionWindow, parameters: KernelParameters, lag_ns: int, t_ns: NDArray[np.int64],
+    rate: Array, force: Array, finish: bool, out: Rows,
 ) -> int:  # fmt: skip
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
-        memory: Of `augmented_memory`, changed in place.
+        memory: Of `initial_augmented_state`, changed in place.
         window: Changed in place.
         parameters: Of the filter.
         lag_ns: Age at which a sample leaves the window.
@@ -71,7 +71,7 @@ def run(
         phase, speed = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))
         if phase == IGNORED:
             continue
-        if phase == TRACKING and memory.clock[RESTORED] > 0:
+        if phase == NAVIGATING and memory.clock[RESTORED] > 0:
             apply_restored(window, memory)
         append(window, memory, phase, speed)
         full = window.place[HELD] == len(window.t_ns)
@@ -118,12 +118,12 @@ class FootInsSmoother:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = augmented_memory()
+        self._memory = initial_augmented_state()
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))  # `update` allocates nothing for these
         self._row = _rows(1)
         self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
         if start is not None:
-            start.place(self._memory)
+            start.apply_to(self._memory)
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the oldest estimate not yet returned, None while it is too young."""
@@ -132,7 +132,7 @@ class FootInsSmoother:
         out = self._row
         if run(self._memory, self._window, self._parameters, self._lag_ns, t_ns, rate, force, False, out) == 0:
             return None
-        return FootInsEstimate.of(self._window.given, int(out[1][0]), float(out[2][0]))
+        return FootInsEstimate.of(self._window.released, int(out[1][0]), float(out[2][0]))
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """The path over the usable samples of a block and those held before, the last ones smoothed with less."""

@@ -8,19 +8,19 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import (
+    apply_gated_update,
     clear,
     correct_probably,
-    gated_update,
-    normalized_innovation,
+    innovation_norm,
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
     Vec3,
+    axpy,
     cross,
     dot,
-    plus,
     product,
     put_quaternion,
     put_vec3,
@@ -37,6 +37,7 @@ from stridetwin.estimators.foot_ins.state import (
     BY_RATE,
     BY_VELOCITY,
     CONTACT,
+    CONTACT_PHASE,
     D_ATTITUDE,
     D_CONTACT,
     D_DRIFT,
@@ -49,21 +50,20 @@ from stridetwin.estimators.foot_ins.state import (
     FLOOR,
     GYRO_BIAS,
     HEAD,
-    LANDED,
     NEVER_LANDED,
     POSITION,
     RING,
     STANDING,
     STATES,
     SWINGING,
-    T_STOOD,
+    T_LAST_MOTION,
     VELOCITY,
-    Memory,
+    FilterState,
     force_of,
     rate_of,
     ring_row,
 )
-from stridetwin.estimators.foot_ins.strapdown import shift
+from stridetwin.estimators.foot_ins.strapdown import shift_covariance
 from stridetwin.streams.samples import Array
 
 _UNIT: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -84,7 +84,7 @@ _STAND_S = 0.0298  # stationary time before the height of a foot counts [real wa
 
 
 @njit(**INSIDE)
-def append_sample(memory: Memory, t_ns: int, rate: Vec3, force: Vec3) -> None:
+def append_sample(memory: FilterState, t_ns: int, rate: Vec3, force: Vec3) -> None:
     """Appends one sample (rad/s, m/s²) to the ring."""
     head = (memory.clock[HEAD] + 1) % RING
     memory.clock[HEAD] = head
@@ -96,7 +96,7 @@ def append_sample(memory: Memory, t_ns: int, rate: Vec3, force: Vec3) -> None:
 
 
 @njit(**INSIDE)
-def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
+def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
     See docs/foot_ins.md (6). |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an
@@ -112,10 +112,10 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
         i = ring_row(memory, back)
         if newest - memory.ring_t_ns[i] >= span and back > 0:
             break
-        rate, force = plus(rate_of(memory, i), -1.0, bias), force_of(memory, i)
+        rate, force = axpy(rate_of(memory, i), -1.0, bias), force_of(memory, i)
         rate2 += dot(rate, rate)
         force2 += dot(force, force)
-        mean = plus(mean, 1.0, force)
+        mean = axpy(mean, 1.0, force)
         n += 1
     size, g = math.sqrt(dot(mean, mean)) / n, memory.norm[0]
     if g == 0.0:
@@ -136,7 +136,7 @@ def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParamet
 
 
 @njit(**INSIDE)
-def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+def move_contact_point(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
     """Random displacement of the stationary point along the sole over `dt` (s).
 
     See docs/foot_ins.md (13).
@@ -155,7 +155,7 @@ def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) 
 
 
 @njit(**INSIDE)
-def vary_height_drift(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
     """Lets the height drift per metre of path change over `dt` (s), as a Gauss-Markov process of `_HEIGHT_DRIFT_S`."""
     x, P, o = memory.nominal, memory.covariance, memory.row + D_DRIFT
     kept = math.exp(-dt / _HEIGHT_DRIFT_S)
@@ -167,10 +167,10 @@ def vary_height_drift(memory: Memory, parameters: KernelParameters, dt: float) -
 
 
 @njit(**INSIDE)
-def add_across_sole(memory: Memory, variance: float) -> None:
+def add_across_sole(memory: FilterState, variance: float) -> None:
     """Adds to the covariance of the stationary point: `variance` in every direction across the lever arm."""
     P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
-    down = plus((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
+    down = axpy((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
     for i in range(3):
         for j in range(3):
             P[o + i, o + j] += variance * (_UNIT[i][j] - down[i] * down[j])
@@ -178,7 +178,7 @@ def add_across_sole(memory: Memory, variance: float) -> None:
 
 @njit(**INSIDE)
 def zero_velocity_update(
-    memory: Memory, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
+    memory: FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
 ) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
@@ -202,8 +202,8 @@ def zero_velocity_update(
     x, work = memory.nominal, memory.work
     R = rotation_matrix(quaternion(x, ATTITUDE))
     v = vec3(x, VELOCITY)
-    w = rotate(R, plus(rate, -1.0, vec3(x, GYRO_BIAS)))
-    r = rotate(R, plus(vec3(memory.lever, 0), 1.0, vec3(x, CONTACT)))
+    w = rotate(R, axpy(rate, -1.0, vec3(x, GYRO_BIAS)))
+    r = rotate(R, axpy(vec3(memory.lever, 0), 1.0, vec3(x, CONTACT)))
     shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
     whitening = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
     clear(work, 3)
@@ -213,10 +213,10 @@ def zero_velocity_update(
         _put_column(work.jacobian, D_ATTITUDE + i, rotate(whitening, cross(v, _UNIT[i])))
         _put_column(work.jacobian, D_GYRO_BIAS + i, rotate(whitening, cross(r, axes[i])))
         _put_column(work.jacobian, D_CONTACT + i, rotate(whitening, cross(w, axes[i])))
-    slip = plus(v, 1.0, cross(w, r))
-    put_vec3(rotate(whitening, plus((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
-    gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[BY_VELOCITY, 0] += normalized_innovation(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
+    slip = axpy(v, 1.0, cross(w, r))
+    put_vec3(rotate(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
+    apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    memory.nis[BY_VELOCITY, 0] += innovation_norm(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
     memory.nis[BY_VELOCITY, 1] += 1.0
     inject(memory)
 
@@ -241,14 +241,14 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 
 @njit(**INSIDE)
-def unknown_bias_statistic(memory: Memory) -> float:
+def unknown_bias_statistic(memory: FilterState) -> float:
     """What two standard deviations of the gyro bias add to the motion statistic of a foot at rest."""
     P, o = memory.covariance, memory.row + D_GYRO_BIAS
     return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / GYRO_SCALE_RADPS**2
 
 
 @njit(**INSIDE)
-def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
+def zero_rate_update(memory: FilterState, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
     A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity_update`.
@@ -258,14 +258,14 @@ def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Vec3, d
     for i in range(3):
         work.jacobian[i, D_GYRO_BIAS + i] = 1.0 / sd
         work.innovation[i] = (rate[i] - memory.nominal[GYRO_BIAS + i]) / sd
-    length = gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    length = apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
     memory.nis[BY_RATE, 0] += length**2 / 3.0
     memory.nis[BY_RATE, 1] += 1.0
     inject(memory)
 
 
 @njit(**INSIDE)
-def inject(memory: Memory) -> None:
+def inject(memory: FilterState) -> None:
     """Moves the foot's own error into its nominal state, in place."""
     x, error, o = memory.nominal, memory.error, memory.row
     for i in range(ATTITUDE):
@@ -274,19 +274,19 @@ def inject(memory: Memory) -> None:
         x[i + GYRO_BIAS - D_GYRO_BIAS] += error[o + i]
     rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
     put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
-    shift(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
+    shift_covariance(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
     for i in range(STATES):
         error[o + i] = 0.0
 
 
 @njit(**INSIDE)
-def _floor_variance(memory: Memory, parameters: KernelParameters) -> float:
+def _floor_variance(memory: FilterState, parameters: KernelParameters) -> float:
     """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `_FLOOR_PRIOR` steps, and the walk's."""
     return (_FLOOR_PRIOR * parameters.floor_sd_m**2 + memory.floor[2]) / (_FLOOR_PRIOR + memory.floor[1])
 
 
 @njit(**INSIDE)
-def _note_level_step(memory: Memory, same: float, step: float, variance: float, spread: float) -> None:
+def _learn_level_step(memory: FilterState, same: float, step: float, variance: float, spread: float) -> None:
     """Learns from a step by `step` (m), on the same floor with probability `same`, how much such steps differ.
 
     Of the squared step, the part that is expected to be the floor's, not the path's, given both variances (m²).
@@ -300,13 +300,15 @@ def _note_level_step(memory: Memory, same: float, step: float, variance: float, 
 
 
 @njit(**INSIDE)
-def _normal(x: float, variance: float) -> float:
+def _normal_density(x: float, variance: float) -> float:
     """Density of a normal distribution of mean 0."""
     return math.exp(-0.5 * x * x / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
 @njit(**INSIDE)
-def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, stationary_speed_sd: float) -> None:
+def level_floor_update(
+    memory: FilterState, parameters: KernelParameters, t_ns: int, stationary_speed_sd: float
+) -> None:
     """Compares the height of a foot that has just become stationary with that of its last floor.
 
     See docs/foot_ins.md (14).
@@ -320,11 +322,11 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     """
     clock = memory.clock
     if stationary_speed_sd > _STAND_SPEED_MPS:
-        clock[T_STOOD] = t_ns
-        if stationary_speed_sd == math.inf and clock[LANDED] == STANDING:
-            clock[LANDED] = SWINGING
+        clock[T_LAST_MOTION] = t_ns
+        if stationary_speed_sd == math.inf and clock[CONTACT_PHASE] == STANDING:
+            clock[CONTACT_PHASE] = SWINGING
         return
-    if clock[LANDED] == STANDING or (t_ns - clock[T_STOOD]) * 1e-9 < _STAND_S:
+    if clock[CONTACT_PHASE] == STANDING or (t_ns - clock[T_LAST_MOTION]) * 1e-9 < _STAND_S:
         return
     x, P, o, work = memory.nominal, memory.covariance, memory.row, memory.work
     r = rotate(rotation_matrix(quaternion(x, ATTITUDE)), vec3(memory.lever, 0))
@@ -332,17 +334,17 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
     h = work.jacobian[0]  # of the sole's height above the floor
     h[D_POSITION + 2], h[D_ATTITUDE], h[D_ATTITUDE + 1], h[D_FLOOR] = 1.0, r[1], -r[0], -1.0
     height = x[POSITION + 2] + r[2]
-    known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
+    known, clock[CONTACT_PHASE] = clock[CONTACT_PHASE] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
     lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
     variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
-    likelihood = _normal(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
+    likelihood = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
     same, last = 0.0, memory.floor[0]
     prior = last * parameters.same_floor + (1.0 - last) * _SAME_AFTER_NEW
     if known and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
         same = likelihood / (likelihood + 1.0 / prior - 1.0)
-        _note_level_step(memory, same, step, variance, work.spread[0, 0])
+        _learn_level_step(memory, same, step, variance, work.spread[0, 0])
         correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)
         inject(memory)
     if same > 0.5:

@@ -28,9 +28,22 @@ REPORTED = 15  # number of them in an estimate
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
 # not surely stationary, all in ns; head and fill of the ring; phase; whether the heading is known; whether the lever
 # arm is; whether the foot has landed; samples since the beginning of the peak restored with the last sample.
-T_LAST, T_STATIONARY, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
+(
+    T_LAST,
+    T_STATIONARY,
+    T_ALIGN,
+    T_KNOWN,
+    T_LAST_MOTION,
+    HEAD,
+    FILL,
+    PHASE,
+    HEADING_KNOWN,
+    LEVER_KNOWN,
+    CONTACT_PHASE,
+    RESTORED,
+) = range(12)
 CLOCKS = 12
-IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
+IGNORED, EMPTY, ALIGNING, NAVIGATING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
 BY_VELOCITY, BY_FLOOR, BY_RATE = range(3)  # rows of `nis`
@@ -41,7 +54,7 @@ START_HEADING_SD = 1e-3  # rad; and its heading
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
 
 
-class Memory(NamedTuple):
+class FilterState(NamedTuple):
     """State of the filter of one foot; covariance and error may belong to a larger filter.
 
     Attributes:
@@ -94,12 +107,12 @@ class Memory(NamedTuple):
     work: Workspace
 
 
-def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
+def initial_state(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> FilterState:
     """Memory of a foot at the origin without samples; its own filter, or `row` and following of a larger one (n, n)."""
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
     covariance = np.zeros((STATES, STATES)) if covariance is None else covariance
-    return Memory(
+    return FilterState(
         nominal=nominal, covariance=covariance,
         error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
@@ -111,18 +124,18 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
 
 
 @njit(**INSIDE)
-def ring_row(memory: Memory, back: int) -> int:
+def ring_row(memory: FilterState, back: int) -> int:
     """Row of the ring's sample that is `back` samples older than the newest."""
     return (memory.clock[HEAD] - back) % RING
 
 
 @njit(**INSIDE)
-def rate_of(memory: Memory, row: int) -> Vec3:
+def rate_of(memory: FilterState, row: int) -> Vec3:
     """Angular rate of the ring's row, rad/s."""
     return memory.ring[row, 0], memory.ring[row, 1], memory.ring[row, 2]
 
 
 @njit(**INSIDE)
-def force_of(memory: Memory, row: int) -> Vec3:
+def force_of(memory: FilterState, row: int) -> Vec3:
     """Specific force of the ring's row, m/s²."""
     return memory.ring[row, 3], memory.ring[row, 4], memory.ring[row, 5]

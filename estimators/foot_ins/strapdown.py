@@ -11,8 +11,8 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
     Vec3,
+    axpy,
     dot,
-    plus,
     product,
     put_quaternion,
     quat_exp,
@@ -38,7 +38,7 @@ from stridetwin.estimators.foot_ins.state import (
     POSITION,
     SCALE,
     VELOCITY,
-    Memory,
+    FilterState,
     force_of,
     ring_row,
 )
@@ -57,9 +57,9 @@ def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, pa
     Earth rotation, at an attitude R (world <- sensor) and a specific force in the world, m/s². P is symmetric: it is
     computed as F (F P)ᵀ.
     """
-    _transition(P, o, R, f_world, dt, path, turn)
+    _apply_transition(P, o, R, f_world, dt, path, turn)
     transpose_rows(P, o + D_POSITION, 9)
-    _transition(P, o, R, f_world, dt, path, turn)
+    _apply_transition(P, o, R, f_world, dt, path, turn)
     mirror(P, o + D_POSITION, 9)
 
 
@@ -81,7 +81,7 @@ def mirror(M: Array, first: int, count: int) -> None:
 
 
 @njit(**INSIDE)
-def _transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
+def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """M <- F M in place; only the foot's own rows of position, velocity and attitude change."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
     g, b = o + D_GYRO_BIAS, o + D_ACCEL_BIAS
@@ -105,7 +105,7 @@ def _transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float
 
 
 @njit(**INSIDE)
-def shift(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """Covariance of the error seen from a state corrected by `dp` (m) and `dv` (m/s), in place.
 
     See docs/foot_ins.md (12).
@@ -123,7 +123,7 @@ def shift(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INSIDE)
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- T M in place, δp + δθ × dp and δv + δθ × dv; see `shift`."""
+    """M <- T M in place, δp + δθ × dp and δv + δθ × dv; see `shift_covariance`."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
     for j in range(M.shape[1]):
         x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]
@@ -159,16 +159,16 @@ def propagate_state(
         Attitude at the interval's middle, world <- sensor; specific force in the world, m/s²; path length, m; rotation
         across `down` in the world, rad.
     """
-    w = plus(rate, -1.0, vec3(x, GYRO_BIAS))
-    across = plus(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
-    wx, wy, wz = plus(w, -x[SCALE], across)
+    w = axpy(rate, -1.0, vec3(x, GYRO_BIAS))
+    across = axpy(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
+    wx, wy, wz = axpy(w, -x[SCALE], across)
     half = quat_exp(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
     q_middle = product(quaternion(x, ATTITUDE), half)
     R = rotation_matrix(q_middle)
-    f_sensor = force_at_middle(plus(force, -1.0, vec3(x, ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
+    f_sensor = force_at_middle(axpy(force, -1.0, vec3(x, ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
     f_world = rotate(R, f_sensor)
     acceleration = f_world[0], f_world[1], f_world[2] - gravity
-    moved = plus((0.0, 0.0, 0.0), dt, plus(vec3(x, VELOCITY), 0.5 * dt, acceleration))
+    moved = axpy((0.0, 0.0, 0.0), dt, axpy(vec3(x, VELOCITY), 0.5 * dt, acceleration))
     path = math.copysign(math.sqrt(dot(moved, moved)), dt)
     for i in range(3):
         x[POSITION + i] += moved[i]
@@ -180,7 +180,7 @@ def propagate_state(
 
 
 @njit(**INSIDE)
-def predict(memory: Memory, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
+def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
     """Propagates state and covariance over the interval of length `dt` (s) that the sample is the mean of.
 
     See docs/foot_ins.md (5).
@@ -198,7 +198,7 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Vec3, force: Vec
     velocity_noise = parameters.accel_noise_mps2_rthz**2
     velocity_noise += parameters.accel_motion_noise_per_rthz**2 * dot(acceleration, acceleration)
     if memory.clock[FILL] > 1:
-        change = plus(force, -1.0, force_of(memory, ring_row(memory, 1)))
+        change = axpy(force, -1.0, force_of(memory, ring_row(memory, 1)))
         jerk2 = dot(change, change) / (dt * dt)
         velocity_noise += parameters.accel_jerk_noise_s_rthz**2 * jerk2
     if dt > _MAX_STEP_S:

@@ -15,7 +15,7 @@ older is summed from its end).
 
 When a clipped peak is restored (`clipping`), the filter's state jumps, and with it the stored samples since the peak
 began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
-and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
+and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift_covariance` on an error.
 
 The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 21 rows, with covariance 0 of their
 own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.quaternions import (
     Vec3,
+    axpy,
     cross,
-    plus,
     product,
     put_quaternion,
     put_vec3,
@@ -53,18 +53,18 @@ from stridetwin.estimators.foot_ins.state import (
     STATES,
     T_LAST,
     VELOCITY,
-    Memory,
-    blank,
+    FilterState,
+    initial_state,
     ring_row,
 )
-from stridetwin.estimators.foot_ins.strapdown import mirror, shift, shift_rows, transpose_rows
+from stridetwin.estimators.foot_ins.strapdown import mirror, shift_covariance, shift_rows, transpose_rows
 from stridetwin.estimators.matrices import clear, clear_block, copy, copy_matrix
 from stridetwin.streams.samples import Array
 
 OLDEST, HELD, SUMMED = range(3)  # of `place`
 
 
-class Window(NamedTuple):
+class TransitionWindow(NamedTuple):
     """A ring of C samples, from the oldest held to the newest.
 
     Attributes:
@@ -79,7 +79,7 @@ class Window(NamedTuple):
         information: (C + 1, 21, 21) J of the same.
         evidence: (C + 1, 21) j of the same.
         path: (4,) of the memory.
-        given: Output for a sample that leaves.
+        released: Output for a sample that leaves.
         scratch: (2, 21, 21).
     """
 
@@ -93,30 +93,30 @@ class Window(NamedTuple):
     information: Array
     evidence: Array
     path: Array
-    given: Memory
+    released: FilterState
     scratch: Array
 
 
-def empty_window(capacity: int) -> Window:
+def empty_window(capacity: int) -> TransitionWindow:
     """An empty window of at most `capacity` samples."""
     transition = np.zeros((capacity + 1, STATES, STATES))
     transition[capacity] = np.eye(STATES)
-    return Window(
+    return TransitionWindow(
         place=np.zeros(3, np.int64), t_ns=np.zeros(capacity, np.int64), phase=np.zeros(capacity, np.int8),
         speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
         covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
         information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
-        path=np.zeros(4), given=blank(), scratch=np.zeros((2, STATES, STATES)),
+        path=np.zeros(4), released=initial_state(), scratch=np.zeros((2, STATES, STATES)),
     )  # fmt: skip
 
 
-def augmented_memory() -> Memory:
+def initial_augmented_state() -> FilterState:
     """Memory of a foot whose covariance has the rows that `augment` needs."""
-    return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+    return initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
 
 
 @njit(**INSIDE)
-def augment(memory: Memory) -> None:
+def augment(memory: FilterState) -> None:
     """Prepares the additional rows for the next sample, in place."""
     P, n = memory.covariance, 2 * STATES
     for i in range(STATES, n):
@@ -126,8 +126,8 @@ def augment(memory: Memory) -> None:
 
 
 @njit(**INSIDE)
-def apply_restored(window: Window, memory: Memory) -> None:
-    """Corrects the stored samples since a clipped peak began by the result of `restore`, in place.
+def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
+    """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
     `memory` is that after the sample at which the peak was restored, which the window does not hold yet.
     """
@@ -143,61 +143,61 @@ def apply_restored(window: Window, memory: Memory) -> None:
     for back in range(1, reach + 1):
         i = (place[OLDEST] + held - back) % capacity
         x, dp, dv = window.nominal[i], vec3(moved[back], POSITION), vec3(moved[back], VELOCITY)
-        put_vec3(plus(vec3(x, POSITION), 1.0, dp), x, POSITION)
-        put_vec3(plus(vec3(x, VELOCITY), 1.0, dv), x, VELOCITY)
+        put_vec3(axpy(vec3(x, POSITION), 1.0, dp), x, POSITION)
+        put_vec3(axpy(vec3(x, VELOCITY), 1.0, dv), x, VELOCITY)
         put_quaternion(product(quaternion(moved[back], ATTITUDE), quaternion(x, ATTITUDE)), x, ATTITUDE)
-        shift(window.covariance[i], 0, dp, dv)
+        shift_covariance(window.covariance[i], 0, dp, dv)
         if held - back >= summed:
-            _move(window, i, moved, back, back + 1, reach)
+            _apply_reset(window, i, moved, back, back + 1, reach)
     last_summed = held - summed + 1
     if last_summed <= reach:
         for k in range(summed):
-            _move(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
-    _move(window, capacity, moved, 1, last_summed, reach)
+            _apply_reset(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
+    _apply_reset(window, capacity, moved, 1, last_summed, reach)
     dp, dv = vec3(moved[1], POSITION), vec3(moved[1], VELOCITY)
-    _begin_both_at(memory.covariance, STATES, dp, dv)
-    _begin_row_at(memory.error, STATES, dp, dv)
+    _reset_symmetric(memory.covariance, STATES, dp, dv)
+    _reset_row(memory.error, STATES, dp, dv)
 
 
 @njit(**INSIDE)
-def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
+def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
     """Moves the ends of a row's passage, given in samples back; those beyond `reach` stay."""
     if end <= reach:
         shift_rows(window.transition[row], 0, vec3(moved[end], POSITION), vec3(moved[end], VELOCITY))
     if begin <= reach:
         dp, dv = vec3(moved[begin], POSITION), vec3(moved[begin], VELOCITY)
-        _begin_at(window.transition[row], 0, dp, dv)
-        _begin_both_at(window.information[row], 0, dp, dv)
-        _begin_row_at(window.evidence[row], 0, dp, dv)
+        _reset_columns(window.transition[row], 0, dp, dv)
+        _reset_symmetric(window.information[row], 0, dp, dv)
+        _reset_row(window.evidence[row], 0, dp, dv)
 
 
 @njit(**INSIDE)
-def _begin_both_at(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T⁻ᵀ M T⁻¹ in place, M symmetric."""
-    _begin_at(M, o, dp, dv)
+    _reset_columns(M, o, dp, dv)
     transpose_rows(M, o + D_ATTITUDE, 3)
-    _begin_at(M, o, dp, dv)
+    _reset_columns(M, o, dp, dv)
     mirror(M, o + D_ATTITUDE, 3)
 
 
 @njit(**INSIDE)
-def _begin_at(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- M T⁻¹ in place, T as of `strapdown.shift` at the columns from `o` on."""
+def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """M <- M T⁻¹ in place, T as of `strapdown.shift_covariance` at the columns from `o` on."""
     for i in range(M.shape[0]):
-        _begin_row_at(M[i], o, dp, dv)
+        _reset_row(M[i], o, dp, dv)
 
 
 @njit(**INSIDE)
-def _begin_row_at(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """The same of one row."""
     by_position = cross(vec3(row, o + D_POSITION), dp)
     by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
-    attitude = plus(plus(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
+    attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
     put_vec3(attitude, row, o + D_ATTITUDE)
 
 
 @njit(**INSIDE)
-def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
+def append(window: TransitionWindow, memory: FilterState, phase: int, speed: float) -> None:
     """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
@@ -212,11 +212,11 @@ def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
             window.transition[i, k, j] = P[k, n + j]
             window.information[i, k, j] = -P[n + k, n + j]
         window.evidence[i, k] = memory.error[n + k]
-    _join(window, capacity, i)
+    _compose(window, capacity, i)
 
 
 @njit(**INSIDE)
-def _join(window: Window, earlier: int, later: int) -> None:
+def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
     """Extends the passage of row `earlier` by that of row `later`, in place.
 
     See docs/foot_ins.md (16).
@@ -261,7 +261,7 @@ def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
 
 
 @njit(**INSIDE)
-def _symmetric(A: Array, out: Array) -> None:
+def _symmetrize(A: Array, out: Array) -> None:
     """Writes (A + Aᵀ)/2 into `out`."""
     for i in range(STATES):
         for j in range(STATES):
@@ -269,8 +269,8 @@ def _symmetric(A: Array, out: Array) -> None:
 
 
 @njit(**INSIDE)
-def release_oldest(window: Window) -> int:
-    """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held.
+def release_oldest(window: TransitionWindow) -> int:
+    """Moves the oldest sample, smoothed with all later ones, into `released`; returns its row. One must be held.
 
     See docs/foot_ins.md (17).
     """
@@ -278,7 +278,7 @@ def release_oldest(window: Window) -> int:
     i = place[OLDEST]
     if place[SUMMED] == 0:
         for k in range(place[HELD] - 2, -1, -1):
-            _join(window, (i + k) % capacity, (i + k + 1) % capacity)
+            _compose(window, (i + k) % capacity, (i + k + 1) % capacity)
         place[SUMMED] = place[HELD]
         clear_block(window.transition[capacity], STATES)
         clear_block(window.information[capacity], STATES)
@@ -288,28 +288,28 @@ def release_oldest(window: Window) -> int:
     place[OLDEST] = (i + 1) % capacity
     place[HELD] -= 1
     place[SUMMED] -= 1
-    given, P, first, second = window.given, window.covariance[i], window.scratch[0], window.scratch[1]
-    J, evidence, own = window.information[capacity], window.evidence[capacity], given.work.gain
+    released, P, first, second = window.released, window.covariance[i], window.scratch[0], window.scratch[1]
+    J, evidence, evidence_sum = window.information[capacity], window.evidence[capacity], released.work.gain
     if place[SUMMED] > 0:
         oldest = place[OLDEST]
         A = window.transition[oldest]
         _multiply(J, A, first)
         copy_matrix(window.information[oldest], second)
         _add_product_by_transposed(A, first, second)
-        copy(window.evidence[oldest], own)
-        _add_by_transposed(A, evidence, own)
-        J, evidence = second, own
-    _symmetric(J, first)
+        copy(window.evidence[oldest], evidence_sum)
+        _add_by_transposed(A, evidence, evidence_sum)
+        J, evidence = second, evidence_sum
+    _symmetrize(J, first)
     _multiply(P, first, second)
     _multiply(second, P, first)
-    _symmetric(first, second)
+    _symmetrize(first, second)
     for k in range(STATES):
-        given.error[k] = 0.0
+        released.error[k] = 0.0
         for m in range(STATES):
-            given.covariance[k, m] = P[k, m] - second[k, m]
-            given.error[k] += P[k, m] * evidence[m]
-    copy(window.nominal[i], given.nominal)
-    copy(window.path, given.path)
-    given.clock[T_LAST] = window.t_ns[i]
-    inject(given)
+            released.covariance[k, m] = P[k, m] - second[k, m]
+            released.error[k] += P[k, m] * evidence[m]
+    copy(window.nominal[i], released.nominal)
+    copy(window.path, released.path)
+    released.clock[T_LAST] = window.t_ns[i]
+    inject(released)
     return i

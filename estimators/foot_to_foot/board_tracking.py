@@ -28,7 +28,7 @@ _MISSED_NS, _MISSED_EVERY_NS = 2_000_000_000, 300_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Expected:
+class BoardPrediction:
     """Predicted pose of the other foot's board in a camera.
 
     Attributes:
@@ -80,7 +80,7 @@ class BoardTracker:
         # when a board was last found at its prediction; at first, time of the first image
         self._found_ns: int | None = None
 
-    def take(self, image: Image) -> bool:
+    def enqueue(self, image: Image) -> bool:
         """Queues an image; False if no board can be in it, or it is out of order."""
         if image.topic not in self._cameras or image.t_ns <= self._newest_ns[image.topic]:
             return False
@@ -88,30 +88,30 @@ class BoardTracker:
         self._waiting.append(image)
         return True
 
-    def ready(self, reached_ns: int) -> list[tuple[Image, int, int]]:
+    def pop_ready(self, reached_ns: int) -> list[tuple[Image, int, int]]:
         """Images whose time both IMUs have reached, with the camera's foot and the time on the IMUs' clock."""
-        found = []
+        ready = []
         for _ in range(len(self._waiting)):
             image = self._waiting.popleft()
             foot, camera = self._cameras[image.topic]
             t_ns = image.t_ns + round(camera.timeshift_cam_imu_s * 1e9)
             if t_ns <= reached_ns:
-                found.append((image, foot, t_ns))
+                ready.append((image, foot, t_ns))
             else:
                 self._waiting.append(image)
-        return sorted(found, key=lambda item: item[2])
+        return sorted(ready, key=lambda item: item[2])
 
-    def detect(self, image: Image, expected: Expected) -> BoardObservation | None:
+    def detect(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
         """The board in an image."""
         if self._found_ns is None:
             self._found_ns = image.t_ns
         if image.t_ns - self._found_ns > _MISSED_NS:
-            found = self._search(image, self._detectors[image.topic], _MISSED_EVERY_NS)
-            if found is not None:
-                return found
+            observation = self._search(image, self._detectors[image.topic], _MISSED_EVERY_NS)
+            if observation is not None:
+                return observation
         return self._search_prediction(image, expected)
 
-    def _search_prediction(self, image: Image, expected: Expected) -> BoardObservation | None:
+    def _search_prediction(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
         """The board in an image at its prediction, or anywhere if the prediction is uncertain."""
         detector, (_, camera) = self._detectors[image.topic], self._cameras[image.topic]
         guess = detector.predict(expected.T_camera_board)
@@ -138,7 +138,7 @@ class BoardTracker:
         self._searched_ns[image.topic] = image.t_ns
         return detector.detect(image)
 
-    def _is_near(self, expected: Expected) -> bool:
+    def _is_near(self, expected: BoardPrediction) -> bool:
         """Whether the board's position is certain relative to its distance."""
         distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
         position_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1]))
@@ -146,17 +146,18 @@ class BoardTracker:
 
 
 def relative_position(
-    observation: BoardObservation, foot: int, mounts: Array, expected: Expected
+    observation: BoardObservation, foot: int, mounts: Array, expected: BoardPrediction
 ) -> RelativePosition | None:
     """Measurement of the published filter; the feet's attitudes select one of a plane's two poses."""
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
     return RelativePosition.of_observation(
-        observation, T_imu_camera=_matrix(mounts[CAMERA + foot]), T_other_board=_matrix(mounts[BOARD + 1 - foot]),
+        observation, T_imu_camera=_to_transform(mounts[CAMERA + foot]),
+        T_other_board=_to_transform(mounts[BOARD + 1 - foot]),
         R_camera_board=expected.T_camera_board[:3, :3], rotation_sd=rotation_sd,
     )  # fmt: skip
 
 
-def _matrix(mount: Array) -> Array:
+def _to_transform(mount: Array) -> Array:
     """(4, 4) of a position and quaternion (7,)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_quat(mount[3:], scalar_first=True).as_matrix(), mount[:3]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
+from stridetwin.estimators.checkerboard.pose import BoardObservation, find_board_poses, select_poses
 from stridetwin.estimators.foot_to_foot.state import FEET, IMU, OBSERVATION, RANGE, RELATIVE, Events
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block, Imu, Range
@@ -58,7 +58,7 @@ class RelativePosition:
         Returns:
             None if the corners are collinear.
         """
-        poses = admissible(board_poses(observation), R_camera_board, rotation_sd)
+        poses = select_poses(find_board_poses(observation), R_camera_board, rotation_sd)
         if not poses:
             return None
         T_camera_other = poses[0].T_camera_board @ np.linalg.inv(np.asarray(T_other_board, dtype=float))
@@ -72,7 +72,9 @@ class RelativePosition:
 Aid = tuple[int, BoardObservation | RelativePosition | Range]  # with the foot that carries the camera or the sonar
 
 
-def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Sequence[int]) -> tuple[Events, list[Aid]]:
+def merge_events(
+    imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Sequence[int]
+) -> tuple[Events, list[Aid]]:
     """All samples in time order, each aid right after the IMU sample by which both feet have reached its time.
 
     An echo waits until both feet are past its time: whichever of an echo and the IMUs' samples of the same time comes
@@ -81,7 +83,7 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     """
     feet = [f for f in range(2) if FEET[f] in imus]
     blocks = [imus[FEET[f]] for f in feet]
-    t_ns = _joined([b.t_ns for b in blocks], np.int64, (0,))
+    t_ns = _concatenate([b.t_ns for b in blocks], np.int64, (0,))
     foot = np.repeat(np.array(feet, np.int8), [len(b) for b in blocks])
     sequence = np.lexsort((foot, t_ns))
     place = np.empty(len(t_ns), np.int64)
@@ -91,23 +93,23 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     due = aid_t + np.array([isinstance(a, Range) for _, a in aids], np.int64)
     ready = np.full(len(aids), -1)
     for f in range(2):
-        own = place[foot == f]
+        rows = place[foot == f]
         at = np.searchsorted(t_ns[foot == f], due)
-        reached = np.append(own, len(t_ns))[at]
+        reached = np.append(rows, len(t_ns))[at]
         ready = np.maximum(ready, np.where(due <= newest_ns[f], -1, reached))
-    coming = ready == len(t_ns)
-    used = [a for a, later in zip(aids, coming) if not later]
-    aid_t, ready = aid_t[~coming], ready[~coming]
+    is_pending = ready == len(t_ns)
+    used = [a for a, pending in zip(aids, is_pending) if not pending]
+    aid_t, ready = aid_t[~is_pending], ready[~is_pending]
 
     kind = np.array([IMU] * len(t_ns) + [_KIND[type(a)] for _, a in used], np.int8)
     row = np.empty(len(kind), np.int64)
     for k in range(len(_KIND) + 1):
         row[kind == k] = np.arange(np.count_nonzero(kind == k))
     final = np.lexsort((np.r_[t_ns, aid_t], kind != IMU, np.r_[place, ready]))
-    rate = _joined([b.columns["angular_rate"] for b in blocks], float, (0, 3))
-    force = _joined([b.columns["specific_force"] for b in blocks], float, (0, 3))
-    seen = [a for _, a in used if isinstance(a, BoardObservation)]
-    points, rays, ray_sd, numbers = _padded(seen)
+    rate = _concatenate([b.columns["angular_rate"] for b in blocks], float, (0, 3))
+    force = _concatenate([b.columns["specific_force"] for b in blocks], float, (0, 3))
+    observations = [a for _, a in used if isinstance(a, BoardObservation)]
+    points, rays, ray_sd, numbers = _pad_observations(observations)
     relative = [a for _, a in used if isinstance(a, RelativePosition)]
     events = Events(
         kind=kind[final], t_ns=np.r_[t_ns, aid_t][final],
@@ -117,18 +119,18 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
         relative_sd=np.array([a.sd for a in relative], float),
         distance=np.array([a.distance for _, a in used if isinstance(a, Range)], float),
     )  # fmt: skip
-    return events, [a for a, later in zip(aids, coming) if later]
+    return events, [a for a, pending in zip(aids, is_pending) if pending]
 
 
 _KIND = {BoardObservation: OBSERVATION, RelativePosition: RELATIVE, Range: RANGE}
 
 
-def _joined(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> NDArray:
+def _concatenate(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> NDArray:
     """Arrays of one kind after each other, contiguous."""
     return np.concatenate([np.zeros(empty, dtype), *arrays]).astype(dtype, copy=False)
 
 
-def _padded(seen: Sequence[BoardObservation]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
+def _pad_observations(seen: Sequence[BoardObservation]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
     """Points (S, M, 3), rays (S, M, 2) and their sd (S, M), M the largest number of points, and (S,) numbers."""
     count = np.array([len(s.rays) for s in seen], np.int64)
     m = max(count, default=0)

@@ -17,10 +17,10 @@ from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.estimators.foot_ins.state import ATTITUDE, BY_VELOCITY, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel
-from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected, relative_position
-from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
+from stridetwin.estimators.foot_to_foot.board_tracking import BoardPrediction, BoardTracker, relative_position
+from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, merge_events
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, for_kernel
-from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of, side_by_side
+from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of, side_by_side_start
 from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, OBSERVATIONS, Events, blank_pair
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -37,7 +37,7 @@ METHODS: dict[str, tuple[type, ...]] = {
     "zupt": (),
 }
 Aiding = BoardObservation | RelativePosition | Range
-HELD = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
+MAX_WAITING_AIDS = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +100,7 @@ class FootToFoot:
         self._parameters = for_kernel(parameters, published)
         foot, imus, scale_sd = parameters.foot, shoes.imus, 0.0
         if published or shoes.cameras:
-            imus = {f: _noise_alone(imu) for f, imu in imus.items()}
+            imus = {f: _without_scale_errors(imu) for f, imu in imus.items()}
         if shoes.cameras and not published:
             foot = replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz)
             scale_sd = parameters.gyro_scale_sd
@@ -115,12 +115,12 @@ class FootToFoot:
         earth = np.asarray(earth_rate_in_world)
         self._pair = blank_pair(shoes.mounts, mount_sd**2, clock_sd**2, scale_sd**2, shoes.sonars, earth)
         if start is None:
-            start = side_by_side(shoes) if len(shoes.imus) == 2 else {}
+            start = side_by_side_start(shoes) if len(shoes.imus) == 2 else {}
         for name, pose in start.items():
-            pose.place(self._pair.feet[FEET.index(name)])
+            pose.apply_to(self._pair.feet[FEET.index(name)])
         self._newest_ns = [NEVER, NEVER]
         self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
-        self._held: deque[Aid] = deque(maxlen=HELD)
+        self._held: deque[Aid] = deque(maxlen=MAX_WAITING_AIDS)
         self._boards = BoardTracker(shoes, parameters.exposure_s)
         self._left_right = LeftRightCheck(shoes.mounts)
         self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
@@ -156,12 +156,12 @@ class FootToFoot:
             paths = estimator.run(blocks, echoes)
         world = name if options.method == PROPOSED else f"{name}_{options.method}"
         common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
-        found = []
+        estimates = []
         for foot, path in paths.items():
             standing = estimator.nis.get(f"standing_{foot}")
             nis = common if standing is None else {"standing": standing, **common}
-            found.append(path.estimate(recording, world, foot, cls.declaration.label or "", nis, world))
-        return found
+            estimates.append(path.estimate(recording, world, foot, cls.declaration.label or "", nis, world))
+        return estimates
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is ignored or has to wait.
@@ -173,13 +173,13 @@ class FootToFoot:
                 and right are swapped (`worn`).
         """
         if isinstance(sample, Imu):
-            events, phase = self._take({FEET[self._foot(sample, self._imu_of)]: _block(sample)}, [])[:2]
+            events, phase = self._process({FEET[self._foot_index(sample, self._imu_of)]: _to_block(sample)}, [])[:2]
             used = phase[events.kind == IMU][0] != IGNORED
         elif isinstance(sample, Image):
-            self._foot(sample, self._camera_of)
-            used = bool({BoardObservation, RelativePosition} & set(self._listens_to)) and self._boards.take(sample)
+            self._foot_index(sample, self._camera_of)
+            used = bool({BoardObservation, RelativePosition} & set(self._listens_to)) and self._boards.enqueue(sample)
         else:
-            used = len(self._take({}, [sample])[1]) > 0
+            used = len(self._process({}, [sample])[1]) > 0
         if not used or ((seen := self._process_images()) is None and isinstance(sample, Image)):
             return None
         feet = {
@@ -210,7 +210,7 @@ class FootToFoot:
         Raises:
             StrideTwinError: Neither does.
         """
-        return FEET[self._foot(sample, self._imu_of)]
+        return FEET[self._foot_index(sample, self._imu_of)]
 
     def run(self, imus: Mapping[str, Block[Imu]], aids: Iterable[Aiding] = ()) -> dict[str, FootInsPath]:
         """Takes the samples as `update` would one by one in time order, an IMU's before an aid of the same time.
@@ -228,42 +228,42 @@ class FootToFoot:
         """
         if unknown := set(imus) - set(self._shoes.imus):
             raise ConfigError("FootToFoot.run", "imus", sorted(unknown), f"by {' or '.join(self._shoes.imus)}")
-        events, phase, speed, state, covariance = self._take(imus, aids)
+        events, phase, speed, state, covariance = self._process(imus, aids)
         paths = {}
         for foot in imus:
-            own = (events.kind == IMU) & (events.foot == FEET.index(foot))
-            paths[foot] = FootInsPath.of(events.t_ns[own], phase[own], speed[own], state[own], covariance[own])
+            rows = (events.kind == IMU) & (events.foot == FEET.index(foot))
+            paths[foot] = FootInsPath.of(events.t_ns[rows], phase[rows], speed[rows], state[rows], covariance[rows])
         return paths
 
-    def _take(
+    def _process(
         self, imus: Mapping[str, Block[Imu]], aids: Iterable[Aiding]
     ) -> tuple[Events, NDArray[np.int8], Array, Array, Array]:
         """Events, and of each its phase, figure, state and covariance, see `kernel.run`."""
-        heard = [(foot, a) for foot, a in [(self._foot_of(a), a) for a in aids] if isinstance(a, self._listens_to)]
-        heard = [a for a in heard if not isinstance(a[1], Range) or 0.0 < a[1].distance < np.inf]
-        events, coming = in_order(imus, [*self._held, *heard], self._newest_ns)
-        self._held = deque(coming, maxlen=HELD)
+        used_aids = [(foot, a) for foot, a in [(self._foot_of(a), a) for a in aids] if isinstance(a, self._listens_to)]
+        used_aids = [a for a in used_aids if not isinstance(a[1], Range) or 0.0 < a[1].distance < np.inf]
+        events, pending = merge_events(imus, [*self._held, *used_aids], self._newest_ns)
+        self._held = deque(pending, maxlen=MAX_WAITING_AIDS)
         n = len(events.t_ns)
         phase, figure = np.empty(n, np.int8), np.empty(n)
         state, covariance = np.empty((n, self._pair.feet[0].nominal.size)), np.empty((n, 6, 6))
         kernel.run(self._pair, self._foot_parameters, self._parameters, events, phase, figure, state, covariance)
         for f in range(2):
-            own = np.flatnonzero((events.kind == IMU) & (events.foot == f))
-            if len(own):
-                self._newest_ns[f] = max(self._newest_ns[f], int(events.t_ns[own].max()))
-            if len(own := own[phase[own] != IGNORED]):
-                self._phase[f], self._speed[f] = int(phase[own[-1]]), float(figure[own[-1]])
+            rows = np.flatnonzero((events.kind == IMU) & (events.foot == f))
+            if len(rows):
+                self._newest_ns[f] = max(self._newest_ns[f], int(events.t_ns[rows].max()))
+            if len(rows := rows[phase[rows] != IGNORED]):
+                self._phase[f], self._speed[f] = int(phase[rows[-1]]), float(figure[rows[-1]])
         return events, phase, figure, state, covariance
 
     def _foot_of(self, aid: Aiding) -> int:
-        return self._foot(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
+        return self._foot_index(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
 
     def _process_images(self) -> list[BoardObservation] | None:
         """Processes the images whose time has come and uses their observations; None if there is no such image."""
-        ready = self._boards.ready(min(self._newest_ns))
+        ready = self._boards.pop_ready(min(self._newest_ns))
         seen = []
         for image, foot, t_ns in ready:
-            expected = self._expected(foot, t_ns)
+            expected = self._predict_board(foot, t_ns)
             if expected is None or (observation := self._boards.detect(image, expected)) is None:
                 continue
             seen.append(observation)
@@ -273,7 +273,7 @@ class FootToFoot:
             if BoardObservation not in self._listens_to:
                 aid = relative_position(observation, foot, self._pair.mounts, expected)
             if aid is not None:
-                self._take({}, [aid])
+                self._process({}, [aid])
         return seen if ready else None
 
     def _attitudes(self) -> Array:
@@ -281,21 +281,21 @@ class FootToFoot:
         q = np.array([memory.nominal[ATTITUDE : ATTITUDE + 4] for memory in self._pair.feet])
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
-    def _expected(self, foot: int, t_ns: int) -> Expected | None:
+    def _predict_board(self, foot: int, t_ns: int) -> BoardPrediction | None:
         T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
         known = kernel.predict_board(
             self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns, T,
             covariance, T_before,
         )  # fmt: skip
-        return Expected(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
+        return BoardPrediction(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
 
-    def _foot(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
+    def _foot_index(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
         if sample.topic not in known:
             raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {', '.join(known)}")
         return known[sample.topic]
 
 
-def _block(sample: Imu) -> Block[Imu]:
+def _to_block(sample: Imu) -> Block[Imu]:
     columns = {"angular_rate": sample.angular_rate[None], "specific_force": sample.specific_force[None]}
     return Block(topic=sample.topic, kind=Imu, t_ns=np.array([sample.t_ns]), columns=columns)
 
@@ -310,10 +310,10 @@ def follow(estimator: FootToFoot, samples: Iterable[Sample]) -> dict[str, FootIn
         if estimate is not None and isinstance(sample, Imu):
             foot = estimator.foot_of(sample)
             rows.setdefault(foot, []).append(estimate.feet[foot])
-    return {foot: _path(own) for foot, own in sorted(rows.items())}
+    return {foot: _to_path(estimates) for foot, estimates in sorted(rows.items())}
 
 
-def _path(rows: list[FootInsEstimate]) -> FootInsPath:
+def _to_path(rows: list[FootInsEstimate]) -> FootInsPath:
     pose = np.r_[0:3, 6:9]  # position and attitude among the 15 errors
     return FootInsPath(
         trajectory=Trajectory(
@@ -328,6 +328,6 @@ def _path(rows: list[FootInsEstimate]) -> FootInsPath:
     )
 
 
-def _noise_alone(imu: ImuCalibration) -> ImuCalibration:
+def _without_scale_errors(imu: ImuCalibration) -> ImuCalibration:
     """The calibration without the scale and alignment errors that it leaves: this filter has its own terms for them."""
     return replace(imu, gyroscope_scale_sd=0.0, gyroscope_misalignment_sd=0.0, accelerometer_scale_sd=0.0)

@@ -9,15 +9,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.foot_ins.clipping import is_clipped
-from stridetwin.estimators.foot_ins.kernel import MAX_GAP_S, note_estimate, possible, step
+from stridetwin.estimators.foot_ins.kernel import MAX_GAP_S, is_possible, step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
     Vec3,
+    axpy,
     cross,
-    plus,
     put_matrix,
     quaternion,
     rotate,
@@ -25,10 +25,10 @@ from stridetwin.estimators.foot_ins.quaternions import (
     transposed,
     vec3,
 )
-from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, IGNORED, PHASE, T_LAST, TRACKING, VELOCITY
+from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, IGNORED, NAVIGATING, PHASE, T_LAST, VELOCITY
 from stridetwin.estimators.foot_ins.strapdown import mirror, transpose_rows
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
-from stridetwin.estimators.foot_to_foot.published import published_step, relative_position_update
+from stridetwin.estimators.foot_to_foot.published import relative_position_update, step_published
 from stridetwin.estimators.foot_to_foot.relative_updates import (
     UNUSED,
     board_in_camera,
@@ -41,18 +41,18 @@ from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE,
 from stridetwin.estimators.matrices import copy_matrix
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_level=1)
 
 
 @njit(**INSIDE)
-def in_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
+def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
     """The sample (rad/s, m/s²) in a world without rotation: minus the Earth's rate and the Coriolis force.
 
     Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
     """
     coriolis = cross(earth, vec3(nominal, VELOCITY))
     to_sensor = transposed(rotation_matrix(quaternion(nominal, ATTITUDE)))
-    return plus(rate, -1.0, rotate(to_sensor, earth)), plus(force, -2.0, rotate(to_sensor, coriolis))
+    return axpy(rate, -1.0, rotate(to_sensor, earth)), axpy(force, -2.0, rotate(to_sensor, coriolis))
 
 
 @njit(**INSIDE)
@@ -66,7 +66,7 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     memory = pair.feet[foot]
     dt = (t_ns - memory.clock[T_LAST]) * 1e-9
     s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
-    if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= MAX_GAP_S or pair.covariance[s, s] == 0.0:
+    if memory.clock[PHASE] != NAVIGATING or not 0.0 < dt <= MAX_GAP_S or pair.covariance[s, s] == 0.0:
         return
     R = rotation_matrix(quaternion(memory.nominal, ATTITUDE))
     _add_scale_error(pair.covariance, a, s, R, rate, dt)
@@ -84,7 +84,7 @@ def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -
             M[a + i, j] -= turned[i] * dt
 
 
-@_called
+@_entry_kernel
 def run(
     pair: Pair, feet: tuple[KernelParameters, KernelParameters], parameters: PairParameters, events: Events,
     phase: NDArray[np.int8], figure: Array, state: Array, covariance: Array,
@@ -109,11 +109,11 @@ def run(
             memory = pair.feet[f]
             rate, scales = vec3(events.rate[row], 0), vec3(pair.scales[f], 0)
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
-            rate, force = in_inertial_world(memory.nominal, earth, rate, vec3(events.force[row], 0))
-            if possible(rate, force):
+            rate, force = to_inertial_world(memory.nominal, earth, rate, vec3(events.force[row], 0))
+            if is_possible(rate, force):
                 apply_gyro_scale(pair, f, rate, t_ns)
             if parameters.is_published:
-                phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
+                phase[k], figure[k] = step_published(memory, feet[f], parameters, t_ns, rate, force)
             else:
                 phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
             inject_all(pair)
@@ -131,10 +131,10 @@ def run(
             else:
                 figure[k] = sonar_update(pair, feet[f], parameters, f, t_ns, events.distance[row])
         if last >= 0:
-            note_estimate(pair.feet[int(events.foot[last])], state[last], covariance[last])
+            write_estimate(pair.feet[int(events.foot[last])], state[last], covariance[last])
 
 
-@_called
+@_entry_kernel
 def predict_board(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int, T: Array,
     covariance: Array, T_before: Array,

@@ -13,18 +13,18 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import clear, correct
-from stridetwin.estimators.foot_ins.kernel import take
+from stridetwin.estimators.foot_ins.kernel import add_sample
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import Vec3, dot, plus, rotate
+from stridetwin.estimators.foot_ins.quaternions import Vec3, axpy, dot, rotate
 from stridetwin.estimators.foot_ins.stance import ACCEL_SCALE_MPS2, GYRO_SCALE_RADPS, inject
 from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     D_VELOCITY,
     FILL,
+    NAVIGATING,
     STATES,
-    TRACKING,
     VELOCITY,
-    Memory,
+    FilterState,
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
@@ -35,7 +35,7 @@ from stridetwin.estimators.foot_to_foot.state import Pair, inject_all
 
 
 @njit(**INSIDE)
-def variances(memory: Memory, parameters: PairParameters) -> float:
+def variance_statistic(memory: FilterState, parameters: PairParameters) -> float:
     """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D).
 
     See docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
@@ -48,7 +48,7 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
 
 
 @njit(**INSIDE)
-def _variance(memory: Memory, window_s: float, channel: int) -> float:
+def _variance(memory: FilterState, window_s: float, channel: int) -> float:
     """Variance of one channel over the last `window_s`."""
     newest = memory.ring_t_ns[ring_row(memory, 0)]
     n, total, squares = 0, 0.0, 0.0
@@ -64,16 +64,16 @@ def _variance(memory: Memory, window_s: float, channel: int) -> float:
 
 
 @njit(**INSIDE)
-def published_step(
-    memory: Memory, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Vec3, force: Vec3
+def step_published(
+    memory: FilterState, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float]:
     """Takes one sample of a foot; arguments and results as of `foot_ins.kernel.step`."""
-    phase, dt, _ = take(memory, foot, t_ns, rate, force)
-    if phase != TRACKING:
+    phase, dt, _ = add_sample(memory, foot, t_ns, rate, force)
+    if phase != NAVIGATING:
         return phase, math.inf
     predict(memory, foot, rate, force, dt)
-    if variances(memory, parameters) >= parameters.threshold:
-        return TRACKING, math.inf
+    if variance_statistic(memory, parameters) >= parameters.threshold:
+        return NAVIGATING, math.inf
     for i in range(3):
         clear(memory.work, 1)
         h = memory.work.jacobian[0]
@@ -81,7 +81,7 @@ def published_step(
         z, variance = -memory.nominal[VELOCITY + i], parameters.zero_velocity_sd_mps**2
         correct(memory.covariance, memory.error, memory.work.gain, memory.row, h, z, variance)
     inject(memory)
-    return TRACKING, parameters.zero_velocity_sd_mps
+    return NAVIGATING, parameters.zero_velocity_sd_mps
 
 
 @njit(**INSIDE)
@@ -103,7 +103,7 @@ def relative_position_update(
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
-    z = plus(rotate(a.R, p_other_in_imu), -1.0, plus(b.p, -1.0, a.p))
+    z = axpy(rotate(a.R, p_other_in_imu), -1.0, axpy(b.p, -1.0, a.p))
     variance = sd**2 + parameters.relative_position_sd_m**2
     for i in range(3):
         clear(pair.work, 1)

@@ -9,21 +9,21 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import (
     Workspace,
+    apply_gated_update,
     back_substitute,
     clear,
     correct,
-    gated_update,
-    normalized_innovation,
+    innovation_norm,
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
     Vec3,
+    axpy,
     cross,
     dot,
     matrix_product,
-    plus,
     put_matrix,
     put_vec3,
     quat_exp,
@@ -31,7 +31,7 @@ from stridetwin.estimators.foot_ins.quaternions import (
     rotate,
     rotation_matrix,
     rows_cross,
-    scaled,
+    scale_matrix,
     transposed,
     vec3,
 )
@@ -116,8 +116,8 @@ def board_update(
         return UNUSED
     P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
     _measure_states(work, board.reduced, 1.0 / (alone * shared))
-    length = gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
-    pair.nis[OBSERVATIONS, 0] += normalized_innovation(work, 6, 1.0 / (shared * shared)) ** 2 / 6.0
+    length = apply_gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
+    pair.nis[OBSERVATIONS, 0] += innovation_norm(work, 6, 1.0 / (shared * shared)) ** 2 / 6.0
     pair.nis[OBSERVATIONS, 1] += 1.0
     inject_all(pair)
     pair.seen[camera] = t_ns
@@ -173,7 +173,7 @@ def reduce_measurement(
     zero(u)  # estimated minus predicted pose
     for turn in range(_MAX_LINEARIZATIONS):
         R_now = matrix_product(rotation_matrix(quat_exp(u[3], u[4], u[5])), R)
-        if not _triangulate(board, plus(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
+        if not _triangulate(board, axpy(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
             return turn > 0, alone
         alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
         for i in range(6):
@@ -184,7 +184,7 @@ def reduce_measurement(
         noise = alone * shared
         # u <- C Tᵀ (T C Tᵀ + noise² 1)⁻¹ z
         spread_measurements(C, work, 0, 6)
-        normalized_innovation(work, 6, noise * noise)
+        innovation_norm(work, 6, noise * noise)
         back_substitute(work, 6)
         for j in range(6):
             work.gain[j] = 0.0
@@ -222,25 +222,25 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     mount_a, mount_b = pair.mounts[CAMERA + camera], pair.mounts[BOARD + board]
     R_c, R_m = rotation_matrix(quaternion(mount_a, 3)), rotation_matrix(quaternion(mount_b, 3))
     arm = rotate(b.R, vec3(mount_b, 0))
-    d = plus(plus(b.p, 1.0, arm), -1.0, a.p)  # from a's IMU to the board, world
-    from_camera = plus(rotate(transposed(a.R), d), -1.0, vec3(mount_a, 0))  # from a's camera to the board, a's IMU
+    d = axpy(axpy(b.p, 1.0, arm), -1.0, a.p)  # from a's IMU to the board, world
+    from_camera = axpy(rotate(transposed(a.R), d), -1.0, vec3(mount_a, 0))  # from a's camera to the board, a's IMU
     to_camera = transposed(matrix_product(a.R, R_c))  # camera <- world
     out = transposed(R_c)  # camera <- a's IMU
     R_camera_b = matrix_product(to_camera, b.R)  # camera <- b's IMU
 
     clear(pair.work, 6)
-    by_a, by_b = rows_cross(to_camera, d), scaled(-1.0, rows_cross(to_camera, arm))
-    _put_pose_columns(G, STATES * camera, scaled(-1.0, to_camera), by_a, a)
+    by_a, by_b = rows_cross(to_camera, d), scale_matrix(-1.0, rows_cross(to_camera, arm))
+    _put_pose_columns(G, STATES * camera, scale_matrix(-1.0, to_camera), by_a, a)
     _put_pose_columns(G, STATES * board, to_camera, by_b, b)
-    rates = plus(rotate(by_a, a.rate), 1.0, rotate(by_b, b.rate))
-    p_rate = plus(rotate(to_camera, plus(b.v, -1.0, a.v)), 1.0, rates)
-    R_rate = rotate(to_camera, plus(b.rate, -1.0, a.rate))
+    rates = axpy(rotate(by_a, a.rate), 1.0, rotate(by_b, b.rate))
+    p_rate = axpy(rotate(to_camera, axpy(b.v, -1.0, a.v)), 1.0, rates)
+    R_rate = rotate(to_camera, axpy(b.rate, -1.0, a.rate))
     for i in range(3):
         G[i, CLOCKS + camera], G[3 + i, CLOCKS + camera] = p_rate[i], R_rate[i]
     c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)
-    put_matrix(scaled(-1.0, out), G, 0, c)
+    put_matrix(scale_matrix(-1.0, out), G, 0, c)
     put_matrix(rows_cross(out, from_camera), G, 0, c + 3)
-    put_matrix(scaled(-1.0, out), G, 3, c + 3)
+    put_matrix(scale_matrix(-1.0, out), G, 3, c + 3)
     put_matrix(R_camera_b, G, 0, m)
     put_matrix(R_camera_b, G, 3, m + 3)
     return rotate(out, from_camera), matrix_product(R_camera_b, R_m)
@@ -256,12 +256,12 @@ def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past
     """
     by_displacement = rows_cross(to_camera, past.displacement)
     put_matrix(to_camera, G, 0, o + D_POSITION)
-    put_matrix(scaled(-past.age, to_camera), G, 0, o + D_VELOCITY)
+    put_matrix(scale_matrix(-past.age, to_camera), G, 0, o + D_VELOCITY)
     for i in range(3):
-        put_vec3(plus(by_attitude[i], -1.0, by_displacement[i]), G[i], o + D_ATTITUDE)
-    put_matrix(scaled(past.age, matrix_product(by_attitude, past.R)), G, 0, o + D_GYRO_BIAS)
+        put_vec3(axpy(by_attitude[i], -1.0, by_displacement[i]), G[i], o + D_ATTITUDE)
+    put_matrix(scale_matrix(past.age, matrix_product(by_attitude, past.R)), G, 0, o + D_GYRO_BIAS)
     put_matrix(to_camera, G, 3, o + D_ATTITUDE)
-    put_matrix(scaled(past.age, matrix_product(to_camera, past.R)), G, 3, o + D_GYRO_BIAS)
+    put_matrix(scale_matrix(past.age, matrix_product(to_camera, past.R)), G, 3, o + D_GYRO_BIAS)
 
 
 @njit(**INSIDE)
@@ -277,7 +277,7 @@ def _triangulate(
     clear_block(board.triangle, 7)
     for i in range(m):
         arm = rotate(R, vec3(points_in_board[i], 0))
-        x, y, depth = plus(p, 1.0, arm)
+        x, y, depth = axpy(p, 1.0, arm)
         if not depth > _MIN_BOARD_DEPTH_M:
             return False
         x, y, sd = x / depth, y / depth, math.sqrt(ray_sd[i] ** 2 + rotated)
@@ -327,23 +327,23 @@ def sonar_update(
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     arm_a, arm_b = rotate(a.R, vec3(pair.sonars[sonar], 0)), rotate(b.R, vec3(pair.sonars[other], 0))
-    d = plus(plus(b.p, 1.0, arm_b), -1.0, plus(a.p, 1.0, arm_a))
+    d = axpy(axpy(b.p, 1.0, arm_b), -1.0, axpy(a.p, 1.0, arm_a))
     size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
         return UNUSED
     none = 0.0, 0.0, 0.0
-    to = plus(none, 1.0 / (size * parameters.range_sd_m), d)
+    to = axpy(none, 1.0 / (size * parameters.range_sd_m), d)
     clear(work, 1)
     h = work.jacobian[0]
     of_a, of_b = STATES * sonar, STATES * other
-    put_vec3(plus(none, -1.0, to), h, of_a + D_POSITION)
+    put_vec3(axpy(none, -1.0, to), h, of_a + D_POSITION)
     put_vec3(to, h, of_b + D_POSITION)
     if not parameters.is_published:
         put_vec3(cross(to, arm_a), h, of_a + D_ATTITUDE)
         put_vec3(cross(arm_b, to), h, of_b + D_ATTITUDE)
     work.innovation[0] = (distance - size) / parameters.range_sd_m
     spread_measurements(pair.covariance, work, 0, 1)
-    length = normalized_innovation(work, 1, 1.0)
+    length = innovation_norm(work, 1, 1.0)
     if parameters.is_published:
         used, variance = abs(distance - size) < _MAX_RANGE_MISFIT_M, 1.0
     else:

@@ -10,7 +10,7 @@ from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
     Vec3,
-    plus,
+    axpy,
     product,
     quat_exp,
     quaternion,
@@ -23,12 +23,12 @@ from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
     GYRO_BIAS,
+    NAVIGATING,
     PHASE,
     POSITION,
     T_LAST,
-    TRACKING,
     VELOCITY,
-    Memory,
+    FilterState,
     force_of,
     rate_of,
     ring_row,
@@ -61,7 +61,7 @@ class PastState(NamedTuple):
 
 
 @njit(**INSIDE)
-def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastState:
+def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> PastState:
     """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
@@ -71,8 +71,8 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastS
     p, v, q = vec3(x, POSITION), vec3(x, VELOCITY), quaternion(x, ATTITUDE)
     gyro_bias, accel_bias = vec3(x, GYRO_BIAS), vec3(x, ACCEL_BIAS)
     age = (clock[T_LAST] - t_ns) * 1e-9
-    known = clock[PHASE] == TRACKING and -_MAX_LEAD_S <= age <= max_age_s
-    w = plus(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)
+    known = clock[PHASE] == NAVIGATING and -_MAX_LEAD_S <= age <= max_age_s
+    w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)
     back, left = 0, known
     while left:
         i, before = ring_row(memory, back), ring_row(memory, back + 1)
@@ -84,17 +84,17 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastS
             dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
         else:
             left, dt = False, age
-        w = plus(rate_of(memory, i), -1.0, gyro_bias)
+        w = axpy(rate_of(memory, i), -1.0, gyro_bias)
         half = quat_exp(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
         middle = product(q, half)
-        force = plus(force_of(memory, i), -1.0, accel_bias)
+        force = axpy(force_of(memory, i), -1.0, accel_bias)
         a = rotate(rotation_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
         a = a[0], a[1], a[2] - gravity
-        v = plus(v, -dt, a)
-        p = plus(p, -dt, plus(v, 0.5 * dt, a))
+        v = axpy(v, -dt, a)
+        p = axpy(p, -dt, axpy(v, 0.5 * dt, a))
         q = product(middle, half)
         back += 1
-    moved = plus(plus(p, -1.0, vec3(x, POSITION)), age, vec3(x, VELOCITY))
+    moved = axpy(axpy(p, -1.0, vec3(x, POSITION)), age, vec3(x, VELOCITY))
     displacement = moved[0], moved[1], moved[2] + 0.5 * gravity * age * age
     R = rotation_matrix(q)
     return PastState(known, p, R, v, rotate(R, w), age, displacement)

@@ -17,7 +17,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
+from stridetwin.estimators.checkerboard.pose import BoardObservation, find_board_poses, select_poses
 from stridetwin.estimators.foot_ins.estimate import StartPose
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
 from stridetwin.streams.errors import StrideTwinError
@@ -68,7 +68,7 @@ class LeftRightCheck:
         if self._settled:
             return True
         if observation.t_ns - self._newest_ns >= round(_APART_S * 1e9) and (
-            poses := admissible(board_poses(observation))
+            poses := select_poses(find_board_poses(observation))
         ):
             self._newest_ns = observation.t_ns
             seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
@@ -135,16 +135,16 @@ def shoes_of(rig: Rig) -> Shoes:
     sonars, topics = np.zeros((2, 3)), ["", ""]
     mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
     for i, foot in enumerate(FEET):
-        imu = _on_foot(rig.imus.values(), foot, "IMU")
+        imu = _find_on_foot(rig.imus.values(), foot, "IMU")
         if imu is None:
             continue
         imus[foot] = imu
         T_imu_foot = np.linalg.inv(imu.mount.T_body_sensor)
-        if (camera := _on_foot(rig.cameras.values(), foot, "camera")) is not None:
+        if (camera := _find_on_foot(rig.cameras.values(), foot, "camera")) is not None:
             cameras[foot], mounts[i] = camera, _pose(T_imu_foot @ camera.mount.T_body_sensor)
-        if (board := _on_foot(rig.boards.values(), foot, "board")) is not None:
+        if (board := _find_on_foot(rig.boards.values(), foot, "board")) is not None:
             boards[foot], mounts[2 + i] = board, _pose(T_imu_foot @ board.mount.T_body_sensor)
-        sonar = _on_foot((s for s in rig.others.values() if s.kind == "range"), foot, "sonar")
+        sonar = _find_on_foot((s for s in rig.others.values() if s.kind == "range"), foot, "sonar")
         if sonar is not None:
             sonars[i], topics[i] = (T_imu_foot @ sonar.mount.T_body_sensor)[:3, 3], sonar.topic
     if not imus:
@@ -154,7 +154,7 @@ def shoes_of(rig: Rig) -> Shoes:
     )
 
 
-def side_by_side(shoes: Shoes) -> dict[str, StartPose]:
+def side_by_side_start(shoes: Shoes) -> dict[str, StartPose]:
     """Assumed stance at the start: both feet flat, side by side, the toes a little out.
 
     The world's origin is on the ground between the heels, its x axis points forward. The left foot's position and
@@ -175,11 +175,11 @@ def side_by_side(shoes: Shoes) -> dict[str, StartPose]:
     return start
 
 
-def _on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
-    found = [p for p in parts if p.mount.body == f"foot_{foot}"]
-    if len(found) > 1:
-        raise StrideTwinError(f"foot_{foot} carries {len(found)} {kind}s; one is what the filter of two feet takes")
-    return found[0] if found else None
+def _find_on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
+    mounted = [p for p in parts if p.mount.body == f"foot_{foot}"]
+    if len(mounted) > 1:
+        raise StrideTwinError(f"foot_{foot} carries {len(mounted)} {kind}s; one is what the filter of two feet takes")
+    return mounted[0] if mounted else None
 
 
 def _pose(T: Array) -> Array:

@@ -12,7 +12,7 @@ from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kalman import MEASUREMENTS, Workspace, workspace
 from stridetwin.estimators.foot_ins.quaternions import product, put_quaternion, quat_exp, quaternion
 from stridetwin.estimators.foot_ins.stance import inject
-from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
+from stridetwin.estimators.foot_ins.state import STATES, FilterState, initial_state
 from stridetwin.estimators.matrices import clear
 from stridetwin.streams.samples import Array
 
@@ -65,7 +65,7 @@ class Pair(NamedTuple):
     Attributes:
         feet: Left and right; their covariance and error are views of the two below.
         covariance: (74, 74).
-        error: (74,) see `foot_ins.state.Memory`.
+        error: (74,) see `foot_ins.state.FilterState`.
         mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each
             in its foot's IMU.
         late: (2,) offset to add to the times of each camera's images, s.
@@ -79,7 +79,7 @@ class Pair(NamedTuple):
         board: Of one image.
     """
 
-    feet: tuple[Memory, Memory]
+    feet: tuple[FilterState, FilterState]
     covariance: Array
     error: Array
     mounts: Array
@@ -102,7 +102,8 @@ def blank_pair(
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
     return Pair(
-        feet=(blank(covariance, error, 0), blank(covariance, error, STATES)), covariance=covariance, error=error,
+        feet=(initial_state(covariance, error, 0), initial_state(covariance, error, STATES)),
+        covariance=covariance, error=error,
         mounts=np.array(mounts, dtype=float), late=np.zeros(2), scales=np.zeros((2, 3)),
         sonars=np.array(sonars, dtype=float),
         earth=np.array(earth, dtype=float), seen=np.full(2, NEVER), heard=np.full(2, NEVER), nis=np.zeros((2, 2)),

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.gait_phase.template import BINS, KINDS
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.gait_phase.template import BINS, N_STRIDE_KINDS
 from stridetwin.streams.samples import Array
 
 CELLS = 80
@@ -24,14 +24,14 @@ IMPOSSIBLE = -1e4
 # logarithm of its time [tuned]. Doubled: such strides are recognised earlier, regular ones are less certain.
 _IRREGULAR_SHARE, _IRREGULAR_SD = 0.15, 0.15
 
-_called = cached(Path(__file__).parent, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 
 class Belief(NamedTuple):
     """Log-weights of the hypotheses about the running stride.
 
     Attributes:
-        walk: (KINDS, CELLS) that it is of a kind and takes a stride time.
+        walk: (N_STRIDE_KINDS, CELLS) that it is of a kind and takes a stride time.
         stand: (1,) that the person has stopped.
     """
 
@@ -43,8 +43,8 @@ class Template(NamedTuple):
     """Pitch of the foot over a stride of each kind.
 
     Attributes:
-        mean: (KINDS, BINS) pitch rate times stride time, rad per cycle, in the middle of each bin of the phase.
-        variance: (KINDS, BINS) of single strides about it, rad².
+        mean: (N_STRIDE_KINDS, BINS) pitch rate times stride time, rad per cycle, in the middle of each phase bin.
+        variance: (N_STRIDE_KINDS, BINS) of single strides about it, rad².
     """
 
     mean: Array
@@ -55,8 +55,8 @@ class StrideRatios(NamedTuple):
     """Stride time of each kind over that on level ground.
 
     Attributes:
-        log_mean: (KINDS,) its logarithm.
-        variance: (KINDS,) of the logarithm between people; what the person's own strides have left of it.
+        log_mean: (N_STRIDE_KINDS,) its logarithm.
+        variance: (N_STRIDE_KINDS,) of the logarithm between people; what the person's own strides have left of it.
     """
 
     log_mean: Array
@@ -81,7 +81,7 @@ def set_prior(
         log_stride: Mean logarithm of the person's stride time on level ground.
         variance: Of `log_stride` and single strides together.
         stand_share: Probability that the person stops.
-        shares: (KINDS,) probability of each kind of stride.
+        shares: (N_STRIDE_KINDS,) probability of each kind of stride.
         ratios: Of the stride times.
     """
     error2 = np.square(LOG_STRIDE - log_stride - ratios.log_mean[:, None])
@@ -94,7 +94,7 @@ def set_prior(
     belief.stand[0] = math.log(density.sum() * stand_share / (1.0 - stand_share))
 
 
-@_called
+@_entry_kernel
 def weigh(
     belief: Belief, template: Template, since_s: float, share: float, rate: float, noise: float
 ) -> tuple[float, float, float, float]:
@@ -113,7 +113,7 @@ def weigh(
         they stand.
     """
     largest = IMPOSSIBLE
-    for c in range(KINDS):
+    for c in range(N_STRIDE_KINDS):
         for j in range(CELLS):
             phase = since_s / STRIDE_S[j]
             if phase >= 1.0:
@@ -130,7 +130,7 @@ def weigh(
     belief.stand[0] += share * _log_t(rate, noise)
     largest = max(largest, belief.stand[0])
     total, phase_sum, square_sum, rate_sum = 1e-300, 0.0, 0.0, 0.0
-    for c in range(KINDS):
+    for c in range(N_STRIDE_KINDS):
         for j in range(CELLS):
             if belief.walk[c, j] > IMPOSSIBLE:
                 belief.walk[c, j] = max(belief.walk[c, j] - largest, 0.5 * IMPOSSIBLE)

@@ -23,10 +23,10 @@ from stridetwin.estimators.gait_phase.template import (
     AFTER,
     BEFORE,
     BINS,
-    KINDS,
     LANDINGS,
     LEVEL,
     LOG_RATIO,
+    N_STRIDE_KINDS,
     PITCH_RATE,
     PITCH_RATE_SD,
 )
@@ -71,15 +71,17 @@ class StrideFilter:
         self.begin_ns, self.is_regular, self.is_walking = -1, False, False
         self.phase = self.phase_sd = self.rate = 0.0
         self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
-        self._belief = Belief(walk=np.zeros((KINDS, CELLS)), stand=np.zeros(1))
+        self._belief = Belief(walk=np.zeros((N_STRIDE_KINDS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
         is_level = (BEFORE == LEVEL) & (AFTER == LEVEL)
         variance = np.where(is_level, 0.0, _RATIO_SD**2)
         self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=variance)
-        self._strides = np.full(KINDS, _TEMPLATE_STRIDES)  # that each template is worth
+        self._strides = np.full(N_STRIDE_KINDS, _TEMPLATE_STRIDES)  # that each template is worth
         off, level = _STAIRS_END_SHARE, 1.0 - 2.0 * p.stairs_share
         shares = np.array([[level, p.stairs_share, p.stairs_share], [off, 1.0 - off, 0.0], [off, 0.0, 1.0 - off]])
-        self._transition = shares[BEFORE, AFTER]  # (KINDS,) probability of a kind of stride, given where it begins
+        self._transition = shares[
+            BEFORE, AFTER
+        ]  # (N_STRIDE_KINDS,) probability of a kind of stride, given where it begins
         self._landing = np.eye(LANDINGS)[LEVEL]  # probability of each kind of the last touch-down
         self._times, self._rates = np.empty(_SAMPLES), np.empty(_SAMPLES)
         self._stored = 0

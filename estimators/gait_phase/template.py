@@ -13,8 +13,8 @@ LEVEL, UP, DOWN = range(3)
 LANDINGS = 3
 BEFORE = np.array([LEVEL, LEVEL, LEVEL, UP, UP, DOWN, DOWN])
 AFTER = np.array([LEVEL, UP, DOWN, LEVEL, UP, LEVEL, DOWN])
-"""(KINDS,) landings that begin and end each kind of stride."""
-KINDS = len(BEFORE)
+"""(N_STRIDE_KINDS,) landings that begin and end each kind of stride."""
+N_STRIDE_KINDS = len(BEFORE)
 BINS = 40
 _MEANS = (
     "4.4 2.4 0.6 -0.0 -0.0 -0.0 -0.0 0.0 0.0 0.0 0.0 0.1 0.1 0.2 0.3 0.5 0.6 0.8 1.1 1.4 "
@@ -49,8 +49,8 @@ _SDS = (
     "0.6 0.7 0.5 0.5 0.5 0.4 0.5 1.9 2.8 1.7 0.6 0.9 1.1 0.6 0.3 0.4 0.1 0.3 0.4 0.1",
 )
 PITCH_RATE = np.array([row.split() for row in _MEANS], dtype=float)
-"""(KINDS, BINS) mean pitch rate of the foot times stride time, rad per cycle, toes down positive."""
+"""(N_STRIDE_KINDS, BINS) mean pitch rate of the foot times stride time, rad per cycle, toes down positive."""
 PITCH_RATE_SD = np.array([row.split() for row in _SDS], dtype=float)
-"""(KINDS, BINS) its standard deviation between people, speeds and strides."""
+"""(N_STRIDE_KINDS, BINS) its standard deviation between people, speeds and strides."""
 LOG_RATIO = np.array([0.01, 0.23, 0.16, 0.12, 0.29, 0.10, 0.19])
-"""(KINDS,) logarithm of a stride time over that on level ground."""
+"""(N_STRIDE_KINDS,) logarithm of a stride time over that on level ground."""

@@ -12,7 +12,7 @@ from collections import deque
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.ticks import matrix
+from stridetwin.estimators.contact_terrain.ticks import rotation_matrix
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.terrain_map.depth_camera import is_pose
 from stridetwin.streams.samples import Array, Odometry
@@ -41,14 +41,14 @@ class Body:
     """
 
     def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, settings: Settings) -> None:
-        self.follow(p_body_in_frame, R_frame_camera)
+        self.set_mount(p_body_in_frame, R_frame_camera)
         self._max_gap_s, self._max_speed_mps = settings.map.max_gap_s, settings.map.max_speed_mps
         self._history: deque[tuple[int, Array]] = deque(maxlen=round(_HISTORY_S / _HISTORY_PERIOD_S) + 2)
         self._look: Array | None = None
         self.t_ns = -1
         self.p = np.zeros(3)
 
-    def follow(self, p_body_in_frame: Array, R_frame_camera: Array) -> None:
+    def set_mount(self, p_body_in_frame: Array, R_frame_camera: Array) -> None:
         """Replaces the body's origin (3,) m and the camera's rotation (3, 3) in the frame of the poses."""
         self._p = p_body_in_frame
         self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
@@ -60,7 +60,7 @@ class Body:
         """
         if pose.t_ns <= self.t_ns or not is_pose(pose):
             return False
-        R = matrix(pose.q_world_frame)
+        R = rotation_matrix(pose.q_world_frame)
         place, forward = pose.p_frame_in_world + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
@@ -78,11 +78,11 @@ class Body:
             self._history.append((pose.t_ns, place))
         return jumped
 
-    def known(self, t_ns: int) -> bool:
+    def is_known(self, t_ns: int) -> bool:
         """Whether there is a recent pose."""
         return bool(self._history) and t_ns - self.t_ns < _MAX_POSE_AGE_S * 1e9
 
-    def before(self, seconds: float) -> Array:
+    def position_before(self, seconds: float) -> Array:
         """(3,) m, position of the body that long ago, or at the oldest stored instant."""
         at = self.t_ns - int(seconds * 1e9)
         for t_ns, p in reversed(self._history):
@@ -90,17 +90,17 @@ class Body:
                 return p
         return self._history[0][1]
 
-    def top(self, since_ns: int) -> float:
+    def max_height(self, since_ns: int) -> float:
         """Greatest height of the body since an instant, m."""
         return max((float(p[2]) for t_ns, p in self._history if t_ns >= since_ns), default=float(self.p[2]))
 
     def heading(self, stride_s: float) -> float:
         """Walking direction over the last stride, rad from the world's x."""
-        way = (self.p - self.before(min(stride_s, _HISTORY_S)))[:2]
+        way = (self.p - self.position_before(min(stride_s, _HISTORY_S)))[:2]
         look = np.zeros(2) if self._look is None else self._look
         way = way + _STILL_M * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 
     def velocity(self) -> Array:
         """(3,) m/s, over the last tenth of a second."""
-        return (self.p - self.before(_VELOCITY_S)) / _VELOCITY_S
+        return (self.p - self.position_before(_VELOCITY_S)) / _VELOCITY_S

@@ -25,7 +25,7 @@ _TREAD_DOWN_FACTOR = 2.0
 """Factor on the error of descending treads, of which the camera sees only strips."""
 
 
-def _first(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> tuple[str, int] | None:
+def _find_first_change(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> tuple[str, int] | None:
     """The first segment ahead of `here` from which the steps' mode is no longer `mode`: the new mode, and its index.
 
     Stairs end at their last edge: the step over it still climbs, the next one does not.
@@ -45,7 +45,7 @@ def _first(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> tupl
     return None
 
 
-def next_change(
+def find_next_change(
     estimate: TerrainEstimate | None, ground: Sequence[Segment], stance: float, line: Line, chain: Chain, s: Array,
     times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: Settings,
 ) -> NextChange | None:  # fmt: skip
@@ -69,11 +69,11 @@ def next_change(
     if estimate is None:
         return None
     here = segment_under(ground, stance, p)
-    found = _first(ground, here, _mode_here(ground, here, p), p)
-    if found is None:
+    first_change = _find_first_change(ground, here, _mode_here(ground, here, p), p)
+    if first_change is None:
         return None
-    mode, segment = found[0], ground[found[1]]
-    beyond = chain.on[:, found[1] :].sum(axis=1) > 0.5
+    mode, segment = first_change[0], ground[first_change[1]]
+    beyond = chain.on[:, first_change[1] :].sum(axis=1) > 0.5
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
     else:
@@ -120,10 +120,10 @@ def _sizes(
 
 def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
     """The stairs with most steps that have an edge at a (2,) place, m, on the path along (2,) `forward`, up or down."""
-    found = []
+    flights = []
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)
         away = np.abs(flight.edges - float(flight.up @ place))
         if along >= _FLIGHT_COSINE and (away < _FLIGHT_MATCH_M).any():
-            found.append(flight)
-    return max(found, key=lambda flight: flight.steps, default=None)
+            flights.append(flight)
+    return max(flights, key=lambda flight: flight.steps, default=None)

@@ -12,22 +12,22 @@ from stridetwin.estimators.base import BACKENDS, CAMERA_POSES, POSE_STREAM, PROP
 from stridetwin.estimators.base import MODES as MODES_KIND
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
-from stridetwin.estimators.locomotion_mode.changes import next_change
+from stridetwin.estimators.locomotion_mode.changes import find_next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.foothold import USUAL_HEIGHT_M, Foothold, Line, extrapolated, position
+from stridetwin.estimators.locomotion_mode.foothold import USUAL_HEIGHT_M, Foothold, Line, extrapolate_ground, position
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters, Settings
-from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, published_steps
+from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, predict_published_steps
 from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
     Segment,
-    heights,
+    foothold_heights,
     last_flight,
+    mix_unseen,
     segments_along,
     slopes_under,
-    unseen,
-    with_unseen,
+    unseen_probability,
 )
 from stridetwin.estimators.terrain_map import Profile, Stairs, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration, is_pose, transform
@@ -88,7 +88,7 @@ class LocomotionMode:
         self.ground, self.method = ground or TerrainMap(rig, options=options), method
         self._settings = p = Settings(self.parameters, self.ground.parameters)
         self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
-        self._body = Body(*self._followed(T_frame_camera), p)
+        self._body = Body(*self._mount_in_frame(T_frame_camera), p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = Rhythm(p), Foothold(p)
@@ -115,18 +115,18 @@ class LocomotionMode:
             self.ground.update(sample)
             if sample.topic == CAMERA_POSES:
                 if is_pose(sample):
-                    self._body.follow(*self._followed(transform(sample)))
+                    self._body.set_mount(*self._mount_in_frame(transform(sample)))
             elif self._body.add(sample):
                 self._rhythm = Rhythm(self._settings)
                 self._foothold.reset()
                 self._walking.clear()
             return None
-        known = self._body.known(sample.t_ns)
+        known = self._body.is_known(sample.t_ns)
         if isinstance(sample, StepEstimate):
             new = self._foothold.add_step(sample, self._rhythm.foot, self._rhythm.down_ns)
         elif isinstance(sample, Insole):
             detected = self._touch.update(sample)
-            foot = detected or self._rhythm.overdue(sample.t_ns)
+            foot = detected or self._rhythm.overdue_foot(sample.t_ns)
             if foot:
                 self._land(foot, sample.t_ns, known, detected is not None)
             new = foot is not None
@@ -134,15 +134,17 @@ class LocomotionMode:
             new = isinstance(sample, Depth) and self.ground.update(sample) is not None
         if not (new and known):
             return None
-        return self._published(sample.t_ns) if self.method == "published" else self._predicted(sample.t_ns)
+        return (
+            self._predict_published(sample.t_ns) if self.method == "published" else self._predict_proposed(sample.t_ns)
+        )
 
-    def _followed(self, T_frame_camera: Array) -> tuple[Array, Array]:
+    def _mount_in_frame(self, T_frame_camera: Array) -> tuple[Array, Array]:
         """(3,) m, the followed point in the frame of the poses, and (3, 3), rotation of the camera in that frame."""
         return (T_frame_camera @ self._T_camera_followed)[:3, 3], T_frame_camera[:3, :3]
 
     def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
         """Handles a touch-down: updates its time and, if known, the foothold and the statistics of steps."""
-        line, top = self._line() if known else None, self._body.top(self._rhythm.down_ns)
+        line, top = self._path_ahead() if known else None, self._body.max_height(self._rhythm.down_ns)
         landing = self._rhythm.land(foot, t_ns, detected)
         if landing is None:
             return
@@ -154,19 +156,19 @@ class LocomotionMode:
         if self.method == PROPOSED:
             profile = self._profile(line)
             ground = self._ground_along(profile, line)
-            behind, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
+            behind, _ = moments(position(self._foothold.stance_density(line)), self._foothold.s)
             self._foothold.land(
-                landing, line, ground, heights(ground, profile, self._foothold.s, self._settings),
-                self._body_height(), top, self._height(line.origin + behind * line.forward),
+                landing, line, ground, foothold_heights(ground, profile, self._foothold.s, self._settings),
+                self._body_height(), top, self._ground_height(line.origin + behind * line.forward),
                 self._walking.last_size(),
             )  # fmt: skip
 
     def _body_height(self) -> float:
         """Height of the body over the ground under it, m."""
-        height = float(self._body.p[2]) - self._height(self._body.p[:2])
+        height = float(self._body.p[2]) - self._ground_height(self._body.p[:2])
         return height if 0.0 < height < _MAX_HEIGHT_M else USUAL_HEIGHT_M
 
-    def _line(self) -> Line:
+    def _path_ahead(self) -> Line:
         heading = self._body.heading(2.0 * self._rhythm.step_s)
         forward = np.array([math.cos(heading), math.sin(heading)])
         return Line(self._body.p[:2] - BEHIND_M * forward, forward)
@@ -182,27 +184,27 @@ class LocomotionMode:
         """The terrain segments of a profile; unobserved ground ahead continues as the legs last measured it."""
         step = self._foothold.last_step
         if step is not None:
-            foot, _ = moments(position(self._foothold.standing(line)), self._foothold.s)
+            foot, _ = moments(position(self._foothold.stance_density(line)), self._foothold.s)
             seen = profile.s[profile.plane >= 0]
             if not len(seen) or seen[-1] < foot + self.parameters.toe_m:
-                return extrapolated(step, foot, self._settings)
+                return extrapolate_ground(step, foot, self._settings)
         estimate = self.ground.estimate
         if estimate is not None:
             self._stairs = last_flight(estimate, self._stairs)
         return segments_along(profile, estimate, line.forward, self._settings, self._stairs)
 
-    def _predicted(self, t_ns: int) -> ModeEstimate:
+    def _predict_proposed(self, t_ns: int) -> ModeEstimate:
         p, foothold, rhythm = self._settings, self._foothold, self._rhythm
-        line = self._line()
+        line = self._path_ahead()
         profile = self._profile(line)
         ground = self._ground_along(profile, line)
-        stance, feet = foothold.standing(line), rhythm.next_feet()
-        if rhythm.over_foot(t_ns):
-            height = heights(ground, profile, foothold.s, p)
-            stance = foothold.after_passing(stance, height, self._body.top(rhythm.down_ns))
-        chain = foothold.rolled(stance, ground, feet)
+        stance, feet = foothold.stance_density(line), rhythm.next_feet()
+        if rhythm.is_over_foot(t_ns):
+            height = foothold_heights(ground, profile, foothold.s, p)
+            stance = foothold.after_passing(stance, height, self._body.max_height(rhythm.down_ns))
+        chain = foothold.predict_footprints(stance, ground, feet)
         here, _ = moments(position(stance), foothold.s)
-        modes = with_unseen(chain.modes, chain.density @ unseen(profile, foothold.s, here, p))
+        modes = mix_unseen(chain.modes, chain.density @ unseen_probability(profile, foothold.s, here, p))
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])
         turn = np.column_stack([line.forward, left])
@@ -215,12 +217,12 @@ class LocomotionMode:
                 StepPrediction(
                     step=rhythm.step + k + 1, foot=foot, mode=MODES[int(modes[k].argmax())],
                     probabilities=dict(zip(MODES, modes[k].tolist())), t_ns=times[k][0], t_sd_s=times[k][1],
-                    p_foot_in_world=np.array([*xy, self._height(xy)]),
+                    p_foot_in_world=np.array([*xy, self._ground_height(xy)]),
                     covariance=turn @ np.diag([sd**2, p.mode.width_sd_m**2]) @ turn.T,
                     slope=slopes[k][0], slope_sd=slopes[k][1],
                 )
             )  # fmt: skip
-        change = next_change(
+        change = find_next_change(
             self.ground.estimate, ground, here, line, chain, foothold.s,
             [((at_ns - t_ns) * 1e-9, sd_s) for at_ns, sd_s in times], foothold.step_m, rhythm.step_s, p,
         )  # fmt: skip
@@ -230,17 +232,17 @@ class LocomotionMode:
             step_length=foothold.step_m, step_length_sd=foothold.step_sd_m, step_time=rhythm.step_s,
         )  # fmt: skip
 
-    def _height(self, xy: Array) -> float:
-        found = self.ground.ground(xy)
-        return math.nan if found is None else float(found[0].height(xy))
+    def _ground_height(self, xy: Array) -> float:
+        surface = self.ground.ground(xy)
+        return math.nan if surface is None else float(surface[0].height(xy))
 
-    def _published(self, t_ns: int) -> ModeEstimate:
+    def _predict_published(self, t_ns: int) -> ModeEstimate:
         walking, rhythm, v = self._walking, self._rhythm, self._body.velocity()
         size, step_s = walking.next_size(), walking.step_time()
         step_s = rhythm.step_s if math.isnan(step_s) else step_s
         return ModeEstimate(
             t_ns=t_ns, step=rhythm.step, change=None,
-            steps=published_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self._settings),
+            steps=predict_published_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self._settings),
             heading=math.atan2(v[1], v[0]), p_body_in_world=self._body.p.copy(),
             step_length=size, step_length_sd=math.nan, step_time=step_s,
         )  # fmt: skip

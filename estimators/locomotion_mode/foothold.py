@@ -19,7 +19,7 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.habits import Habit, Habits
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, STEP_DRIFT, Landing, StepFilter, usual_steps
-from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, mixed, moments, roll_out
+from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, mix_chains, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
     CLEARANCE_SD_M,
@@ -94,7 +94,7 @@ class MeasuredStep(StepEstimate):
     length_sd: float
 
 
-def measured_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
+def measure_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
     """The last of some steps; None if a step between is missing or a value is unknown.
 
     The feet are side by side, so a step's length is its component along the whole stride.
@@ -109,9 +109,9 @@ def measured_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
     toward = stride / max(math.hypot(*stride.tolist()), 1e-9)
     length = float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward)
     length_sd = math.sqrt(max(float(toward @ now.covariance[:2, :2] @ toward), 0.0))
-    made = MeasuredStep(**vars(now), length=length, length_sd=length_sd)
-    known = (made.length, made.length_sd, made.elevation, made.elevation_sd, made.slope, made.slope_sd)
-    return made if all(map(math.isfinite, known)) else None
+    step = MeasuredStep(**vars(now), length=length, length_sd=length_sd)
+    known = (step.length, step.length_sd, step.elevation, step.elevation_sd, step.slope, step.slope_sd)
+    return step if all(map(math.isfinite, known)) else None
 
 
 def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], before: Array) -> Array:
@@ -135,7 +135,7 @@ def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], bef
     return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + _LIKELIHOOD_FLOOR)
 
 
-def extrapolated(step: MeasuredStep, foot: float, p: Settings) -> list[Segment]:
+def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Segment]:
     """Extrapolates the measured ground where it was not observed: equal treads, the same slope, or level ground.
 
     The foot of the last step is at `foot`, m along the path.
@@ -180,29 +180,29 @@ class _Stance:
 
     def along(self, line: Line, s: Array) -> Array:
         """Joint density over the cells of another line."""
-        turn = _turn(self.line.forward, line.forward)
+        angle = _angle_between(self.line.forward, line.forward)
         rows = self.density.reshape(-1, len(self.s))
-        if abs(turn) > _ROTATION_RAD:
-            made = [self._turned(row, turn, line, s) for row in rows]
+        if abs(angle) > _ROTATION_RAD:
+            rows_on_line = [self._rotate_row(row, angle, line, s) for row in rows]
         else:
             old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
-            made = [np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]
-        density = np.reshape(made, (*self.density.shape[:-1], len(s)))
+            rows_on_line = [np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]
+        density = np.reshape(rows_on_line, (*self.density.shape[:-1], len(s)))
         total = float(density.sum())
         shares = self.density.sum(axis=-1, keepdims=True)
         return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
 
-    def _turned(self, row: Array, turn: float, line: Line, s: Array) -> Array:
+    def _rotate_row(self, row: Array, turn: float, line: Line, s: Array) -> Array:
         """(S,) part of the density on a line that turns by an angle, rad: the lateral position matters."""
         share = float(row.sum())
         mean, sd = moments(row / max(share, 1e-300), self.s)
         at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
         across = math.hypot(math.cos(turn) * sd, math.sin(turn) * _LATERAL_SD_M)
-        return share * _normed(_normal(s - at, across))
+        return share * _normalize(_normal_density(s - at, across))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Landed:
+class _LastLanding:
     """The last touch-down from camera and insoles; a later step estimate of the legs is combined with it.
 
     Attributes:
@@ -247,7 +247,7 @@ class Foothold:
         self._shares = self._habits.prior  # (HABITS,) probability of each habit, for when the position is lost
         self._sd_m = sd_m
         self._alike = 0  # steps in a row on ground of one mode
-        self._landed: _Landed | None = None
+        self._landed: _LastLanding | None = None
         self.last_step: MeasuredStep | None = None  # the last step as the legs measured it
         self._step_estimates: list[StepEstimate] = []  # the last step estimates of the legs
 
@@ -265,7 +265,7 @@ class Foothold:
         """Its standard deviation, m."""
         return self._length.sd()
 
-    def standing(self, line: Line) -> Array:
+    def stance_density(self, line: Line) -> Array:
         """Joint density of the stance foot over the cells of a line, see `Habits`."""
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - BEHIND_M) / self._sd_m) ** 2)
@@ -286,13 +286,13 @@ class Foothold:
         density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean()) / sd) ** 2) + _LIKELIHOOD_FLOOR)
         return np.asarray(density / density.sum())
 
-    def rolled(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
+    def predict_footprints(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
         """The next footprints from the joint density of the stance foot; see `Habits` and `roll_out`."""
-        groups = self._habits.that_differ(stance, ground)
-        chains = [self._rolled(part, ground, feet, habit) for part, habit in groups]
-        return mixed(chains, np.array([part.sum() for part, _ in groups]))
+        groups = self._habits.group_by_steps(stance, ground)
+        chains = [self._roll_out(part, ground, feet, habit) for part, habit in groups]
+        return mix_chains(chains, np.array([part.sum() for part, _ in groups]))
 
-    def _rolled(
+    def _roll_out(
         self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], habit: Habit,
         landing: Likelihoods | None = None,
     ) -> Chain:  # fmt: skip
@@ -319,29 +319,31 @@ class Foothold:
             floor: Observed height of the ground under the foot behind, m; NaN if unobserved.
             went_m: Distance the body moved since the previous touch-down; None: unknown.
         """
-        stance = self.after_passing(self.standing(line), height, top)
+        stance = self.after_passing(self.stance_density(line), height, top)
         came = None if self._stance is None else self._stance.line.forward
         behind = position(stance)
         before, _ = moments(behind, self.s)
         between = sum(self._length.mean(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - BEHIND_M  # position relative to the body
         went = self.s - before - between
-        even = ahead + self._leaning(ground, body) - 0.5 * went
+        even = ahead + self._body_lead(ground, body) - 0.5 * went
         over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
         likelihoods = Likelihoods(
-            even=_normal(even, _BODY_SD_M), over=_normal(over, _EDGE_AHEAD_SD_M),
-            beside=_normal(ahead + _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M),
+            even=_normal_density(even, _BODY_SD_M), over=_normal_density(over, _EDGE_AHEAD_SD_M),
+            beside=_normal_density(ahead + _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M),
         )  # fmt: skip
         chains = [
-            self._rolled(part, ground, landing.feet, habit, likelihoods)
-            for part, habit in self._habits.each(self._habits.changed(stance))
+            self._roll_out(part, ground, landing.feet, habit, likelihoods)
+            for part, habit in self._habits.each(self._habits.after_habit_change(stance))
         ]
-        self._shares = _normed(np.array([chain.evidence for chain in chains]))
+        self._shares = _normalize(np.array([chain.evidence for chain in chains]))
         density = np.array([share * chain.last for share, chain in zip(self._shares, chains)])
         self._stance = _Stance(line=line, s=self.s, density=density)
         self._landed = None
         if landing.measurable:
-            straight = 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / _ROTATION_SD_RAD) ** 2)
+            straight = (
+                1.0 if came is None else math.exp(-0.5 * (_angle_between(came, line.forward) / _ROTATION_SD_RAD) ** 2)
+            )
             self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
             if self._alike > 1 and math.isfinite(floor):
                 self._tall.update(0.0, top - floor)
@@ -355,23 +357,23 @@ class Foothold:
         A step over an edge, and one that joins the other foot, updates none.
         """
         before, before_sd = moments(stance, self.s)
-        made, made_sd = moments(self._shares @ [chain.density[0] for chain in chains], self.s)
-        sd = math.hypot(made_sd, before_sd)
-        other = self._shares @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
-        even = straight * (1.0 - min(1.0, 2.0 * float(other)))
-        here, there = (ground[segment_under(ground, s, self._p)] for s in (before, made))
-        mode = here.mode if here.mode == there.mode else ""
-        self._landed = _Landed(
+        landing_s, landing_sd = moments(self._shares @ [chain.density[0] for chain in chains], self.s)
+        sd = math.hypot(landing_sd, before_sd)
+        off_level = self._shares @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
+        even = straight * (1.0 - min(1.0, 2.0 * float(off_level)))
+        segment_behind, segment_ahead = (ground[segment_under(ground, s, self._p)] for s in (before, landing_s))
+        mode = segment_behind.mode if segment_behind.mode == segment_ahead.mode else ""
+        self._landed = _LastLanding(
             stance=now, before=stance, ground=ground, mode=mode, even=even,
             length=copy(self._length), ramps=copy(self._ramps),
         )  # fmt: skip
         self._alike = self._alike + 1 if mode and even > 0.5 else 0
-        length = made - before
+        length = landing_s - before
         if self._alike > 1 and went_m is not None:  # the body moves as far as the feet, and is known better
             length, sd = went_m, 0.5 * _BODY_SD_M
-        self._lengthen(foot, mode, length, sd, even)
+        self._update_length(foot, mode, length, sd, even)
 
-    def _lengthen(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
+    def _update_length(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
         """Updates the step length (m) on ground of a mode; does nothing if the mode differs under the feet."""
         if mode == "LG":
             self._length.update(SIDE[foot], length, sd, even)
@@ -390,7 +392,7 @@ class Foothold:
         if not self._step_estimates or self._step_estimates[-1].step != estimate.step:
             self._step_estimates = [*self._step_estimates[-2:], estimate]
         self._step_estimates[-1] = estimate
-        step, landed = measured_step(self._step_estimates), self._landed
+        step, landed = measure_step(self._step_estimates), self._landed
         if step is None or step.foot != foot or estimate.t_ns < down_ns:
             return False
         first, self.last_step = self.last_step is None or self.last_step.step != step.step, step
@@ -400,10 +402,10 @@ class Foothold:
         density = stance.density * step_likelihood(step, self.s, landed.ground, landed.before)
         self._stance = replace(stance, density=density / density.sum())
         self._length, self._ramps = copy(landed.length), copy(landed.ramps)
-        self._lengthen(step.foot, landed.mode, step.length, step.length_sd, landed.even)
+        self._update_length(step.foot, landed.mode, step.length, step.length_sd, landed.even)
         return first
 
-    def _leaning(self, ground: Sequence[Segment], height_m: float) -> Array:
+    def _body_lead(self, ground: Sequence[Segment], height_m: float) -> Array:
         """(S,) m, how far the body is ahead of the middle between the feet at touch-down, by landing position."""
         lean = np.full(len(self.s), _LEAN_RAD)
         for segment in ground:
@@ -417,17 +419,17 @@ def position(joint: Array) -> Array:
     return np.asarray(joint.sum(axis=(0, 1)))
 
 
-def _turn(one: Array, other: Array) -> float:
+def _angle_between(a: Array, b: Array) -> float:
     """Angle from one (2,) direction to another, rad."""
-    return math.atan2(one[0] * other[1] - one[1] * other[0], one @ other)
+    return math.atan2(a[0] * b[1] - a[1] * b[0], a @ b)
 
 
-def _normed(density: Array) -> Array:
+def _normalize(density: Array) -> Array:
     """Normalised to sum 1; uniform if all zero."""
     total = density.sum()
     return density / total if total > 1e-9 else np.full(len(density), 1.0 / len(density))
 
 
-def _normal(off: Array, sd: float) -> Array:
+def _normal_density(off: Array, sd: float) -> Array:
     """A normal density, up to a common factor."""
     return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd, float)

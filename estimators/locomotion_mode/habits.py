@@ -59,7 +59,7 @@ class Habit:
     treads: int = 1
 
     @property
-    def usual(self) -> bool:
+    def is_usual(self) -> bool:
         """Whether steps follow from their length alone, except for those that join."""
         return not self.one_per_tread and self.treads == 1
 
@@ -78,10 +78,10 @@ class Habits:
 
     def __init__(self, settings: Settings) -> None:
         self._min_step_height_m = settings.min_step_height_m
-        others = 1.0 - _JOINERS - _TWO_AT_A_TIME
+        other_share = 1.0 - _JOINERS - _TWO_AT_A_TIME
         self.prior: Array = np.empty(HABITS)
         self.prior[_BOTH], self.prior[_TWO] = _JOINERS, _TWO_AT_A_TIME
-        self.prior[_ONE], self.prior[_BY_LENGTH] = others * _ONE_PER_TREAD, others * (1.0 - _ONE_PER_TREAD)
+        self.prior[_ONE], self.prior[_BY_LENGTH] = other_share * _ONE_PER_TREAD, other_share * (1.0 - _ONE_PER_TREAD)
         self.chances: Array = np.full(HABITS, _OTHER_JOINS)
         self.chances[_BOTH] = _JOINER_JOINS
 
@@ -89,7 +89,7 @@ class Habits:
         """Joint density of a foot with (S,) density whose step crossed no edge, and (HABITS,) probabilities."""
         return np.stack([habits[:, None] * density, np.zeros((HABITS, len(density)))], axis=1)
 
-    def changed(self, joint: Array) -> Array:
+    def after_habit_change(self, joint: Array) -> Array:
         """Joint density after the walker may have changed the habit, which matters only after a step over an edge."""
         after, change = joint.copy(), _HABIT_CHANGE
         crossed = joint[:, 1]
@@ -98,9 +98,9 @@ class Habits:
 
     def each(self, joint: Array) -> list[tuple[Array, Habit]]:
         """(2, S) part of a joint density of each habit, in order, and the habit."""
-        return [(part, self._together(joint, [habit])) for habit, part in enumerate(joint)]
+        return [(part, self._mean_habit(joint, [habit])) for habit, part in enumerate(joint)]
 
-    def that_differ(self, joint: Array, ground: Sequence[Segment]) -> list[tuple[Array, Habit]]:
+    def group_by_steps(self, joint: Array, ground: Sequence[Segment]) -> list[tuple[Array, Habit]]:
         """(2, S) part of a joint density of each group of habits, and the group's habit.
 
         Habits whose steps differ by joining at most on this ground are one group; improbable other ones are left out.
@@ -113,9 +113,9 @@ class Habits:
         shares = joint.sum(axis=(1, 2))
         together = [habit for habit in range(HABITS) if habit not in apart]
         groups = [together, *([habit] for habit in apart if shares[habit] > _MIN_SHARE)]
-        return [(joint[group].sum(axis=0), self._together(joint, group)) for group in groups]
+        return [(joint[group].sum(axis=0), self._mean_habit(joint, group)) for group in groups]
 
-    def _together(self, joint: Array, group: list[int]) -> Habit:
+    def _mean_habit(self, joint: Array, group: list[int]) -> Habit:
         """The habits of a group: its probability of joining is the mean over the walkers."""
         chances = self.chances[group]
         crossed, shares = joint[group, 1].sum(axis=-1), joint[group].sum(axis=(1, 2))

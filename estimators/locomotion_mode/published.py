@@ -93,15 +93,15 @@ class WalkingInformation:
         See docs/locomotion_mode.md (3). The paper gives the first coming footprint, `ahead` = 1; each further one is
         one size on.
         """
-        return self._foot(self.next_size(), ahead)
+        return self._foot_position(self.next_size(), ahead)
 
     def stance(self) -> Array | None:
         """(2,) m, position of the foot that touched down last, by the same offsets."""
         size = self.last_size()
-        found = None if size is None else self._foot(size, 0)
-        return None if found is None else found[0]
+        footprint = None if size is None else self._foot_position(size, 0)
+        return None if footprint is None else footprint[0]
 
-    def _foot(self, size: float, ahead: int) -> tuple[Array, Array] | None:
+    def _foot_position(self, size: float, ahead: int) -> tuple[Array, Array] | None:
         """As `footprint`, with a size, m."""
         speed = 0.0 if self.last is None else float(np.linalg.norm(self.last.v[:2]))
         if self.last is None or speed == 0.0 or not math.isfinite(size):
@@ -124,25 +124,25 @@ def mode_between(
         forward: (2,) unit vector of the walking direction.
         settings: Thresholds of ramps and stairs.
     """
-    found, before = ground.ground(there), ground.ground(here)
-    if found is None:
+    surface_there, surface_here = ground.ground(there), ground.ground(here)
+    if surface_there is None:
         return "LG", math.nan
-    plane, terrain = found
+    plane, terrain = surface_there
     height = float(plane.height(there))
     slope = math.atan(float(plane.gradient @ forward))
     if isinstance(terrain, Ramp) and abs(slope) > settings.mode.min_ramp_slope_rad:
         return ("RA" if slope > 0 else "RD"), height
     if isinstance(terrain, Stairs):
         return ("SA" if float(terrain.up @ forward) > 0.0 else "SD"), height
-    if before is None:
+    if surface_here is None:
         return "LG", height
-    risen = height - float(before[0].height(here))
-    if isinstance(before[1], Ramp) or abs(risen) < settings.min_step_height_m:
+    risen = height - float(surface_here[0].height(here))
+    if isinstance(surface_here[1], Ramp) or abs(risen) < settings.min_step_height_m:
         return "LG", height
     return ("SA" if risen > 0 else "SD"), height
 
 
-def published_steps(
+def predict_published_steps(
     walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
     settings: Settings,
 ) -> tuple[StepPrediction, ...]:  # fmt: skip

@@ -102,7 +102,7 @@ def usual_steps(usual: float, settings: Settings) -> StepFilter:
     return StepFilter(usual, *(share * usual for share in (p.step_sd, _ASYMMETRY_SD, STEP_DRIFT, p.step_noise)))
 
 
-FEET = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
+FOOT_OF_TOPIC = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
 
 
 @dataclass
@@ -128,11 +128,11 @@ class TouchDowns:
 
     def __init__(self, settings: Settings) -> None:
         self._p = settings.mode
-        self._feet = {foot: _Foot() for foot in FEET.values()}
+        self._feet = {foot: _Foot() for foot in FOOT_OF_TOPIC.values()}
 
     def update(self, sample: Insole) -> str | None:
         """The foot that touches down with this sample, else None."""
-        foot = self._feet.get(FEET.get(sample.topic, ""))
+        foot = self._feet.get(FOOT_OF_TOPIC.get(sample.topic, ""))
         load = float(sample.force.sum())
         if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < _MAX_FORCE_N:
             return None
@@ -149,7 +149,7 @@ class TouchDowns:
             return None
         foot.down = True
         in_air = (sample.t_ns - foot.raised_ns) * 1e-9
-        return FEET[sample.topic] if in_air >= _MIN_SWING_S else None
+        return FOOT_OF_TOPIC[sample.topic] if in_air >= _MIN_SWING_S else None
 
 
 _OTHER = {"l": "r", "r": "l", "": ""}
@@ -187,13 +187,13 @@ class Rhythm:
         """Expected time of a step, s."""
         return self._time.mean()
 
-    def overdue(self, t_ns: int) -> str | None:
+    def overdue_foot(self, t_ns: int) -> str | None:
         """The undetected foot that must be down by now, because the other one is about to lift off."""
         waited = (t_ns - self.down_ns) * 1e-9
-        there = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean()
-        return self._undetected if there else None
+        is_overdue = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean()
+        return self._undetected if is_overdue else None
 
-    def over_foot(self, t_ns: int) -> bool:
+    def is_over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the stance foot by now."""
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean()
 
@@ -226,11 +226,11 @@ class Rhythm:
 
     def times(self, feet: Sequence[str], t_ns: int) -> list[tuple[int, float]]:
         """Landing time of each coming step, ns, and its standard deviation, s."""
-        found = []
+        landings = []
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0
         for foot in feet:
             at = max(at + 1e9 * self._time.mean(SIDE[foot]), t_ns + 1e9 * SOON_S)
             variance += (self._p.step_noise * self._time.mean()) ** 2
-            found.append((int(at), math.sqrt(variance + self._time.sd() ** 2)))
-        return found
+            landings.append((int(at), math.sqrt(variance + self._time.sd() ** 2)))
+        return landings

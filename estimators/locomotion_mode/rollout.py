@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.locomotion_mode.habits import Habit, step_weights
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.segments import Segment, foothold_weights, mode_table, path_scale
@@ -65,7 +65,7 @@ class Chain:
     evidence: float
 
 
-def mixed(chains: Sequence[Chain], shares: Array) -> Chain:
+def mix_chains(chains: Sequence[Chain], shares: Array) -> Chain:
     """One chain from those of walkers of several habits with these shares."""
     shares = shares / shares.sum()
     mean = {
@@ -112,27 +112,31 @@ def roll_out(
     habit = habit or Habit()
     weight = foothold_weights(ground, s, settings) + _WEIGHT_FLOOR
     plain = step_weights(ground, Habit(), settings)
-    even, over = plain if habit.usual else step_weights(ground, habit, settings)
+    even, over = plain if habit.is_usual else step_weights(ground, habit, settings)
     level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES
     band = round(_MAX_STEP_M / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
-    made = [_kernels(s, level, unsure, length, shifts, band, settings.mode.step_noise) for length in kinds]
-    usual = _found(weight, *plain, made)
-    scale = np.ones_like(usual) if habit.usual else usual / np.maximum(_found(weight, even, over, made), _LEAST)
-    share = usual / np.maximum([_found_beside(kernels.beside, even @ weight) for kernels in made], _LEAST)
+    step_kernels = [_kernels(s, level, unsure, length, shifts, band, settings.mode.step_noise) for length in kinds]
+    usual_sums = _sum_steps(weight, *plain, step_kernels)
+    scale = (
+        np.ones_like(usual_sums)
+        if habit.is_usual
+        else usual_sums / np.maximum(_sum_steps(weight, even, over, step_kernels), _LEAST)
+    )
+    share = usual_sums / np.maximum([_sum_beside(kernels.beside, even @ weight) for kernels in step_kernels], _LEAST)
     if landing is not None:  # the last step has its own kind
-        made.append(_landed(made[kind[-1]], landing))
+        step_kernels.append(_apply_likelihoods(step_kernels[kind[-1]], landing))
         share, scale = (np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (share, scale))
         kind[-1] = len(kinds)
-    near, far, beside = (np.array([of_kind[i] for of_kind in made]) for i in range(3))
+    near, far, beside = (np.array([of_kind[i] for of_kind in step_kernels]) for i in range(3))
     first = stance[:, None, :] * weight
     mass = float(first.sum())
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
-    chances = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
-    steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=chances)
-    density, on, flow, ends, joined, evidence = _chain(first, weight, even, over, steps)
+    joins = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
+    steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=joins)
+    density, on, flow, ends, joined, evidence = _sum_chains(first, weight, even, over, steps)
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, settings))
     last = ends.sum(axis=(0, 2))
     return Chain(
@@ -189,17 +193,17 @@ def _kernels(
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - _EDGE_STEP * length) / _EDGE_STEP_SD_M) ** 2) / _EDGE_STEP_SD_M
     near = _even_steps(level, length * np.hypot(step_noise, unsure), length, shifts, band)
-    beside = np.exp(-0.5 * (lag * _around(lag) / _BESIDE_SD_M) ** 2) / _BESIDE_SD_M
+    beside = np.exp(-0.5 * (lag * _nearby_cells(lag) / _BESIDE_SD_M) ** 2) / _BESIDE_SD_M
     return _Kernels(near, np.broadcast_to(far, (len(s), band)), np.broadcast_to(beside, (len(s), len(beside))))
 
 
-def _around(lag: float) -> NDArray[np.int64]:
+def _nearby_cells(lag: float) -> NDArray[np.int64]:
     """(W,) cells about a foot that the other foot may join it in."""
     reach = max(1, round(3.0 * _BESIDE_SD_M / lag))
     return np.arange(-reach, reach + 1)
 
 
-def _landed(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
+def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
     """Kernels of a step whose landing gave these likelihoods."""
     cells, half = len(landing.even), kernels.beside.shape[1] // 2
     here = np.arange(cells)[:, None]
@@ -211,40 +215,40 @@ def _landed(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
     )  # fmt: skip
 
 
-def _found(weight: Array, even: Array, over: Array, made: Sequence[_Kernels]) -> Array:
+def _sum_steps(weight: Array, even: Array, over: Array, step_kernels: Sequence[_Kernels]) -> Array:
     """(L, P, S) sum of all steps that do not join, by kind of step, from each segment and cell."""
     onto_even, onto_over = even @ weight, over @ weight
     middle = len(_NODES) // 2
-    return np.array([_found_onward(kernels.near[middle], kernels.far, onto_even, onto_over) for kernels in made])
+    return np.array([_sum_onward(kernels.near[middle], kernels.far, onto_even, onto_over) for kernels in step_kernels])
 
 
-@cached(_HERE)
-def _found_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> Array:
+@entry_kernel(_HERE)
+def _sum_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> Array:
     """(P, S) sum of steps (S, B) from each cell, on even ground and over an edge."""
     P, S = onto_even.shape
-    found = np.zeros((P, S))
+    sums = np.zeros((P, S))
     for a in range(P):
         for p in range(S):
             n = min(near.shape[1], S - p)
-            found[a, p] = _gather(near[p, :n], far[p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
-    return found
+            sums[a, p] = _gather(near[p, :n], far[p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
+    return sums
 
 
-@cached(_HERE)
-def _found_beside(beside: Array, onto_even: Array) -> Array:
+@entry_kernel(_HERE)
+def _sum_beside(beside: Array, onto_even: Array) -> Array:
     """(P, S) sum of joining steps (S, W) from each cell."""
     P, S = onto_even.shape
-    found = np.zeros((P, S))
+    sums = np.zeros((P, S))
     for a in range(P):
         for p in range(S):
-            found[a, p] = _gather_beside(beside[p], onto_even[a], p)
-    return found
+            sums[a, p] = _gather_beside(beside[p], onto_even[a], p)
+    return sums
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
     """(H, S, B) density of steps on even ground, from (S,) path length and its (S,) standard deviation."""
-    found = np.zeros((len(shifts), len(level), band))
+    density = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
         for j in range(band):
             q = min(p + j, len(level) - 1)
@@ -252,12 +256,12 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
             for h in range(len(shifts)):
                 away = (off - shifts[h]) / sd[q]
                 if abs(away) < _TAIL_SD:
-                    found[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
-    return found
+                    density[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
+    return density
 
 
-@cached(_HERE)
-def _chain(
+@entry_kernel(_HERE)
+def _sum_chains(
     first: Array, weight: Array, even: Array, over: Array, steps: _Steps
 ) -> tuple[Array, Array, Array, Array, Array, float]:
     """Forward and backward sums over a chain of footprints.

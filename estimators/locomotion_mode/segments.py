@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.estimate import above
+from stridetwin.estimators.contact_terrain.estimate import probability_above
 from stridetwin.estimators.locomotion_mode.estimate import MODES
 from stridetwin.estimators.locomotion_mode.parameters import Settings
-from stridetwin.estimators.locomotion_mode.vertical import without_lean
+from stridetwin.estimators.locomotion_mode.vertical import remove_lean
 from stridetwin.estimators.terrain_map import Change, Profile, Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
 
@@ -110,26 +110,28 @@ def segments_along(
         p: Dimensions and standard deviations.
         usual: Stairs like those here; None: none observed.
     """
-    changes, until = _passable(_whole_treads(_without_small_objects(profile.changes, p), p), profile, estimate, p)
+    changes, until = _passable_changes(
+        _without_tread_breaks(_without_small_objects(profile.changes, p), p), profile, estimate, p
+    )
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
     seen = profile.s[profile.plane >= 0]
     if len(seen) and seen[0] > BEHIND_M + _UNDER_M:  # distant ground does not give the slope under the feet
         bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
     for change in changes:
-        bounds += _bounds(change, usual, p)
+        bounds += _to_bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
     bounds = [*bounds[first : first + _MAX_SEGMENTS], _Bound(math.inf, 0.0, 0.0)]
     mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, _LEVEL_SD_RAD), []
     for k, (one, other) in enumerate(pairwise(bounds)):
         measured = None
         if not _is_tread(one, other, p):
-            measured = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
+            measured = _read_slope(profile, estimate, forward, one.s, min(other.s, until), p)
         if measured is not None:
             mapped[k], sd[k] = measured
             known.append(k)
     slope = mapped.copy()
     breaks = np.array([j == i + 1 and bounds[j].drop == 0.0 for i, j in pairwise(known)], bool)
-    slope[known], sd[known] = without_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
+    slope[known], sd[known] = remove_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
     return [
         Segment(
             start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
@@ -161,27 +163,27 @@ def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Chang
     return kept
 
 
-def _whole_treads(changes: list[Change], p: Settings) -> list[Change]:
+def _without_tread_breaks(changes: list[Change], p: Settings) -> list[Change]:
     """Removes slope breaks between two edges a tread apart: see `_is_tread`."""
     edges = [c.s for c in changes if c.kind == "edge"]
     treads = [(a, b) for a, b in pairwise(edges) if b - a <= p.map.max_tread_m]
     return [c for c in changes if c.kind == "edge" or not any(a < c.s < b for a, b in treads)]
 
 
-def _passable(
+def _passable_changes(
     changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: Settings
 ) -> tuple[list[Change], float]:
     """The changes between impassable edges behind and ahead of the walker, and the passable distance, m."""
     behind = 0
     for k, change in enumerate(changes):
-        if _blocks(change, profile, estimate, p):
+        if _is_impassable(change, profile, estimate, p):
             if change.s > BEHIND_M:
                 return changes[behind:k], change.s
             behind = k + 1
     return changes[behind:], math.inf
 
 
-def _blocks(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: Settings) -> bool:
+def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: Settings) -> bool:
     """Whether an edge is impassable: higher than a riser where no flight continues, or too steep a drop."""
     if change.drop <= 0.0:
         return -change.drop > p.map.max_riser_m * (1.0 + _HIDDEN_PER_SD * change.sd / MIN_FOOTHOLD_M)
@@ -206,7 +208,7 @@ def _is_tread(one: _Bound, other: _Bound, p: Settings) -> bool:
     return one.drop != 0.0 and other.drop != 0.0 and other.s - one.s <= p.map.max_tread_m
 
 
-def _bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound]:
+def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound]:
     """Converts a change to edges that can be stepped over.
 
     A camera looking down over an edge sees the ground up to the edge, but not what it occludes. The edge is where
@@ -216,7 +218,7 @@ def _bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound]:
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
     hidden = _HIDDEN_PER_SD * change.sd
-    riser, tread, riser_sd, tread_sd = _hidden_steps(-change.drop, usual, p)
+    riser, tread, riser_sd, tread_sd = _assume_steps(-change.drop, usual, p)
     count = round(-change.drop / riser)
     sd = min(change.sd, OCCLUDED_EDGE_SD_M)
     edge_s = change.s + max(sd - PLACE_SD_M, 0.0)
@@ -232,7 +234,7 @@ def _bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound]:
     ]
 
 
-def _hidden_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
+def _assume_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
     """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
     They equal the last observed ones if a whole number of those makes up the drop, and usual ones otherwise.
@@ -242,7 +244,7 @@ def _hidden_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float
     return p.mode.usual_riser_m, p.mode.usual_tread_m, _HIDDEN_RISER_SD, _HIDDEN_TREAD_SD
 
 
-def _slope(
+def _read_slope(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
     p: Settings,
 ) -> tuple[float, float] | None:  # fmt: skip
@@ -296,7 +298,7 @@ def slopes_under(ground: Sequence[Segment], on: Array) -> list[tuple[float, floa
     return list(zip(mean.tolist(), np.sqrt(np.maximum(variance, 0.0)).tolist()))
 
 
-def heights(ground: Sequence[Segment], profile: Profile, s: Array, p: Settings) -> Array | None:
+def foothold_heights(ground: Sequence[Segment], profile: Profile, s: Array, p: Settings) -> Array | None:
     """(S,) m, height of the ground that carries a sole, also where unobserved; None if none is observed.
 
     Heels overhang edges: the ground is that under the sole's middle, extended to the heel's centre, which is at (S,) s.
@@ -320,12 +322,16 @@ def mode_table(ground: Sequence[Segment], p: Settings) -> Array:
     """(P, P, 5) probability of each mode of a step from one segment to another. See docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
     for b, segment in enumerate(ground):
-        up, down = (above(sign * segment.slope, p.mode.min_ramp_slope_rad, segment.slope_sd) for sign in (1.0, -1.0))
+        up, down = (
+            probability_above(sign * segment.slope, p.mode.min_ramp_slope_rad, segment.slope_sd) for sign in (1.0, -1.0)
+        )
         risen = 0.0
         for a in range(b, -1, -1):
             high = low = 0.0
             if risen != 0.0:
-                high, low = (above(sign * risen, p.min_stair_riser_m, p.mode.riser_sd_m) for sign in (1.0, -1.0))
+                high, low = (
+                    probability_above(sign * risen, p.min_stair_riser_m, p.mode.riser_sd_m) for sign in (1.0, -1.0)
+                )
             flat = 1.0 - up - down
             table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
             risen += ground[a].drop
@@ -342,16 +348,20 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
         s: (S,) m along the path, of the heel's centre.
         p: Dimensions of the sole.
     """
-    found = np.ones((len(ground), len(s)))
+    weights = np.ones((len(ground), len(s)))
     middle = s + half_sole(p)
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.mode.heel_m - start[1:, None]
-    found[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _beyond(middle, start[1:], start_sd[1:])
+    weights[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _probability_beyond(
+        middle, start[1:], start_sd[1:]
+    )
     # ahead: a riser before a step up, a free edge before a step down
     inside = end[:-1, None] - s - p.mode.toe_m
-    found[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _beyond(-middle, -end[:-1], end_sd[:-1])
-    return found
+    weights[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _probability_beyond(
+        -middle, -end[:-1], end_sd[:-1]
+    )
+    return weights
 
 
 def _foothold_weight(inside: Array, sd: Array, fall: Array, p: Settings) -> Array:
@@ -362,12 +372,12 @@ def _foothold_weight(inside: Array, sd: Array, fall: Array, p: Settings) -> Arra
     return np.asarray(np.exp(-0.5 * (beyond / np.hypot(spread, sd)[:, None]) ** 2))
 
 
-def _beyond(s: Array, start: Array, sd: Array) -> Array:
+def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
     """(N, S) probability that positions lie beyond edges (N,) of known standard deviation."""
     return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, _MIN_EDGE_SD_M))[:, None])))
 
 
-def unseen(profile: Profile, s: Array, here: float, p: Settings) -> Array:
+def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> Array:
     """(S,) probability that unobserved positions are of another mode than assumed.
 
     Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
@@ -387,7 +397,7 @@ def unseen(profile: Profile, s: Array, here: float, p: Settings) -> Array:
     return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
 
 
-def with_unseen(modes: Array, chance: Array) -> Array:
+def mix_unseen(modes: Array, chance: Array) -> Array:
     """(K, 5) mode probabilities when, with probability (K,), any mode is possible."""
     return np.asarray((1.0 - chance[:, None]) * modes + chance[:, None] / len(MODES))
 

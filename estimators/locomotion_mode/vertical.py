@@ -25,7 +25,7 @@ _FALSE_BREAK = 0.1
 _LEVEL, _RAMP = 0, 1
 
 
-def without_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> tuple[Array, Array]:
+def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> tuple[Array, Array]:
     """True slopes of segments from mapped ones.
 
     See docs/locomotion_mode.md (10), (11).
@@ -43,16 +43,16 @@ def without_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> 
     off, variance = slope[:, None] - lean, sd[:, None] ** 2
     built = np.array([_FLAT_SD_RAD, _RAMP_SD_RAD]) ** 2
     share = np.array([_LEVEL_SHARE, 1.0 - _LEVEL_SHARE])
-    likelihood = share[:, None] * _normal(off[:, None, :], (variance + built)[:, :, None])
+    likelihood = share[:, None] * _normal_density(off[:, None, :], (variance + built)[:, :, None])
     kinds, evidence = _level_or_ramp(likelihood, breaks)
-    weight = _normal(lean, lean_sd_rad**2) * evidence
+    weight = _normal_density(lean, lean_sd_rad**2) * evidence
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
     shrink = built / (built + variance)
     kept, kept_squared = (np.einsum("nk,nkl->nl", factor, kinds) for factor in (shrink, shrink**2))
     mean, square = off * kept, variance * kept + off**2 * kept_squared
-    found = mean @ weight
-    return found, np.sqrt(np.maximum(square @ weight - found**2, 0.0))
+    true_slope = mean @ weight
+    return true_slope, np.sqrt(np.maximum(square @ weight - true_slope**2, 0.0))
 
 
 def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
@@ -80,5 +80,5 @@ def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
     return both / both.sum(axis=1, keepdims=True), evidence
 
 
-def _normal(x: Array, variance: Array | float) -> Array:
+def _normal_density(x: Array, variance: Array | float) -> Array:
     return np.asarray(np.exp(-0.5 * x**2 / variance) / np.sqrt(2.0 * math.pi * variance))

@@ -62,15 +62,15 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
         min_bend_rad: Smallest bend, rad.
     """
     here = slice(first, last + 1)
-    x, z = _binned(s[here], height[here])
+    x, z = _bin_heights(s[here], height[here])
     cuts: list[int] = []
-    _cut(x, z, 0, len(x), cuts)
-    bounds = _settled(x, z, [0, *sorted(cuts), len(x)], min_bend_rad)
+    _find_bends(x, z, 0, len(x), cuts)
+    bounds = _settle_bounds(x, z, [0, *sorted(cuts), len(x)], min_bend_rad)
     stretches: list[Stretch] = []
     for k, (a, b) in enumerate(pairwise(bounds)):
         if b - a < _MIN_BINS:
             return []
-        middle, level, slope, slope_sd = _line(x[a:b], z[a:b])
+        middle, level, slope, slope_sd = _fit_line(x[a:b], z[a:b])
         off = z[a:b] - level - slope * (x[a:b] - middle)
         if off @ off > (b - a) * (_MAX_MISFIT_SD * _NOISE_M) ** 2:
             return []  # a jump or a bulge
@@ -89,7 +89,7 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
     return stretches
 
 
-def _binned(s: Array, height: Array) -> tuple[Array, Array]:
+def _bin_heights(s: Array, height: Array) -> tuple[Array, Array]:
     """Means of known heights in bins along the line, (M,) and (M,) m; empty bins are left out."""
     known = np.isfinite(height)
     if not known.any():
@@ -97,11 +97,11 @@ def _binned(s: Array, height: Array) -> tuple[Array, Array]:
     x, z = s[known], height[known]
     bins = ((x - x[0]) / _BIN_M).astype(int)
     count = np.bincount(bins)
-    there = count > 0
-    return np.bincount(bins, x)[there] / count[there], np.bincount(bins, z)[there] / count[there]
+    occupied = count > 0
+    return np.bincount(bins, x)[occupied] / count[occupied], np.bincount(bins, z)[occupied] / count[occupied]
 
 
-def _line(x: Array, z: Array) -> tuple[float, float, float, float]:
+def _fit_line(x: Array, z: Array) -> tuple[float, float, float, float]:
     """Middle, height there, slope, and its standard deviation."""
     middle, level = float(x.mean()), float(z.mean())
     off = x - middle
@@ -110,21 +110,21 @@ def _line(x: Array, z: Array) -> tuple[float, float, float, float]:
     return middle, level, slope, _NOISE_M / math.sqrt(spread)
 
 
-def _cut(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
+def _find_bends(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
     """Appends the bends between two bins, the best one, then those on both sides of it; too many of them at first."""
-    at = _best(x[a:b], z[a:b])
+    at = _find_best_bend(x[a:b], z[a:b])
     if at is not None:
         cuts.append(a + at)
-        _cut(x, z, a, a + at, cuts)
-        _cut(x, z, a + at, b, cuts)
+        _find_bends(x, z, a, a + at, cuts)
+        _find_bends(x, z, a + at, b, cuts)
 
 
-def _settled(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -> list[int]:
+def _settle_bounds(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -> list[int]:
     """Bounds, where each bend is the best one between its neighbours; those that are none there are removed."""
     for _ in range(_PASSES):
         kept = bounds[:1]
         for k in range(1, len(bounds) - 1):
-            at = _best(x[kept[-1] : bounds[k + 1]], z[kept[-1] : bounds[k + 1]], min_bend_rad)
+            at = _find_best_bend(x[kept[-1] : bounds[k + 1]], z[kept[-1] : bounds[k + 1]], min_bend_rad)
             if at is not None:
                 kept.append(kept[-1] + at)
         kept.append(bounds[-1])
@@ -134,7 +134,7 @@ def _settled(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -> list
     return bounds
 
 
-def _best(x: Array, z: Array, min_bend_rad: float | None = None) -> int | None:
+def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> int | None:
     """The bin where the line bends most significantly, by least squares with a hinge; None where it is straight.
 
     Without a smallest bend, rad, any counts, and so does one that leaves others: up and down again is a small bend.
@@ -145,18 +145,18 @@ def _best(x: Array, z: Array, min_bend_rad: float | None = None) -> int | None:
     ks = np.arange(_MIN_BINS, n - _MIN_BINS + 1)
     x, z = x - x.mean(), z - z.mean()
     line = (x @ z) / (x @ x)
-    rest = z - line * x
+    residual = z - line * x
     hinge = np.maximum(0.0, x[None, :] - x[ks, None])
     hinge = hinge - hinge.mean(axis=1, keepdims=True)
     hinge -= ((hinge @ x) / (x @ x))[:, None] * x  # what a line cannot explain
     power = np.einsum("kn,kn->k", hinge, hinge)
-    along = hinge @ rest
+    along = hinge @ residual
     gain = along**2 / np.maximum(power, 1e-12)
     best = int(gain.argmax())
     bend = along[best] / max(float(power[best]), 1e-12)
-    left = max(float(rest @ rest - gain[best]) / n, _NOISE_M**2)
+    residual_variance = max(float(residual @ residual - gain[best]) / n, _NOISE_M**2)
     if min_bend_rad is None:
-        left, min_bend_rad = _NOISE_M**2, 0.0
-    if abs(bend) < math.tan(min_bend_rad) or gain[best] < _MIN_BEND_SD**2 * left:
+        residual_variance, min_bend_rad = _NOISE_M**2, 0.0
+    if abs(bend) < math.tan(min_bend_rad) or gain[best] < _MIN_BEND_SD**2 * residual_variance:
         return None
     return int(ks[best])

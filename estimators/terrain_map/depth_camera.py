@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
@@ -22,21 +22,21 @@ _MIN_JUMP_M = 0.25
 """A smaller change of pose is not a jump, however fast."""
 
 
-@cached(_HERE)
-def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) -> tuple[NDArray[np.float32], int]:
+@entry_kernel(_HERE)
+def clip_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) -> tuple[NDArray[np.float32], int]:
     """(H, W) m, 0 where not finite or outside `least` to `most`; and the number of valid pixels."""
-    found = np.empty(depth.shape, np.float32)
+    valid = np.empty(depth.shape, np.float32)
     nothing, count = np.float32(0.0), 0
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             inside = (depth[v, u] >= least) & (depth[v, u] <= most)
-            found[v, u] = depth[v, u] if inside else nothing
+            valid[v, u] = depth[v, u] if inside else nothing
             count += inside
-    return found, count
+    return valid, count
 
 
-@cached(_HERE, error_model="numpy")
-def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
+@entry_kernel(_HERE, error_model="numpy")
+def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
     """Removes the pixels beside a depth discontinuity: each lies on either surface or between them (flying pixels).
 
     The same width is removed on both sides, so the middle of the gap is at the discontinuity.
@@ -48,7 +48,7 @@ def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int
     """
     height, width = depth.shape
     keeps, nothing, never = np.float32(1.0 - share), np.float32(0.0), np.float32(math.inf)
-    found = np.empty(depth.shape, np.float32)
+    clean = np.empty(depth.shape, np.float32)
     # First per column over the neighbouring rows, then over the neighbouring columns; outside the image there is none.
     far, near = np.zeros(width + 2 * reach, np.float32), np.full(width + 2 * reach, never)
     farthest, nearest = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -72,10 +72,10 @@ def without_discontinuities(depth: NDArray[np.float32], share: float, reach: int
             for u in range(width):
                 farthest[u] = beside_far[u] if beside_far[u] > farthest[u] else farthest[u]
                 nearest[u] = beside_near[u] if beside_near[u] < nearest[u] else nearest[u]
-        line, out = depth[v], found[v]
+        line, out = depth[v], clean[v]
         for u in range(width):
             out[u] = line[u] if nearest[u] >= keeps * farthest[u] else nothing
-    return found
+    return clean
 
 
 _WIDTH = 640.0
@@ -108,7 +108,7 @@ class DepthCamera:
         """Converts a number of pixels of a 640-pixel image to this image's width, at least one."""
         return max(1, round(of_640 * self.shape[1] / _WIDTH))
 
-    def rectified(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> tuple[NDArray[np.float32], int]:
+    def rectify(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> tuple[NDArray[np.float32], int]:
         """The rectified depth, (H, W) m, 0 = out of range or invalid; and the number of valid pixels.
 
         Args:
@@ -122,7 +122,7 @@ class DepthCamera:
             raise StrideTwinError(
                 f"{self.topic}: invalid image size {depth.shape}: expected {self.shape}, as in the rig"
             )
-        clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.min_range_m), np.float32(p.max_range_m))
+        clean, count = clip_range(np.asarray(depth, np.float32), np.float32(p.min_range_m), np.float32(p.max_range_m))
         if self._maps is None:
             return clean, count
         straight = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
@@ -135,10 +135,12 @@ def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
     Raises:
         StrideTwinError: No such camera; the message lists the available ones.
     """
-    there = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
-    if not there or (topic is not None and topic not in there):
-        raise StrideTwinError(f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(there)) or 'none'}")
-    return there[topic] if topic is not None else next(iter(there.values()))
+    cameras = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+    if not cameras or (topic is not None and topic not in cameras):
+        raise StrideTwinError(
+            f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(cameras)) or 'none'}"
+        )
+    return cameras[topic] if topic is not None else next(iter(cameras.values()))
 
 
 def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
@@ -155,9 +157,9 @@ def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
     if not frame:
         return np.eye(4)
     sensors: dict[str, ImuCalibration | CameraCalibration] = {**rig.imus, **rig.cameras}
-    there = [topic for topic, sensor in sensors.items() if sensor.mount.body == camera.mount.body]
-    if f"/{frame}" not in there:
-        valid = ", ".join(topic.removeprefix("/") for topic in there)
+    topics = [topic for topic, sensor in sensors.items() if sensor.mount.body == camera.mount.body]
+    if f"/{frame}" not in topics:
+        valid = ", ".join(topic.removeprefix("/") for topic in topics)
         raise StrideTwinError(f"the rig has no frame {frame!r} on the body of {camera.topic}; it has {valid}")
     return np.asarray(np.linalg.inv(sensors[f"/{frame}"].mount.T_body_sensor) @ camera.mount.T_body_sensor, float)
 

@@ -165,14 +165,14 @@ class TerrainEstimate:
 
     def terrain_of(self, plane: int) -> Terrain | None:
         """The terrain that a plane belongs to: stairs if the plane is a tread, else its own."""
-        own: Terrain | None = None
+        level_or_ramp: Terrain | None = None
         for terrain in self.terrains:
             if isinstance(terrain, Stairs):
                 if plane in terrain.planes[1:-1]:
                     return terrain
             elif terrain.plane == plane:
-                own = terrain
-        return own
+                level_or_ramp = terrain
+        return level_or_ramp
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -31,7 +31,7 @@ from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, 
 from stridetwin.estimators.terrain_map.open3d_volume import Open3dVolume
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet
-from stridetwin.estimators.terrain_map.profile import profile
+from stridetwin.estimators.terrain_map.profile import read_profile
 from stridetwin.estimators.terrain_map.terrains import Terrains
 from stridetwin.estimators.terrain_map.volume import VoxelVolume
 from stridetwin.streams.errors import ConfigError
@@ -120,7 +120,7 @@ class TerrainMap:
         if T_world_frame is None:
             return None
         self._last_ns = sample.t_ns
-        depth, count = self._camera.rectified(sample.depth, self.parameters)
+        depth, count = self._camera.rectify(sample.depth, self.parameters)
         if count < _MIN_PIXELS:
             return None
         T_world_camera = T_world_frame @ self._T_frame_camera
@@ -155,7 +155,9 @@ class TerrainMap:
             heading: Its direction in the world, rad from x.
             length_m: Its length.
         """
-        return profile(self._estimate, self._planes, self._R_world_grid, self.parameters, origin, heading, length_m)
+        return read_profile(
+            self._estimate, self._planes, self._R_world_grid, self.parameters, origin, heading, length_m
+        )
 
     def ground(self, xy: Array) -> tuple[Plane, Terrain | None] | None:
         """The plane and the terrain under a (2,) position in the world, m; None where no plane is known.
@@ -173,8 +175,8 @@ class TerrainMap:
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
         """(V, 3) m, world, and (F, 3): vertices and triangles of all surfaces; None unless the backend makes them."""
-        made = self._volume.mesh()
-        return None if made is None else (made[0] @ self._R_world_grid.T, made[1])
+        grid_mesh = self._volume.mesh()
+        return None if grid_mesh is None else (grid_mesh[0] @ self._R_world_grid.T, grid_mesh[1])
 
     def surface_points(self) -> tuple[Array, NDArray[np.int64]]:
         """(N, 3) m, world, the ground from above, one point per column; and (N,) the id of its plane, -1 = none."""
@@ -193,7 +195,7 @@ class TerrainMap:
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
             t_ns=t_ns, planes=planes, p_camera_in_world=p_camera_in_world,
-            terrains=self._terrains.find(planes, self._planes, self._volume.refined),
+            terrains=self._terrains.find(planes, self._planes, self._volume.refine_riser),
         )  # fmt: skip
 
     def clear(self) -> None:

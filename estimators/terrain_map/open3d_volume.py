@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_extraction import column_points, large_planes, plane_sums
+from stridetwin.estimators.terrain_map.plane_extraction import column_points, extract_large_planes, plane_sums
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
 from stridetwin.estimators.terrain_map.risers import Riser
 from stridetwin.estimators.terrain_map.volume import HEADROOM_M, VIEW, min_noise_m, view_corner
@@ -104,7 +104,7 @@ class Open3dVolume:
         seen &= (np.abs(x) < slope_u * z + 2.0 * radius) & (np.abs(y) < slope_v * z + 2.0 * radius)
         return rows[near & seen], self._o3d.core.Tensor(keys[near & seen])
 
-    def smoothed(self) -> NDArray[np.float32]:
+    def render_depth(self) -> NDArray[np.float32]:
         """(H / 2, W / 2) m, 0 = none: the smoothed depth image I_D^s, rendered from the last pose."""
         if self._in_view is None or not len(self._in_view):
             return np.zeros(self._shape, np.float32)
@@ -127,11 +127,11 @@ class Open3dVolume:
     def top_view(self) -> TopView:
         """As `VoxelVolume`: planes of the smoothed depth image, projected down to the columns of the ground."""
         p, T = self._p, self._T_grid_camera
-        depth = self.smoothed()
+        depth = self.render_depth()
         points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
         points[(depth == 0.0) | (points[..., 2] > T[2, 3] + HEADROOM_M)] = np.nan
         noise = np.hypot(min_noise_m(p), p.depth_noise_per_m * depth**2).astype(np.float32)
-        labels, planes = large_planes(points, noise, p)
+        labels, planes = extract_large_planes(points, noise, p)
         return self._from_above(points, noise, labels, planes)
 
     def _from_above(
@@ -150,20 +150,20 @@ class Open3dVolume:
         height[i, j], spread[i, j], label[i, j] = points[order, 2], noise[order], labels[order]
         view = column_points(height, first, voxel_m)
         for number, (a, b, c, d) in enumerate(planes):
-            own = cv2.morphologyEx((label == number).astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0
-            gap = own & (label == NONE)
+            closed = cv2.morphologyEx((label == number).astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0
+            gap = closed & (label == NONE)
             view[gap, 2] = ((d - a * view[..., 0] - b * view[..., 1]) / c)[gap]
             label[gap], spread[gap] = number, self._p.plane_noise_m
         return TopView(first, label, plane_sums(view, spread, label, len(planes)), view[..., 2].copy(), spread)
 
-    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
+    def refine_riser(self, edge: Riser, upper: Plane, down: Array) -> Riser:
         """As `VoxelVolume`: unchanged, because the paper takes stairs from the planes alone."""
         return edge
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]]:
         """(V, 3) m, grid axes, and (F, 3): vertices and triangles of all surfaces, by marching cubes."""
-        made = self._grid.extract_triangle_mesh(weight_threshold=1.0)
-        return made.vertex.positions.numpy().astype(float), made.triangle.indices.numpy().astype(np.int64)
+        mesh = self._grid.extract_triangle_mesh(weight_threshold=1.0)
+        return mesh.vertex.positions.numpy().astype(float), mesh.triangle.indices.numpy().astype(np.int64)
 
     def _tensor(self, values: Array) -> Any:
         return self._o3d.core.Tensor(np.ascontiguousarray(values), self._o3d.core.float64)

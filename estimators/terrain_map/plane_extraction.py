@@ -15,9 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit_plane, plane_misfit
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -48,7 +48,7 @@ def min_columns(voxel_size_m: float) -> int:
     return round(_MIN_AREA_M2 / voxel_size_m**2)
 
 
-@cached(_HERE, error_model="numpy")
+@entry_kernel(_HERE, error_model="numpy")
 def cell_sums(points: Points, noise: Points) -> Array:
     """Sums over the points of each node cell.
 
@@ -60,10 +60,10 @@ def cell_sums(points: Points, noise: Points) -> Array:
         (n // CELL, m // CELL, 11) sums; 0 where the cell is not a node.
     """
     rows, columns = noise.shape[0] // CELL, noise.shape[1] // CELL
-    found = np.zeros((rows, columns, SUMS))
+    cells = np.zeros((rows, columns, SUMS))
     for r in range(rows):
         for c in range(columns):
-            sums = found[r, c]
+            sums = cells[r, c]
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
                     if not math.isnan(points[i, j, 2]):
@@ -71,7 +71,7 @@ def cell_sums(points: Points, noise: Points) -> Array:
             if sums[0] < _VALID_SHARE * CELL * CELL:
                 sums[:] = 0.0
                 continue
-            x, y, z, a, b, d, error = fit(sums)
+            x, y, z, a, b, d, error = fit_plane(sums)
             variance = sums[10] / sums[0]
             fits, limit = error <= variance, _DISTANCE_GATE_SD * math.sqrt(variance)
             for i in range(r * CELL, (r + 1) * CELL):
@@ -80,7 +80,7 @@ def cell_sums(points: Points, noise: Points) -> Array:
                     fits = fits and not abs(off) > limit
             if not fits:
                 sums[:] = 0.0
-    return found
+    return cells
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -95,26 +95,26 @@ def _tilt_variance(s: Array) -> float:
     return s[10] / n / n / max(middle, 1e-9)
 
 
-@cached(_HERE, error_model="numpy")
-def cluster(found: Array) -> NDArray[np.int32]:
+@entry_kernel(_HERE, error_model="numpy")
+def cluster(cells: Array) -> NDArray[np.int32]:
     """Merges cells into planes.
 
     See docs/terrain_map.md (6).
 
     Args:
-        found: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
+        cells: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
 
     Returns:
         (R, C) root cell of each cell's plane, as index r * C + c; -1 = none.
     """
-    rows, columns = found.shape[:2]
-    sums = found.reshape(rows * columns, SUMS)
+    rows, columns = cells.shape[:2]
+    sums = cells.reshape(rows * columns, SUMS)
     root = np.full(rows * columns, -1, np.int32)
     normals, tilt_variance = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
     for n in range(len(root)):
         if sums[n, 0] > 0:
             root[n] = n
-            _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit(sums[n])
+            _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit_plane(sums[n])
             tilt_variance[n] = _tilt_variance(sums[n])
     edges = np.empty((2 * len(root), 2), np.int32)
     count = 0
@@ -142,7 +142,7 @@ def cluster(found: Array) -> NDArray[np.int32]:
                 if 1.0 - dot * dot <= _CELL_ANGLE_RAD**2 + _TILT_GATE_SD**2 * (tilt_variance[a] + tilt_variance[b]):
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
-                    error = off_plane(common)
+                    error = plane_misfit(common)
                     if error <= common[10] / common[0]:
                         costs[e] = error
             if costs[e] < np.inf:
@@ -158,7 +158,7 @@ def cluster(found: Array) -> NDArray[np.int32]:
                     sums[a, s] += sums[b, s]
                     sums[b, s] = 0.0
                 root[b] = a
-                _, _, _, normals[a, 0], normals[a, 1], normals[a, 2], _ = fit(sums[a])
+                _, _, _, normals[a, 0], normals[a, 1], normals[a, 2], _ = fit_plane(sums[a])
                 tilt_variance[a] = _tilt_variance(sums[a])
                 best[a] = best[b] = -2 - a  # both are the new plane a
                 merged = True
@@ -185,7 +185,7 @@ def cluster(found: Array) -> NDArray[np.int32]:
     return root.reshape(rows, columns)
 
 
-def large_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
+def extract_large_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
     """Extracts walkable planes of several cells from an organised grid of points.
 
     Args:
@@ -196,18 +196,18 @@ def large_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tupl
     Returns:
         (n, m) number of each point's plane, -1 = none; and (P, 4) planes a x + b y + c z = d.
     """
-    found = cell_sums(points, noise)
-    roots = cluster(found)
-    return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(p.max_ramp_slope_rad))
+    cells = cell_sums(points, noise)
+    roots = cluster(cells)
+    return _label(points, noise, roots, cells.reshape(-1, SUMS), math.cos(p.max_ramp_slope_rad))
 
 
-def patches(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
-    """Extracts the planes of the ground from a top view, those of strips too; arguments as in `large_planes`.
+def extract_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
+    """Extracts the planes of the ground from a top view, those of strips too; arguments as in `extract_large_planes`.
 
     Returns:
         (n, m) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
     """
-    labels, planes = large_planes(points, noise, p)
+    labels, planes = extract_large_planes(points, noise, p)
     fewest = min_columns(p.voxel_size_m)
     count = _label_strips(points, noise, labels, planes, math.cos(p.max_ramp_slope_rad), fewest)
     return labels, plane_sums(points, noise, labels, count)
@@ -222,7 +222,7 @@ def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> P
     return points
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Array:
     """(count, 11) sums over the points of each plane."""
     sums = np.zeros((count, SUMS))
@@ -233,16 +233,16 @@ def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Arr
     return sums
 
 
-@cached(_HERE)
-def _label(points: Points, noise: Points, roots: Labels, found: Array, least_up: float) -> tuple[Labels, Array]:
+@entry_kernel(_HERE)
+def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: float) -> tuple[Labels, Array]:
     """Assigns each point to the nearest walkable plane of the cells around it."""
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
-        if found[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:
-            x, y, z, a, b, d, _ = fit(found[n])
+        if sums[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:
+            x, y, z, a, b, d, _ = fit_plane(sums[n])
             if d >= least_up:
                 number[n] = count
                 planes[count, 0], planes[count, 1], planes[count, 2] = a, b, d
@@ -254,17 +254,17 @@ def _label(points: Points, noise: Points, roots: Labels, found: Array, least_up:
             if roots[r, c] >= 0:
                 cells[r, c] = number[roots[r, c]]
     labels = np.full(noise.shape, -1, np.int32)
-    around = np.empty(9, np.int32)
+    near_planes = np.empty(9, np.int32)
     for r in range(rows):
         for c in range(columns):
-            there, last = 0, -1
+            near_count, last = 0, -1
             for p in range(max(r - 1, 0), min(r + 2, rows)):
                 for q in range(max(c - 1, 0), min(c + 2, columns)):
                     if cells[p, q] >= 0 and cells[p, q] != last:
                         last = cells[p, q]
-                        around[there] = last
-                        there += 1
-            if there == 0:
+                        near_planes[near_count] = last
+                        near_count += 1
+            if near_count == 0:
                 continue
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
@@ -272,7 +272,7 @@ def _label(points: Points, noise: Points, roots: Labels, found: Array, least_up:
                     if math.isnan(z):
                         continue
                     nearest = _DISTANCE_GATE_SD * noise[i, j]
-                    for k in around[:there]:
+                    for k in near_planes[:near_count]:
                         off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
                         if off < nearest:
                             nearest = off
@@ -280,7 +280,7 @@ def _label(points: Points, noise: Points, roots: Labels, found: Array, least_up:
     return labels, planes[:count]
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int) -> int:
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
@@ -319,7 +319,7 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
             for s in range(size):
                 p, q = stack[s]
                 add_point(sums, points[p, q, 0], points[p, q, 1], points[p, q, 2], noise[p, q])
-            plane = fit(sums)
+            plane = fit_plane(sums)
             limit = _STRIP_VARIANCE * sums[10] / size
             if 0 <= beside < long:
                 q = planes[beside]

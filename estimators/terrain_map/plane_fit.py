@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.matrices import matvec
 from stridetwin.streams.samples import Array
 
@@ -18,8 +18,8 @@ SUMS = 11
 """n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
 _NEWTON, _EXACT = 40, 1e-9
 BORDER_M = 0.25
-"""Width of a plane's border, half of which is free space, where its height is not evaluated (`toward`)."""
-Plane = tuple[float, float, float, float, float, float, float]
+"""Width of a plane's border, half of which is free space, where its height is not evaluated (`point_toward`)."""
+PlaneFit = tuple[float, float, float, float, float, float, float]
 
 
 @njit(inline="always")
@@ -39,7 +39,7 @@ def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def fit(s: Array) -> Plane:
+def fit_plane(s: Array) -> PlaneFit:
     """Principal component analysis of points.
 
     See docs/terrain_map.md (5).
@@ -78,8 +78,8 @@ def fit(s: Array) -> Plane:
 
 
 @njit(error_model="numpy", **INSIDE)
-def off_plane(s: Array) -> float:
-    """Mean squared distance of points from their best-fit plane, m², as in `fit`, without computing the plane.
+def plane_misfit(s: Array) -> float:
+    """Mean squared distance of points from their best-fit plane, m², as in `fit_plane`, without computing the plane.
 
     Newton's method finds the smallest root of the characteristic polynomial from 0. It converges from below in a few
     steps, because points on a plane scatter little across it.
@@ -105,11 +105,11 @@ def off_plane(s: Array) -> float:
     return max(root, 0.0)
 
 
-squared_distance = cached(_HERE, error_model="numpy")(off_plane)
-"""`off_plane` for uncompiled code."""
+squared_distance = entry_kernel(_HERE, error_model="numpy")(plane_misfit)
+"""`plane_misfit` for uncompiled code."""
 
 
-def height_planes(
+def fit_height_planes(
     sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> tuple[Array, Array, Array, Array]:
     """Maximum-likelihood planes through points as height functions, z = z_c + a (x - x_c) + b (y - y_c).
@@ -144,11 +144,11 @@ def height_planes(
     return centres, slopes, covariances, spreads
 
 
-def off_height_planes(
+def height_plane_misfit(
     new: Array, old: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> Array:
-    """(N,) mean squared height difference, m², of points from the `height_planes` of others; both as (N, 11) sums."""
-    centres, slopes, _, _ = height_planes(old, common_m, common_rad, alike, slope_sd)
+    """(N,) mean squared height difference, m², of points from `fit_height_planes` of others; both as (N, 11) sums."""
+    centres, slopes, _, _ = fit_height_planes(old, common_m, common_rad, alike, slope_sd)
     a, b = -slopes.T
     d = -(centres[:, 2] + a * centres[:, 0] + b * centres[:, 1])
     n, x, y, z, xx, xy, xz, yy, yz, zz, _ = new.T
@@ -157,8 +157,8 @@ def off_height_planes(
     return np.asarray((squares + 2.0 * d * (a * x + b * y + z)) / n + d * d)
 
 
-@cached(_HERE)
-def toward(centre: Array, spread: Array, x: float, y: float, border_m: float) -> tuple[float, float]:
+@entry_kernel(_HERE)
+def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: float) -> tuple[float, float]:
     """The farthest point from a plane's centre toward (x, y) at which the plane is well observed.
 
     Args:
@@ -180,21 +180,21 @@ def toward(centre: Array, spread: Array, x: float, y: float, border_m: float) ->
     return ox + reach * x, oy + reach * y
 
 
-@cached(_HERE)
-def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: float, border_m: float) -> float:
-    """Height of a plane, m, where it is well observed toward (x, y); gradient (2,), the rest as in `toward`.
+@entry_kernel(_HERE)
+def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: float, border_m: float) -> float:
+    """Height of a plane, m, where it is well observed toward (x, y); gradient (2,), the rest as in `point_toward`.
 
     A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
     """
-    x, y = toward(centre, spread, x, y, border_m)
+    x, y = point_toward(centre, spread, x, y, border_m)
     return centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]
 
 
-def rotated(
+def rotate_planes(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Rotates the result of `height_planes` by a (3, 3) rotation about the vertical."""
-    turn = R[:2, :2]
+    """Rotates the result of `fit_height_planes` by a (3, 3) rotation about the vertical."""
+    rotation = R[:2, :2]
     covariances = covariances.copy()
-    covariances[:, 1:, 1:] = turn @ covariances[:, 1:, 1:] @ turn.T
-    return centres @ R.T, slopes @ turn.T, covariances, turn @ spreads @ turn.T
+    covariances[:, 1:, 1:] = rotation @ covariances[:, 1:, 1:] @ rotation.T
+    return centres @ R.T, slopes @ rotation.T, covariances, rotation @ spreads @ rotation.T

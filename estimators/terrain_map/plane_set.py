@@ -9,16 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import min_columns
 from stridetwin.estimators.terrain_map.plane_fit import (
     SUMS,
     add_point,
-    height_planes,
-    off_height_planes,
-    rotated,
+    fit_height_planes,
+    height_plane_misfit,
+    rotate_planes,
     squared_distance,
 )
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
@@ -93,8 +93,8 @@ class TopView(NamedTuple):
     noise: NDArray[np.float32]
 
 
-@cached(_HERE)
-def overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+@entry_kernel(_HERE)
+def count_overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(P, slots) columns that each pair of a new and an old plane shares, and (slots,) observed columns of each old."""
     label, first = surface.label, view.first
     both, seen = np.zeros((len(view.sums), slots), np.int64), np.zeros(slots, np.int64)
@@ -108,8 +108,8 @@ def overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray[np.in
     return both, seen
 
 
-@cached(_HERE)
-def put_view(
+@entry_kernel(_HERE)
+def write_view(
     surface: Surface, view: TopView, slots: NDArray[np.int32], same_m: float, keeps_unobserved: bool
 ) -> None:  # fmt: skip
     """Writes a view into the columns.
@@ -137,7 +137,7 @@ def put_view(
             height[p, q], surface.noise[p, q] = z, view.noise[i, j]
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def remove_labels(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
     """Removes the labels marked in `gone`, (slots,), from the ring."""
     for i in range(label.shape[0]):
@@ -146,7 +146,7 @@ def remove_labels(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
                 label[i, j] = NONE
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]:
     """(slots, 11) sums over the columns of each slot, m, grid axes."""
     sums, origin = np.zeros((slots, SUMS)), surface.origin
@@ -160,8 +160,8 @@ def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]
     return sums
 
 
-@cached(_HERE)
-def borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDArray[np.int32]:
+@entry_kernel(_HERE)
+def find_borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDArray[np.int32]:
     """Columns where a plane ends and a lower one begins.
 
     Args:
@@ -175,7 +175,7 @@ def borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDAr
         lower plane: 0..3 for +i, -i, +j, -j.
     """
     label, height, origin = surface.label, surface.height, surface.origin
-    found = np.empty((COLUMNS * 64, 5), np.int32)
+    borders = np.empty((COLUMNS * 64, 5), np.int32)
     count = 0
     for i in range(origin[0] + 1, origin[0] + COLUMNS - 1):
         for j in range(origin[1] + 1, origin[1] + COLUMNS - 1):
@@ -205,12 +205,12 @@ def borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDAr
                         drop = z - height[p & (COLUMNS - 1), q & (COLUMNS - 1)]
                         if drop > most_m:
                             continue  # seen between open treads
-                        if least_m <= drop <= most_m and count < len(found):
-                            found[count, 0], found[count, 1], found[count, 4] = lower, upper, side
-                            found[count, 2], found[count, 3] = i, j
+                        if least_m <= drop <= most_m and count < len(borders):
+                            borders[count, 0], borders[count, 1], borders[count, 4] = lower, upper, side
+                            borders[count, 2], borders[count, 3] = i, j
                             count += 1
                         break
-    return found[:count]
+    return borders[:count]
 
 
 SLOTS = 256
@@ -258,9 +258,9 @@ class PlaneSet:
     def update(self, view: TopView) -> None:
         """Takes the planes of one top view."""
         s = self.surface
-        common, in_scope = overlaps(s, view, SLOTS)
-        slots = self._pair(common, in_scope, view.sums)
-        put_view(s, view, slots, self._p.plane_noise_m, self._keeps_unobserved)
+        common, in_scope = count_overlaps(s, view, SLOTS)
+        slots = self._match_slots(common, in_scope, view.sums)
+        write_view(s, view, slots, self._p.plane_noise_m, self._keeps_unobserved)
         self._vote(slots, in_scope)
         self.refit()
 
@@ -277,22 +277,22 @@ class PlaneSet:
         """
         changed = (self._sums != self._last_sums).any(axis=1) | (self.votes != self._last_votes)
         self._last_sums[:], self._last_votes[:] = self._sums, self.votes
-        found = {}
+        planes = {}
         fresh = []
         for slot in np.flatnonzero(self.ids >= 0).tolist():
             id_ = int(self.ids[slot])
             if changed[slot] or id_ not in self._last:
                 fresh.append(slot)
-            found[id_] = self._last.get(id_)
-        self._last = {id_: plane for id_, plane in found.items() if plane is not None}
-        self._last |= self._fitted(np.array(fresh, np.int64), R_world_grid)
-        return {id_: self._last[id_] for id_ in found}
+            planes[id_] = self._last.get(id_)
+        self._last = {id_: plane for id_, plane in planes.items() if plane is not None}
+        self._last |= self._fit_planes(np.array(fresh, np.int64), R_world_grid)
+        return {id_: self._last[id_] for id_ in planes}
 
-    def _fitted(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
+    def _fit_planes(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
         """The planes of these slots by id."""
         sums = self._sums[slots]
-        centres, slopes, covariances, spreads = rotated(
-            *height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),
+        centres, slopes, covariances, spreads = rotate_planes(
+            *fit_height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),
             R_world_grid,
         )
         normals = np.column_stack([-slopes, np.ones(len(slots))])
@@ -306,7 +306,7 @@ class PlaneSet:
             for n, (id_, area) in enumerate(zip(ids, areas.tolist()))
         }  # fmt: skip
 
-    def _pair(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
+    def _match_slots(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
         """Slot of each new plane: that of the matching plane, or a free one. See docs/terrain_map.md (9)."""
         sizes = sums[:, 0].astype(np.int64)
         slots = np.full(len(sizes), NONE, np.int32)
@@ -315,7 +315,7 @@ class PlaneSet:
         union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
         alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE_SHARE * np.maximum(smaller, 1)))
         alike = alike[np.argsort(-shared[alike], kind="stable")]
-        agrees = self._agree(sums[new[alike]], old[alike])
+        agrees = self._lies_on_plane(sums[new[alike]], old[alike])
         parts: dict[int, Array] = {}
         for d, known in zip(new[alike[agrees]].tolist(), old[alike[agrees]].tolist()):
             together = sums[d] + parts.get(known, 0.0)
@@ -334,10 +334,10 @@ class PlaneSet:
             self.ids[slot], self._next_id = self._next_id, self._next_id + 1
         return slots
 
-    def _agree(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def _lies_on_plane(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:
         """(N,) whether all of a new plane, from its (N, 11) sums, lies on the old one in its slot."""
         p = self._p
-        off = off_height_planes(
+        off = height_plane_misfit(
             new, self._sums[slots], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
         )
         return np.asarray(off < (_APART * p.plane_noise_m) ** 2)

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.bends import Stretch, straight_stretches
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.order_statistics import median, sort
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, seen_height
+from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, height_toward
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
 from stridetwin.estimators.terrain_map.terrains import KERB_M, is_flat
 from stridetwin.streams.samples import Array
@@ -46,7 +46,7 @@ _INFERRED_REACH_M = 0.05
 """Largest distance of an inferred edge from the unobserved gap."""
 
 
-def profile(
+def read_profile(
     estimate: TerrainEstimate | None, planes: PlaneSet, R_world_grid: Array, p: TerrainMapParameters, origin: Array,
     heading: float, length_m: float,
 ) -> Profile:  # fmt: skip
@@ -69,11 +69,11 @@ def profile(
     forward = np.array([math.cos(heading), math.sin(heading)])
     turn = R_world_grid[:2, :2]
     at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
-    slot, middle = _lanes(planes.surface, at, along, s, lanes)
+    slot, middle = _read_lanes(planes.surface, at, along, s, lanes)
     plane = np.where(slot >= 0, planes.ids[slot], -1)
-    runs = _straight_runs(s, middle, plane, estimate, origin, forward, p)
+    runs = _find_straight_runs(s, middle, plane, estimate, origin, forward, p)
     slope, slope_sd = np.full(len(s), np.nan), np.full(len(s), np.nan)
-    for id_ in _there(plane):
+    for id_ in _plane_ids(plane):
         on = estimate.planes[id_]
         at = plane == id_
         middle[at] = on.height(origin + s[at, None] * forward)
@@ -86,17 +86,19 @@ def profile(
             middle[at] = run.plane.height(origin + s[at, None] * forward)
             slope[at] = math.atan(run.stretch.slope)
             slope_sd[at] = math.hypot(p.slope_sd_rad, run.stretch.slope_sd)
-    changes = _changes(s, runs, estimate, origin, forward, p)
+    changes = _find_changes(s, runs, estimate, origin, forward, p)
     return Profile(s=s, height=middle, plane=plane, changes=changes, slope=slope, slope_sd=slope_sd)
 
 
-def _there(plane: NDArray[np.int64]) -> list[int]:
+def _plane_ids(plane: NDArray[np.int64]) -> list[int]:
     """The planes of a line, in order of their ids."""
     return sorted(set(plane.tolist()) - {-1})
 
 
-@cached(_HERE)
-def _lanes(surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array) -> tuple[NDArray[np.int64], Array]:
+@entry_kernel(_HERE)
+def _read_lanes(
+    surface: Surface, origin: Array, forward: Array, s: Array, lanes: Array
+) -> tuple[NDArray[np.int64], Array]:
     """The ground along a line, by majority over parallel lanes.
 
     Args:
@@ -148,23 +150,23 @@ class _Run(NamedTuple):
     stretch: Stretch | None
 
 
-def _straight_runs(
+def _find_straight_runs(
     s: Array, height: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
 ) -> list[_Run]:  # fmt: skip
     """Runs on one plane, cut where its columns bend."""
-    found = []
-    for first, last, id_ in _runs(plane):
-        own = estimate.planes[id_]
+    runs = []
+    for first, last, id_ in _find_runs(plane):
+        whole_plane = estimate.planes[id_]
         stretches = straight_stretches(s, np.where(plane == id_, height, np.nan), first, last, p.min_slope_break_rad)
         if len(stretches) < 2:
-            found.append(_Run(first, last, own, None))
+            runs.append(_Run(first, last, whole_plane, None))
         else:
-            found += [_Run(k.first, k.last, _along(own, k, origin, forward), k) for k in stretches]
-    return found
+            runs += [_Run(k.first, k.last, _tilt_along(whole_plane, k, origin, forward), k) for k in stretches]
+    return runs
 
 
-def _along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -> Plane:
+def _tilt_along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -> Plane:
     """The plane with the height and slope of a stretch along the line, and its own slope across it."""
     gradient = plane.gradient + (stretch.slope - float(plane.gradient @ forward)) * forward
     normal = np.array([-gradient[0], -gradient[1], 1.0])
@@ -172,25 +174,25 @@ def _along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -> Pla
     return replace(plane, centre=centre, normal=normal / np.linalg.norm(normal))
 
 
-def _changes(
+def _find_changes(
     s: Array, runs: Sequence[_Run], estimate: TerrainEstimate, origin: Array, forward: Array, p: TerrainMapParameters
 ) -> tuple[Change, ...]:
-    found = []
+    changes = []
     for before, after in pairwise(runs):
         one, other, stretch = before.plane, after.plane, after.stretch
         if stretch is not None and before.stretch is not None and one.id == other.id:
             bend = math.atan(stretch.slope) - math.atan(before.stretch.slope)
             sd = max(stretch.break_sd, 2.0 * p.edge_sd_m)
-            found.append(Change(kind="slope_break", s=stretch.break_s, sd=sd, drop=0.0, bend=bend))
+            changes.append(Change(kind="slope_break", s=stretch.break_s, sd=sd, drop=0.0, bend=bend))
             continue
         end, start = float(s[before.last]), float(s[after.first])
         change = _edge_or_slope_break(end, start, one, other, estimate, origin, forward, p)
         if change is not None:
-            found.append(change)
-    return tuple(found)
+            changes.append(change)
+    return tuple(changes)
 
 
-def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+def _find_runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
     """First and last sample of each run on one plane, and the plane's id; a plane split by another has two runs."""
     known = np.flatnonzero(plane >= 0)
     runs: list[tuple[int, int, int]] = []
@@ -219,7 +221,7 @@ def _edge_or_slope_break(
     )
     if not bends and is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
-        after, before = (seen_height(q.centre, q.gradient, q.spread, x, y, BORDER_M) for q in (other, one))
+        after, before = (height_toward(q.centre, q.gradient, q.spread, x, y, BORDER_M) for q in (other, one))
         drop = after - before
     bend_slope = slopes[1] - slopes[0]
     reach = abs(start - end) / 2 + _BORDER_REACH_M
@@ -228,7 +230,7 @@ def _edge_or_slope_break(
         away = -drop / bend_slope
         s = middle + min(max(away, -reach), reach)
         place = origin + s * forward
-        sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(bend_slope)
+        sd = math.hypot(_height_sd(one, place, p), _height_sd(other, place, p)) / abs(bend_slope)
         sd = math.hypot(sd, max(abs(away) - reach, 0.0))
         return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < KERB_M:
@@ -250,7 +252,7 @@ def _slope_sd(plane: Plane, forward: Array) -> float:
     return math.sqrt(max(float(forward @ plane.covariance[1:, 1:] @ forward), 0.0))
 
 
-def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
+def _height_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
     """Standard deviation of a plane's height at a (2,) position, m, without the pose error common to all planes."""
     shared = np.diag([p.plane_sd_m, p.slope_sd_rad, p.slope_sd_rad]) ** 2
     j = np.array([1.0, *(place - plane.centre[:2])])
@@ -269,9 +271,9 @@ def _in_flight(
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
             even = flight.start + k * flight.tread
             if flight.steps > 2 and abs(float(flight.edges[k]) - even) > _UNEVEN_M:
-                return _crossing(flight, even, _EVEN_SD_M, origin, forward)
+                return _edge_crossing(flight, even, _EVEN_SD_M, origin, forward)
             sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), min_sd_m)
-            return _crossing(flight, float(flight.edges[k]), sd, origin, forward)
+            return _edge_crossing(flight, float(flight.edges[k]), sd, origin, forward)
     return None
 
 
@@ -287,13 +289,13 @@ def _next_to_flight(
     climbs = drop * float(flight.up @ forward) > 0.0
     upper, lower = (other, one) if drop > 0.0 else (one, other)
     if climbs and lower == flight.planes[-1]:
-        return _crossing(flight, flight.start + flight.steps * flight.tread, _EVEN_SD_M, origin, forward)
+        return _edge_crossing(flight, flight.start + flight.steps * flight.tread, _EVEN_SD_M, origin, forward)
     if climbs and upper == flight.planes[0]:
-        return _crossing(flight, flight.start - flight.tread, _EVEN_SD_M, origin, forward)
+        return _edge_crossing(flight, flight.start - flight.tread, _EVEN_SD_M, origin, forward)
     return None
 
 
-def _crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
+def _edge_crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
     """Where a line crosses a flight's edge, and its standard deviation; None if the line is parallel to the edge."""
     along = float(flight.up @ forward)
     return None if abs(along) < _MIN_COSINE else ((edge - float(flight.up @ origin)) / along, sd / abs(along))

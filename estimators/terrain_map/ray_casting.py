@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, Blocks, slot_of
 from stridetwin.streams.samples import Array
 
@@ -26,8 +26,8 @@ _WEIGHT_FLOOR = np.float32(0.05)
 """Lower limit of the weight in a column's standard deviation."""
 
 
-@cached(_HERE)
-def from_above(
+@entry_kernel(_HERE)
+def cast_down(
     blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Casts one ray straight down per column of voxels.
@@ -54,7 +54,7 @@ def from_above(
     for bi in range(size // EDGE):
         for bj in range(size // EDGE):
             known[:], met[:] = nothing, False
-            left = EDGE * EDGE
+            open_columns = EDGE * EDGE
             for bk in range(start >> 3, origin[2] - 1, -1):
                 row = slot_of(slots, origin, (first_i >> 3) + bi, (first_j >> 3) + bj, bk)
                 if row < 0:
@@ -75,25 +75,25 @@ def from_above(
                     before, trusted = above[column], known[column]
                     for k in range(top, -1, -1):
                         at = first | k
-                        own, value = weight[at], distance[at]
-                        if own < least:
+                        voxel_weight, value = weight[at], distance[at]
+                        if voxel_weight < least:
                             trusted = nothing
                             continue
                         if value >= nothing and trusted > nothing and before < nothing:
                             i, j = bi * EDGE + (column >> 3), bj * EDGE + (column & 7)
                             height[i, j] = (bk * EDGE + k + 0.5 + value / (value - before)) * voxel_m
-                            trust[i, j] = min(own, trusted)
+                            trust[i, j] = min(voxel_weight, trusted)
                             met[column] = True
-                            left -= 1
+                            open_columns -= 1
                             break
-                        trusted, before = own, value
+                        trusted, before = voxel_weight, value
                     above[column], known[column] = before, trusted
-                if left == 0:
+                if open_columns == 0:
                     break
     return height, trust
 
 
-@cached(_HERE, error_model="numpy")
+@entry_kernel(_HERE, error_model="numpy")
 def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
     """How far solid ground extends along lines just under a surface.
 
@@ -108,7 +108,7 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
     Returns:
         (N,) voxels from each start to the first sign change of λ; NaN where unobserved.
     """
-    found = np.full(len(starts), np.nan)
+    extents = np.full(len(starts), np.nan)
     step = 1.0
     slots, origin, distance, weight = blocks.slots, blocks.origin, blocks.distance, blocks.weight
     for n in range(len(starts)):
@@ -136,11 +136,11 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
                 if value < 0.0:
                     if last_at >= 0.0 and at - last_at <= gap:
                         inside, outside = min(last, _MAX_LAMBDA), max(value, -_MAX_LAMBDA)
-                        found[n] = last_at + (at - last_at) * inside / (inside - outside)
+                        extents[n] = last_at + (at - last_at) * inside / (inside - outside)
                     break
                 last_at, last = at, value
             at += step
-    return found
+    return extents
 
 
 def column_noise(
@@ -166,7 +166,7 @@ def column_noise(
     return _column_noise(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
 
 
-@cached(_HERE, error_model="numpy")
+@entry_kernel(_HERE, error_model="numpy")
 def _column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
     most_m: float, noise_per_m: float,
@@ -175,9 +175,11 @@ def _column_noise(
     unseen = np.float32(math.nan)
     for i in range(height.shape[0]):
         for j in range(height.shape[1]):
-            own = weight[i, j]
-            z = unseen if own < _NEIGHBOUR_SHARE * beside[i, j] else height[i, j]
+            column_weight = weight[i, j]
+            z = unseen if column_weight < _NEIGHBOUR_SHARE * beside[i, j] else height[i, j]
             off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)
-            sd = math.sqrt(least_m * least_m + off * off / (own if own > _WEIGHT_FLOOR else _WEIGHT_FLOOR))
+            sd = math.sqrt(
+                least_m * least_m + off * off / (column_weight if column_weight > _WEIGHT_FLOOR else _WEIGHT_FLOOR)
+            )
             height[i, j], noise[i, j] = z, min(sd, most_m)
     return noise

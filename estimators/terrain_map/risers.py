@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.order_statistics import mean, median, percentile, sort
-from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, seen_height
+from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, height_toward
 from stridetwin.estimators.terrain_map.ray_casting import solid_reach
 from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array
@@ -50,7 +50,7 @@ class Riser:
         upper: Id of the upper plane.
         down: (2,) unit vector across the edge, from the upper plane to the lower.
         points: (N, 2) m, world, the end of the upper plane.
-        found: Whether `points` come from the voxels; otherwise they are the plane's last columns.
+        in_voxels: Whether `points` come from the voxels; otherwise they are the plane's last columns.
         height: Height of the upper plane over the lower one at the edge, m.
     """
 
@@ -58,7 +58,7 @@ class Riser:
     upper: int
     down: Array
     points: Array
-    found: bool
+    in_voxels: bool
     height: float
 
     @cached_property
@@ -76,7 +76,7 @@ class Riser:
         return _extent(self.points, self.down)
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _extent(points: Array, down: Array) -> tuple[float, float, float]:
     """Middle of (N, 2) points, and their extent along an edge across `down`, m."""
     n, least, most = len(points), math.inf, -math.inf
@@ -86,13 +86,13 @@ def _extent(points: Array, down: Array) -> tuple[float, float, float]:
     return mean(points, 0, n, 0), mean(points, 0, n, 1), most - least
 
 
-def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
+def fit_riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
     """The step between two planes, from their columns.
 
     Args:
         lower: Lower plane.
         upper: Upper plane.
-        columns: (N, 5) from `plane_set.borders`, the upper plane's last columns before the lower one.
+        columns: (N, 5) from `plane_set.find_borders`, the upper plane's last columns before the lower one.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
 
@@ -101,20 +101,20 @@ def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, v
     """
     if len(columns) < _MIN_POINTS:
         return None
-    down, points, height = _edge(
+    down, points, height = _fit_edge(
         columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread,
     )  # fmt: skip
     if not len(points):
         return None
-    return Riser(lower=lower.id, upper=upper.id, down=down, points=points, found=False, height=height)
+    return Riser(lower=lower.id, upper=upper.id, down=down, points=points, in_voxels=False, height=height)
 
 
-@cached(_HERE)
-def _edge(
+@entry_kernel(_HERE)
+def _fit_edge(
     columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
     centre: Array, gradient: Array, spread: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
-    """Edge between two planes from `riser`'s columns: (2,) down across it, its (N, 2) points, m, and its height, m."""
+    """Edge between two planes from `fit_riser`'s columns: (2,) down across it, (N, 2) points, m, and height, m."""
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
     for n in range(len(columns)):
         side = columns[n, 4]
@@ -123,16 +123,16 @@ def _edge(
         for axis in range(2):
             ends[n, axis] = turn[axis, 0] * x + turn[axis, 1] * y
             toward[n, axis] = turn[axis, 0] * i + turn[axis, 1] * j
-    down, points = _line(ends, toward)
+    down, points = _fit_line(ends, toward)
     if len(points) == 0:
         return down, points, 0.0
     x, y = mean(points, 0, len(points), 0), mean(points, 0, len(points), 1)
-    lower = seen_height(low_centre, low_gradient, low_spread, x, y, BORDER_M)
-    return down, points, seen_height(centre, gradient, spread, x, y, BORDER_M) - lower
+    lower = height_toward(low_centre, low_gradient, low_spread, x, y, BORDER_M)
+    return down, points, height_toward(centre, gradient, spread, x, y, BORDER_M) - lower
 
 
 @njit(**INSIDE)
-def projected(points: Array, u: float, v: float) -> Array:
+def project(points: Array, u: float, v: float) -> Array:
     """(N,) coordinates of (N, 2) points along (u, v)."""
     s = np.empty(points.shape[0])
     for n in range(points.shape[0]):
@@ -148,43 +148,43 @@ def _median(s: Array) -> float:
 
 
 @njit(**INSIDE)
-def _kept(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
+def _select_points(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
     """The (N, 2) points to keep; none if they are too few."""
     count = 0
     for n in range(points.shape[0]):
         count += keep[n]
-    found = np.empty((count if count >= fewest else 0, 2))
-    at = 0
+    selected = np.empty((count if count >= fewest else 0, 2))
+    row = 0
     for n in range(points.shape[0] if count >= fewest else 0):
         if keep[n]:
-            found[at, 0] = points[n, 0]
-            found[at, 1] = points[n, 1]
-            at += 1
-    return found
+            selected[row, 0] = points[n, 0]
+            selected[row, 1] = points[n, 1]
+            row += 1
+    return selected
 
 
 @njit(**INSIDE)
-def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
-    """(2,) unit vector down across an edge, and its columns (see `_edge`) on the line; none if there is no edge."""
+def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
+    """(2,) unit vector down across an edge, and its columns (see `_fit_edge`) on the line; none if there is no edge."""
     count, down = ends.shape[0], np.empty(2)
     down[0] = mean(toward, 0, count, 0)
     down[1] = mean(toward, 0, count, 1)
     keep = np.zeros(count, np.bool_)
     if math.hypot(down[0], down[1]) < _OPEN_SIDE:  # the lower plane surrounds the upper one: no edge to step over
-        return down, _kept(ends, keep, 1)
-    down = across(ends, down, _DIRECTION_RATIO)
-    s = projected(ends, down[0], down[1])
+        return down, _select_points(ends, keep, 1)
+    down = normal_across(ends, down, _DIRECTION_RATIO)
+    s = project(ends, down[0], down[1])
     middle = _median(s)
     for n in range(count):
         keep[n] = abs(s[n] - middle) < _LINE_M
-    points = _kept(ends, keep, _MIN_POINTS)
-    return (across(points, down, _DIRECTION_RATIO) if len(points) else down), points
+    points = _select_points(ends, keep, _MIN_POINTS)
+    return (normal_across(points, down, _DIRECTION_RATIO) if len(points) else down), points
 
 
 @njit(**INSIDE)
-def across(points: Array, toward: Array, ratio_min: float) -> Array:
+def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
-    count, found = points.shape[0], np.empty(2)
+    count, normal = points.shape[0], np.empty(2)
     middle_x, middle_y = mean(points, 0, count, 0), mean(points, 0, count, 1)
     xx, xy, yy = 0.0, 0.0, 0.0
     for n in range(count):
@@ -197,16 +197,16 @@ def across(points: Array, toward: Array, ratio_min: float) -> Array:
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
     if abs(ahead) < abs(along) * ratio_min:  # the edge is too short to have a direction
         size = math.hypot(toward[0], toward[1])
-        found[0] = toward[0] / size
-        found[1] = toward[1] / size
+        normal[0] = toward[0] / size
+        normal[1] = toward[1] / size
     else:
         side = math.copysign(1.0, ahead)
-        found[0] = side * -math.sin(turn)
-        found[1] = side * math.cos(turn)
-    return found
+        normal[0] = side * -math.sin(turn)
+        normal[1] = side * math.cos(turn)
+    return normal
 
 
-def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
+def refine_riser(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
     """Refines a riser's edge in the voxels just under the upper plane.
 
     Args:
@@ -225,15 +225,15 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
     )
     if not len(points):
         return edge
-    return replace(edge, down=across_edge, points=points, found=True)
+    return replace(edge, down=across_edge, points=points, in_voxels=True)
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _edge_in_voxels(
     points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
 ) -> tuple[Array, Array]:  # fmt: skip
     """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
-    starts = _starts(points, down)
+    starts = _lane_starts(points, down)
     at = np.empty((len(starts), 3))
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
@@ -245,17 +245,17 @@ def _edge_in_voxels(
     for axis in range(2):
         direction[axis] = turn[axis, 0] * down[0] + turn[axis, 1] * down[1]
     length, gap = (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m
-    found = _ends(starts, solid_reach(blocks, at, direction, slope, length, gap), voxel_m, down)
-    return (across(found, down, _DIRECTION_RATIO) if len(found) else down), found
+    edge_points = _lane_ends(starts, solid_reach(blocks, at, direction, slope, length, gap), voxel_m, down)
+    return (normal_across(edge_points, down, _DIRECTION_RATIO) if len(edge_points) else down), edge_points
 
 
 @njit(**INSIDE)
-def _starts(points: Array, down: Array) -> Array:
+def _lane_starts(points: Array, down: Array) -> Array:
     """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
-    aside = projected(points, -down[1], down[0])
+    aside = project(points, -down[1], down[0])
     sort(aside)
     low, high = percentile(aside, _TRIM_PCT), percentile(aside, 100.0 - _TRIM_PCT)
-    first = _median(projected(points, down[0], down[1])) - _INSIDE_M
+    first = _median(project(points, down[0], down[1])) - _INSIDE_M
     starts = np.empty((_LANES, 2))
     for n in range(_LANES):
         lane = low + (high - low) * n / (_LANES - 1)
@@ -265,7 +265,7 @@ def _starts(points: Array, down: Array) -> Array:
 
 
 @njit(**INSIDE)
-def _ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
+def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
     """(N, 2) m, end points of the lanes without outliers, from their reach, voxels; none if too few remain."""
     points, keep, seen = np.empty(starts.shape), np.zeros(starts.shape[0], np.bool_), 0
     known = np.empty(starts.shape[0])
@@ -274,22 +274,22 @@ def _ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
             known[seen] = reach[n] * voxel_m
             seen += 1
     if seen < _MIN_POINTS:
-        return _kept(points, keep, 1)
+        return _select_points(points, keep, 1)
     middle = _median(known[:seen])
     for n in range(starts.shape[0]):
         along = reach[n] * voxel_m
         keep[n] = abs(along - middle) < _OUTLIER_M
         points[n, 0] = starts[n, 0] + along * down[0]
         points[n, 1] = starts[n, 1] + along * down[1]
-    return _kept(points, keep, _MIN_POINTS)
+    return _select_points(points, keep, _MIN_POINTS)
 
 
-def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
-    """Rows of the result of `plane_set.borders`, by the ids of lower and upper plane."""
-    if not len(found):
+def pairs_of(borders: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
+    """Rows of the result of `plane_set.find_borders`, by the ids of lower and upper plane."""
+    if not len(borders):
         return {}
-    key = found[:, 0].astype(np.int64) * len(ids) + found[:, 1]
+    key = borders[:, 0].astype(np.int64) * len(ids) + borders[:, 1]
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     groups = np.split(order, starts[1:])
-    return {(int(ids[found[g[0], 0]]), int(ids[found[g[0], 1]])): g for g in groups}
+    return {(int(ids[borders[g[0], 0]]), int(ids[borders[g[0], 1]])): g for g in groups}

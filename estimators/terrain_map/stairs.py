@@ -9,7 +9,7 @@ import numpy as np
 
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, toward
+from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, point_toward
 from stridetwin.estimators.terrain_map.risers import Riser
 from stridetwin.streams.samples import Array
 
@@ -32,7 +32,7 @@ def heading_of(edges: Sequence[Riser]) -> Array:
     return np.asarray(total / math.hypot(*total.tolist()))
 
 
-def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
+def find_flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
     """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next.
 
     The risers of a flight that winds are rows of their own, each with its own direction.
@@ -55,11 +55,11 @@ def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
         row = [r]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
-        rows += [[one] for one in row] if _winds(row) else [row]
+        rows += [[one] for one in row] if _is_winding(row) else [row]
     return rows
 
 
-def _winds(row: list[Riser]) -> bool:
+def _is_winding(row: list[Riser]) -> bool:
     """Whether each edge of three or more is turned against the one before, all to one side."""
     if len(row) < 3:
         return False
@@ -74,24 +74,24 @@ def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
     return are_parallel and p.min_tread_m <= tread <= p.max_tread_m
 
 
-def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
-    """Fits a flight, with covariance, to a row of risers from the lowest; see `flights`."""
+def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
+    """Fits a flight, with covariance, to a row of risers from the lowest; see `find_flights`."""
     up = -heading_of(row)
-    left = left_of(up)
+    left = to_left(up)
     middles = np.array([r.middle for r in row])
     middle = float((middles @ left).mean())
-    sd = [p.edge_sd_m if r.found else 2.0 * p.voxel_size_m for r in row]
-    even, of_even = even_edges([r.points for r in row], sd, up, middle, (0.25 * p.voxel_size_m) ** 2)
+    sd = [p.edge_sd_m if r.in_voxels else 2.0 * p.voxel_size_m for r in row]
+    even, of_even = fit_even_edges([r.points for r in row], sd, up, middle, (0.25 * p.voxel_size_m) ** 2)
     ids = (row[0].lower, *(r.upper for r in row))
-    ground = [_seen(planes[k], middles[max(n - 1, 0)]) for n, k in enumerate(ids)]
-    steps, of_steps = stair_line(*np.array(ground).T)
+    ground = [_height_and_sd(planes[k], middles[max(n - 1, 0)]) for n, k in enumerate(ids)]
+    steps, of_steps = fit_stair_line(*np.array(ground).T)
     covariance = np.zeros((5, 5))
     covariance[np.ix_(_EVEN, _EVEN)], covariance[np.ix_(_STEPS, _STEPS)] = of_even, of_steps
     if len(row) == 1:
         covariance[1, 1] = _UNKNOWN
     heading = math.atan2(up[1], up[0]) + float(even[2])
     up_flight = np.array([math.cos(heading), math.sin(heading)])
-    aside = np.concatenate([r.points for r in row]) @ left_of(up_flight)
+    aside = np.concatenate([r.points for r in row]) @ to_left(up_flight)
     return Stairs(
         id=id_, planes=ids, steps=len(row), riser=float(steps[1]), tread=float(even[1]),
         heading=math.atan2(up_flight[1], up_flight[0]), base=float(steps[0]), covariance=covariance,
@@ -101,19 +101,19 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
     )  # fmt: skip
 
 
-def left_of(forward: Array) -> Array:
+def to_left(forward: Array) -> Array:
     """(2,) unit vector to the left of a (2,) direction."""
     return np.array([-forward[1], forward[0]])
 
 
-def _seen(plane: Plane, place: Array) -> tuple[float, float]:
+def _height_and_sd(plane: Plane, place: Array) -> tuple[float, float]:
     """Height of a plane where it is well observed toward a (2,) place, m, and its standard deviation."""
-    x, y = toward(plane.centre, plane.spread, place[0], place[1], BORDER_M)
+    x, y = point_toward(plane.centre, plane.spread, place[0], place[1], BORDER_M)
     J = np.array([1.0, x - plane.centre[0], y - plane.centre[1]])
     return float(plane.centre[2] + J[1:] @ plane.gradient), math.sqrt(J @ plane.covariance @ J)
 
 
-def even_edges(
+def fit_even_edges(
     edges: Sequence[Array], sd: Sequence[float], up: Array, middle: float, least: float
 ) -> tuple[Array, Array]:
     """Fits evenly spaced edges, s = start + k tread - turn (l - middle), by least squares; one row per edge point.
@@ -134,21 +134,21 @@ def even_edges(
     """
     normal, right = np.zeros((3, 3)), np.zeros(3)
     for k, points in enumerate(edges):
-        s, l, n = points @ up, points @ left_of(up), len(points)
-        own = max(float(s.var()), least)
-        shared = 1.0 / (own**2 * (n / own + 1.0 / sd[k] ** 2))
+        s, l, n = points @ up, points @ to_left(up), len(points)
+        variance = max(float(s.var()), least)
+        shared = 1.0 / (variance**2 * (n / variance + 1.0 / sd[k] ** 2))
         A = np.column_stack([np.ones(n), np.full(n, float(k)), middle - l])
         total = A.sum(axis=0)
-        normal += A.T @ A / own - shared * np.outer(total, total)
-        right += A.T @ s / own - shared * s.sum() * total
+        normal += A.T @ A / variance - shared * np.outer(total, total)
+        right += A.T @ s / variance - shared * s.sum() * total
     known = [0, 1, 2] if len(edges) > 1 else [0, 2]  # a single edge does not determine the tread
-    solved = np.linalg.inv(normal[np.ix_(known, known)] + 1e-9 * np.eye(len(known)))
+    normal_inverse = np.linalg.inv(normal[np.ix_(known, known)] + 1e-9 * np.eye(len(known)))
     values, covariance = np.full(3, math.nan), np.zeros((3, 3))
-    values[known], covariance[np.ix_(known, known)] = solved @ right[known], solved
+    values[known], covariance[np.ix_(known, known)] = normal_inverse @ right[known], normal_inverse
     return values, covariance
 
 
-def stair_line(heights: Array, sd: Array) -> tuple[Array, Array]:
+def fit_stair_line(heights: Array, sd: Array) -> tuple[Array, Array]:
     """(2,) base and riser of equal steps through heights, m, with their (2, 2) covariance; docs/terrain_map.md (10)."""
     A = np.column_stack([np.ones(len(sd)), np.arange(len(sd))]) / sd[:, None]
     covariance = np.asarray(np.linalg.inv(A.T @ A), float)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_set import PlaneSet, borders
-from stridetwin.estimators.terrain_map.risers import Riser, pairs_of, riser
-from stridetwin.estimators.terrain_map.stairs import flights, heading_of, stairs
+from stridetwin.estimators.terrain_map.plane_set import PlaneSet, find_borders
+from stridetwin.estimators.terrain_map.risers import Riser, fit_riser, pairs_of
+from stridetwin.estimators.terrain_map.stairs import find_flights, fit_stairs, heading_of
 from stridetwin.streams.samples import Array
 
 KERB_M = 0.04
@@ -30,11 +30,11 @@ _MIN_EDGE_M = 0.3
 """Shortest edge of stairs."""
 
 
-Refined = Callable[[Riser, Plane, Array], Riser]
+RefineRiser = Callable[[Riser, Plane, Array], Riser]
 """A riser with its edge measured: from the riser, its upper plane, and (2,) down across all edges of its flight."""
 
 
-class _Known(NamedTuple):
+class _CachedRiser(NamedTuple):
     lower: Plane
     upper: Plane
     columns: NDArray[np.int32]
@@ -74,65 +74,67 @@ class Terrains:
 
     def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
         self._R_world_grid, self._p = R_world_grid, parameters
-        self._risers: dict[tuple[int, int], _Known] = {}
+        self._risers: dict[tuple[int, int], _CachedRiser] = {}
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
-    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, refined: Refined) -> tuple[Terrain, ...]:
+    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, refine: RefineRiser) -> tuple[Terrain, ...]:
         """Levels, ramps and stairs.
 
         Args:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Their columns.
-            refined: Measures the edges.
+            refine: Measures the edges.
         """
         p = self._p
-        found: list[Terrain] = []
+        terrains: list[Terrain] = []
         treads: set[int] = set()
-        rows = [tuple(row) for row in flights(self._find_risers(planes, plane_set), p)]
-        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, refined) for row in rows}
+        rows = [tuple(row) for row in find_flights(self._find_risers(planes, plane_set), p)]
+        self._stairs = {row: self._stairs.get(row) or self._fit_flight(row, planes, refine) for row in rows}
         for flight in self._stairs.values():
-            found.append(flight)
+            terrains.append(flight)
             treads.update(flight.planes[1:-1])
         for plane in planes.values():
             if plane.id in treads:
                 continue
             if is_level(plane, p):
-                found.append(Level(id=plane.id, plane=plane.id))
+                terrains.append(Level(id=plane.id, plane=plane.id))
             elif plane.slope <= p.max_ramp_slope_rad and plane.area_m2 >= _MIN_RAMP_AREA_M2:
                 heading = math.atan2(*plane.gradient[::-1])
                 ramp = Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading)
-                found.append(ramp)
-        return tuple(found)
+                terrains.append(ramp)
+        return tuple(terrains)
 
-    def _flight(self, row: Sequence[Riser], planes: dict[int, Plane], refined: Refined) -> Stairs:
+    def _fit_flight(self, row: Sequence[Riser], planes: dict[int, Plane], refine: RefineRiser) -> Stairs:
         down = heading_of(row)
-        risers = [refined(r, planes[r.upper], down) for r in row]
-        return stairs(risers, planes, min(r.upper for r in row), self._p)
+        risers = [refine(r, planes[r.upper], down) for r in row]
+        return fit_stairs(risers, planes, min(r.upper for r in row), self._p)
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
         """Steps between flat planes, from their columns."""
         p = self._p
-        found = borders(plane_set.surface, round(_HIDDEN_M / p.voxel_size_m), p.min_riser_m, p.max_riser_m)
-        known: dict[tuple[int, int], _Known] = {}
-        for pair, rows in pairs_of(found, plane_set.ids).items():
+        border_columns = find_borders(
+            plane_set.surface, round(_HIDDEN_M / p.voxel_size_m), p.min_riser_m, p.max_riser_m
+        )
+        known: dict[tuple[int, int], _CachedRiser] = {}
+        for pair, rows in pairs_of(border_columns, plane_set.ids).items():
             lower, upper = planes[pair[0]], planes[pair[1]]
             if not (is_flat(lower, p) and is_flat(upper, p)):
                 continue
-            columns, before = found[rows], self._risers.get(pair)
+            columns, before = border_columns[rows], self._risers.get(pair)
             if (
                 before is not None and before.lower is lower and before.upper is upper
                 and np.array_equal(before.columns, columns)
             ):  # fmt: skip
                 known[pair] = before
             else:
-                known[pair] = _Known(lower, upper, columns, self._riser(lower, upper, columns))
+                known[pair] = _CachedRiser(lower, upper, columns, self._fit_riser(lower, upper, columns))
         self._risers = known
         return [one.riser for one in known.values() if one.riser is not None]
 
-    def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
-        """The step given by columns of `borders`."""
+    def _fit_riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
+        """The step given by columns of `find_borders`."""
         p = self._p
-        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
+        edge = fit_riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
         if edge is not None and p.min_riser_m <= edge.height <= p.max_riser_m and edge.length >= _MIN_EDGE_M:
             return edge
         return None

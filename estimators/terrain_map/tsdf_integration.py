@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
 from stridetwin.streams.samples import Array
 
@@ -35,7 +35,7 @@ _NOISE_GATE_SD = 3.0
 """Standard deviations of the depth by which a surface may be missed straight above a voxel."""
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def allocate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
     top_m: float, t_ns: int,
@@ -87,7 +87,7 @@ def allocate(
                     blocks.seen_ns[row] = t_ns
 
 
-@cached(_HERE, error_model="numpy", fastmath=True)
+@entry_kernel(_HERE, error_model="numpy", fastmath=True)
 def integrate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
     max_weight: float, noise_per_m: float,

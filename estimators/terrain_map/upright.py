@@ -19,7 +19,7 @@ _REACH = 3
 """Cells between the points of a normal: neighbours are too close for the noise of depth."""
 _NEAR = np.cos(np.radians(5.0))
 """Normals within 5° are of one surface; walls within 5° of the horizontal."""
-_HELD = np.cos(np.radians(80.0))
+_MIN_UP_COSINE = np.cos(np.radians(80.0))
 """A camera that looks down or up keeps its upper side above the horizon; a wall in front of it lies beyond."""
 _WALL_WEIGHT = 0.5
 _JUMP_SHARE = 0.1  # neighbouring depths that differ by more are of different surfaces
@@ -43,11 +43,11 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
     here, right, below = points[:-r, :-r], points[:-r, r:], points[r:, :-r]
     nearest = np.minimum(np.minimum(here[..., 2], right[..., 2]), below[..., 2])
     farthest = np.maximum(np.maximum(here[..., 2], right[..., 2]), below[..., 2])
-    whole = (nearest > 0.0) & (farthest - nearest < _JUMP_SHARE * nearest)
-    normal = np.cross((below - here)[whole], (right - here)[whole])
+    is_surface = (nearest > 0.0) & (farthest - nearest < _JUMP_SHARE * nearest)
+    normal = np.cross((below - here)[is_surface], (right - here)[is_surface])
     length = np.linalg.norm(normal, axis=1)
-    normal, seen = normal[length > 0.0] / length[length > 0.0, None], here[whole][length > 0.0]
-    return np.asarray(normal * -np.sign(np.sum(normal * seen, axis=1))[:, None])
+    normal, points_on = normal[length > 0.0] / length[length > 0.0, None], here[is_surface][length > 0.0]
+    return np.asarray(normal * -np.sign(np.sum(normal * points_on, axis=1))[:, None])
 
 
 def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
@@ -60,9 +60,9 @@ def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
     if not parts:
         return None
     all_normals = np.concatenate([part for part, _ in parts])
-    held = np.mean([axis for _, axis in parts], axis=0)
-    held /= np.linalg.norm(held)
-    near = all_normals[all_normals @ held > _HELD]
+    camera_up = np.mean([axis for _, axis in parts], axis=0)
+    camera_up /= np.linalg.norm(camera_up)
+    near = all_normals[all_normals @ camera_up > _MIN_UP_COSINE]
     if not len(near):
         return None
     candidates = near[np.linspace(0, len(near) - 1, min(_CANDIDATES, len(near))).astype(int)]

@@ -7,13 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, without_discontinuities
+from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, remove_discontinuities
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_extraction import column_points, patches
+from stridetwin.estimators.terrain_map.plane_extraction import column_points, extract_planes
 from stridetwin.estimators.terrain_map.plane_set import TopView
-from stridetwin.estimators.terrain_map.ray_casting import column_noise, from_above
-from stridetwin.estimators.terrain_map.risers import Riser, refined
+from stridetwin.estimators.terrain_map.ray_casting import cast_down, column_noise
+from stridetwin.estimators.terrain_map.risers import Riser, refine_riser
 from stridetwin.estimators.terrain_map.tsdf_integration import allocate, integrate
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, clear, empty_blocks, roll
 from stridetwin.streams.samples import Array
@@ -68,7 +68,7 @@ class VoxelVolume:
         self._T_grid_camera, eye = T_grid_camera, T_grid_camera[:3, 3]
         below = eye - np.array([0.0, 0.0, _BELOW_M])
         roll(blocks, below, EDGE * p.voxel_size_m, t_ns - round(_STALE_S * 1e9))
-        clean = without_discontinuities(depth, _DISCONTINUITY_SHARE, camera.pixels(_DISCONTINUITY_PX))
+        clean = remove_discontinuities(depth, _DISCONTINUITY_SHARE, camera.pixels(_DISCONTINUITY_PX))
         top_m = float(eye[2]) + HEADROOM_M
         allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns)
         integrate(
@@ -82,14 +82,14 @@ class VoxelVolume:
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
         top = math.floor(eye_z / p.voxel_size_m)
-        height, weight = from_above(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m)
+        height, weight = cast_down(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m)
         noise = column_noise(height, weight, eye_z, min_noise_m(p), p.plane_noise_m, p.depth_noise_per_m)
-        labels, sums = patches(column_points(height, first, p.voxel_size_m), noise, p)
+        labels, sums = extract_planes(column_points(height, first, p.voxel_size_m), noise, p)
         return TopView(first, labels, sums, height, noise)
 
-    def refined(self, edge: Riser, upper: Plane, down: Array) -> Riser:
+    def refine_riser(self, edge: Riser, upper: Plane, down: Array) -> Riser:
         """A riser with its edge measured in the volume; `down` (2,) points across all edges of its flight."""
-        return refined(edge, upper, down, self._blocks, self._R_grid_world, self._p.voxel_size_m)
+        return refine_riser(edge, upper, down, self._blocks, self._R_grid_world, self._p.voxel_size_m)
 
     def mesh(self) -> None:
         """None: there is no mesh."""

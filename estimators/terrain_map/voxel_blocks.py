@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.compiled import INSIDE, entry_kernel
 
 _HERE = Path(__file__).parent
 
@@ -89,7 +89,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
         _drop(blocks, rows[np.argsort(away, kind="stable")[len(rows) * 3 // 4 :]])
 
 
-@cached(_HERE)
+@entry_kernel(_HERE)
 def _free_unused(blocks: Blocks, stale_ns: int) -> None:
     """Frees the blocks outside the window, and those without a surface in them or just below."""
     for row in range(CAPACITY):

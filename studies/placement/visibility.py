@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.checkerboard.pattern import Lens
+from stridetwin.estimators.checkerboard.pattern import DistortionModel
 from stridetwin.scenarios.record import make_twin
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.config import SIDES
@@ -84,7 +84,7 @@ def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
 def in_image(camera: CameraCalibration, points: Array) -> Flags:
     """(...) whether points (..., 3) m of the optical frame are in the image and at least `NEAR_M` in front of it."""
     z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.nan)
-    pixels = Lens(camera).pixels((points[..., :2] / z[..., None]).reshape(-1, 2))
+    pixels = DistortionModel(camera).pixels((points[..., :2] / z[..., None]).reshape(-1, 2))
     inside = (pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))
     return np.asarray(inside.all(axis=1).reshape(z.shape))
 

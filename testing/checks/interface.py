@@ -50,20 +50,20 @@ def check_declaration(subject: Subject) -> None:
 def check_missing_sensors(subject: Subject) -> None:
     """Without its sensors in the rig, the constructor raises a StrideTwinError that names what is missing."""
     walk, rig = subject.walk, subject.walk.rig
-    words = _words_of(walk.streams)
-    message = _refusal(subject, Rig(), Options(method=walk.options.method, foot=walk.options.foot))
+    sensor_names = _sensor_names_of(walk.streams)
+    message = _rejection_message(subject, Rig(), Options(method=walk.options.method, foot=walk.options.foot))
     if message is None:
         raise ConformanceError(
             "the constructor accepts a rig without any sensor: raise a StrideTwinError that names the missing sensor, "
             "such as `rig.imu(topic)` does"
         )
-    if not any(word in message.lower() for word in words):
+    if not any(word in message.lower() for word in sensor_names):
         raise ConformanceError(f"for an empty rig the error is {message!r}: name the missing sensor in it")
     roles: dict[str, set[str]] = {}
     for stream in walk.streams:
         roles.setdefault(stream.role, set()).add(stream.topic)
     for topics in roles.values():  # an estimator may accept a rig without some of them
-        _refusal(subject, _without(rig, topics), walk.options)
+        _rejection_message(subject, _without_topics(rig, topics), walk.options)
 
 
 def check_estimates(subject: Subject) -> None:
@@ -143,7 +143,7 @@ def _check_streams(subject: Subject) -> None:
         raise ConformanceError(f"no topic {', '.join(lacking)} in the walk: correct the topics of `streams`")
 
 
-def _refusal(subject: Subject, rig: Rig, options: Options) -> str | None:
+def _rejection_message(subject: Subject, rig: Rig, options: Options) -> str | None:
     """Message of the constructor's StrideTwinError for a rig; None if it accepts the rig."""
     estimator_class = subject.estimator_class
     calls: dict[str, Callable[[], object]] = {
@@ -165,13 +165,13 @@ def _refusal(subject: Subject, rig: Rig, options: Options) -> str | None:
     return message
 
 
-def _words_of(streams: tuple[Stream, ...]) -> set[str]:
+def _sensor_names_of(streams: tuple[Stream, ...]) -> set[str]:
     """Words of which a message about missing sensors has at least one: parts of topics, roles and kinds."""
     texts = [text for s in streams if s.topic != POSES for text in (s.topic, s.role, s.kind.__name__)]
     return {word for text in texts for word in re.split(r"[/_\W]+", text.lower()) if len(word) > 2}
 
 
-def _without(rig: Rig, topics: set[str]) -> Rig:
+def _without_topics(rig: Rig, topics: set[str]) -> Rig:
     """The rig without the sensors of some topics."""
     return replace(
         rig,

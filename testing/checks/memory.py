@@ -42,7 +42,7 @@ def check_bounded_memory(subject: Subject) -> None:
         for number in range(_MOST_PASSES):
             _feed_pass(estimator, samples, duration_ns, number)
             gc.collect()
-            sizes.append((sys.getallocatedblocks(), _allocated_bytes()))
+            sizes.append((sys.getallocatedblocks(), _count_allocated_bytes()))
             growth = np.diff(sizes, axis=0)[1:]  # the first passes fill windows
             if len(growth) and not (growth > _LEAST_GROWTH).all(axis=0).any():
                 return
@@ -93,7 +93,7 @@ class _HeapInfo(ctypes.Structure):
     )  # fmt: skip
 
 
-def _allocated_bytes() -> int:
+def _count_allocated_bytes() -> int:
     """Memory that the process holds beside Python's small objects; 0 where the C library is not the GNU one."""
     ask = getattr(ctypes.CDLL(None), "mallinfo2", None)
     if ask is None:

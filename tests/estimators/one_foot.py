@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.state import NOMINAL, Memory
+from stridetwin.estimators.foot_ins.state import NOMINAL, FilterState
 from stridetwin.streams.samples import Array
 
 
@@ -19,7 +19,9 @@ def with_values(parameters: KernelParameters, **values: float) -> KernelParamete
     return record
 
 
-def take(memory: Memory, parameters: KernelParameters, t_ns: int | NDArray[np.int64], rate: Array, force: Array) -> int:
+def take(
+    memory: FilterState, parameters: KernelParameters, t_ns: int | NDArray[np.int64], rate: Array, force: Array
+) -> int:
     """Lets a filter take one sample or (N,) of them, (N, 3) rad/s and m/s²; returns the phase of the last."""
     stamps = np.atleast_1d(np.asarray(t_ns, np.int64))
     n = len(stamps)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.checkerboard.detector import BoardDetector
-from stridetwin.estimators.checkerboard.pattern import Lens
+from stridetwin.estimators.checkerboard.pattern import DistortionModel
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array, Image
@@ -28,7 +28,7 @@ def detector(lens: str = "pinhole") -> BoardDetector:
 
 def misses(observation: BoardObservation, T_camera_board: Array, lens: str = "pinhole") -> Array:
     """(M,) pixels between the corners and where those of the same name truly are."""
-    found = Lens(camera(lens)).pixels(observation.rays)
+    found = DistortionModel(camera(lens)).pixels(observation.rays)
     return np.linalg.norm(found - project(T_camera_board, observation.points_in_board, lens), axis=1)
 
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import erf
 
 from stridetwin.estimators.checkerboard import detector, saddle_points
-from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
-from stridetwin.estimators.checkerboard.pose import BoardObservation, board_poses
+from stridetwin.estimators.checkerboard.pattern import BoardPattern, DistortionModel, View, sample
+from stridetwin.estimators.checkerboard.pose import BoardObservation, find_board_poses
 from stridetwin.streams.rig import CameraCalibration, Mount
 from tests.estimators.from_python import from_python
 
@@ -28,7 +28,7 @@ SQUARES = np.array([[0.0, 0.0], [1.5, -0.5], [-2.0, 1.0], [0.7, 2.3]])
 
 @pytest.mark.parametrize("camera", [CAMERA, FISHEYE], ids=["radtan", "equidistant"])
 def test_a_lens_is_opencvs(camera):
-    lens = Lens(camera)
+    lens = DistortionModel(camera)
     rays = np.random.default_rng(0).uniform(-0.6, 0.6, (30, 2))
     points = np.column_stack([rays, np.ones(30)])[:, None]
     project = cv2.fisheye.projectPoints if camera is FISHEYE else cv2.projectPoints
@@ -41,7 +41,7 @@ def test_a_lens_is_opencvs(camera):
 
 def test_rays_beyond_the_fold_of_a_polynomial_have_no_pixel():
     """r (1 + k r²) with k = -0.3 rises until r² = 1 / 0.9."""
-    lens = Lens(replace(CAMERA, distortion=(-0.3, 0.0, 0.0, 0.0)))
+    lens = DistortionModel(replace(CAMERA, distortion=(-0.3, 0.0, 0.0, 0.0)))
     fold = np.sqrt(1.0 / 0.9)
     assert lens.reach == pytest.approx(fold, rel=0.03)
     at = lens.reach * np.array([[0.0, 0.999], [0.6, -0.799], [1.001, 0.0], [-0.75, 0.75]])
@@ -53,7 +53,7 @@ def seen():
     """A board's pose, and the view of it."""
     T = pose(0.03, -0.02, 0.3, 0.4, -0.3, 0.2)
     H = T[:3, [0, 1, 3]] * [BOARD.square_m, BOARD.square_m, 1.0]
-    return T, View(lens=Lens(CAMERA), H=H)
+    return T, View(lens=DistortionModel(CAMERA), H=H)
 
 
 def projected(T, squares):
@@ -71,21 +71,21 @@ def test_a_view_is_the_projection_of_the_board(seen):
         np.testing.assert_allclose(edges[:, axis], expected, atol=1e-8)
     np.testing.assert_allclose(view.size_px(SQUARES), np.sqrt(np.abs(np.linalg.det(edges))))
     way = np.array([0.02, -0.05])
-    np.testing.assert_allclose(view.squares_of(way @ view.edges(np.zeros((1, 2)))[0]), way, rtol=1e-9)
-    np.testing.assert_allclose(view.shifted(1.0, -2.0).pixels(SQUARES), view.pixels(SQUARES + [1.0, -2.0]), atol=1e-9)
-    again = View.through(view.lens, SQUARES, view.rays(SQUARES))
+    np.testing.assert_allclose(view.to_squares(way @ view.edges(np.zeros((1, 2)))[0]), way, rtol=1e-9)
+    np.testing.assert_allclose(view.shift(1.0, -2.0).pixels(SQUARES), view.pixels(SQUARES + [1.0, -2.0]), atol=1e-9)
+    again = View.from_points(view.lens, SQUARES, view.rays(SQUARES))
     np.testing.assert_allclose(again.H / again.H[2, 2], view.H / view.H[2, 2], atol=1e-6)
-    behind = View.through(view.lens, SQUARES, view.rays(SQUARES) * [-1.0, 1.0])
+    behind = View.from_points(view.lens, SQUARES, view.rays(SQUARES) * [-1.0, 1.0])
     assert behind is None
-    assert View.through(view.lens, SQUARES[:3], view.rays(SQUARES[:3])) is None
+    assert View.from_points(view.lens, SQUARES[:3], view.rays(SQUARES[:3])) is None
     outlier = view.rays(PATTERN.corners)
     outlier[5] += 0.3
-    robust = View.through(view.lens, PATTERN.corners, outlier, 1e-3)
+    robust = View.from_points(view.lens, PATTERN.corners, outlier, 1e-3)
     np.testing.assert_allclose(robust.pixels(SQUARES), view.pixels(SQUARES), atol=1e-3)
 
 
 def test_a_point_behind_the_camera_has_no_ray():
-    view = View(lens=Lens(CAMERA), H=np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.1, 0.0, 1.0]]))
+    view = View(lens=DistortionModel(CAMERA), H=np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.1, 0.0, 1.0]]))
     assert np.isnan(view.rays(np.array([[-9.4, 0.0], [-9.6, 0.0], [-20.0, 1.0]])))[:, 0].tolist() == [False, True, True]
 
 
@@ -127,7 +127,7 @@ def test_a_pose_is_the_least_squares_solution_with_its_covariance(seen):
 
     measured = rays(np.zeros(6)) + sd[:, None] * rng.normal(size=(len(points), 2))
     observation = BoardObservation(topic="/c", t_ns=0, points_in_board=points, rays=measured, ray_sd=sd)
-    best = board_poses(observation)[0]
+    best = find_board_poses(observation)[0]
     fit = least_squares(lambda x: ((rays(x) - measured) / sd[:, None]).ravel(), np.zeros(6), xtol=1e-15, x_scale=1e-3)
     turn = Rotation.from_matrix(best.T_camera_board[:3, :3] @ T[:3, :3].T).as_rotvec()
     np.testing.assert_allclose(best.T_camera_board[:3, 3] - T[:3, 3], fit.x[:3], atol=1e-7)
@@ -140,7 +140,7 @@ def test_a_pose_is_the_least_squares_solution_with_its_covariance(seen):
 
 @pytest.mark.parametrize("sd", [0.03, 0.2, 0.5])
 def test_the_smoothed_square_wave_has_its_slopes(sd):
-    wave = from_python(saddle_points._wave)
+    wave = from_python(saddle_points._square_wave)
 
     def value(u, of):
         """Edges at all whole numbers, alternately up and down, each an error function; far ones cancel in pairs."""
@@ -161,6 +161,6 @@ def test_corners_are_alone_where_no_shift_to_squares_of_the_same_colours_is_with
     """Of corners in columns 1 to 3 of six, in all rows, only the shift by two columns keeps the colours."""
     board, view = SimpleNamespace(shape=(6, 4)), SimpleNamespace(pixels=lambda squares: 10.0 * squares)
     some = np.array([v * 6 + u for v in range(4) for u in (1, 2, 3)])
-    assert detector.is_alone(board, view, some, np.zeros(2), 19.0)
-    assert not detector.is_alone(board, view, some, np.zeros(2), 21.0)
-    assert detector.is_alone(board, view, np.arange(24), np.zeros(2), 1e9)
+    assert detector.is_unambiguous(board, view, some, np.zeros(2), 19.0)
+    assert not detector.is_unambiguous(board, view, some, np.zeros(2), 21.0)
+    assert detector.is_unambiguous(board, view, np.arange(24), np.zeros(2), 1e9)

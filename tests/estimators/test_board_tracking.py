@@ -9,8 +9,8 @@ import pytest
 from board_images import BOARD, Scene, camera, image_of, pose, project
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.checkerboard.pattern import Lens
-from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected
+from stridetwin.estimators.checkerboard.pattern import DistortionModel
+from stridetwin.estimators.foot_to_foot.board_tracking import BoardPrediction, BoardTracker
 from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes
 from stridetwin.streams.samples import Array, Image
 
@@ -36,9 +36,9 @@ def tracker(timeshift_s: float = 0.0) -> BoardTracker:
     return BoardTracker(shoes, 0.002)
 
 
-def expected(T: Array = POSE, sd: tuple[float, float] = CLEAR, T_before: Array | None = None) -> Expected:
+def expected(T: Array = POSE, sd: tuple[float, float] = CLEAR, T_before: Array | None = None) -> BoardPrediction:
     covariance = np.diag(np.repeat(sd, 3) ** 2)
-    return Expected(T_camera_board=T, covariance=covariance, T_before=T if T_before is None else T_before)
+    return BoardPrediction(T_camera_board=T, covariance=covariance, T_before=T if T_before is None else T_before)
 
 
 def test_a_board_is_found_where_it_is_expected_within_the_filters_uncertainty(image: Image) -> None:
@@ -47,26 +47,26 @@ def test_a_board_is_found_where_it_is_expected_within_the_filters_uncertainty(im
     observation = tracker().detect(image, expected(off))
     assert observation is not None
     assert observation.topic == image.topic
-    miss = Lens(camera()).pixels(observation.rays) - project(POSE, observation.points_in_board, "pinhole")
+    miss = DistortionModel(camera()).pixels(observation.rays) - project(POSE, observation.points_in_board, "pinhole")
     assert np.abs(miss).max() < 0.3
 
 
 def test_an_image_waits_until_both_imus_have_reached_its_shifted_time(image: Image) -> None:
     boards = tracker(timeshift_s=0.004)
-    assert boards.take(image)
-    assert boards.ready(image.t_ns + 3_999_999) == []
-    assert [(p is image, foot, t) for p, foot, t in boards.ready(image.t_ns + 4_000_000)] == [
+    assert boards.enqueue(image)
+    assert boards.pop_ready(image.t_ns + 3_999_999) == []
+    assert [(p is image, foot, t) for p, foot, t in boards.pop_ready(image.t_ns + 4_000_000)] == [
         (True, 0, image.t_ns + 4_000_000)
     ]
-    assert boards.ready(2**62) == []
+    assert boards.pop_ready(2**62) == []
 
 
 def test_images_that_do_not_follow_or_show_no_board_are_not_kept(image: Image) -> None:
     boards = tracker()
-    assert boards.take(image)
-    assert not boards.take(image)
-    assert not boards.take(replace(image, t_ns=image.t_ns - 1))
-    assert not boards.take(replace(image, topic="/head/color"))
+    assert boards.enqueue(image)
+    assert not boards.enqueue(image)
+    assert not boards.enqueue(replace(image, t_ns=image.t_ns - 1))
+    assert not boards.enqueue(replace(image, topic="/head/color"))
 
 
 def test_nothing_is_searched_behind_the_board_or_out_of_view(image: Image) -> None:

@@ -79,7 +79,7 @@ def called_by_python(node: ast.AST, modules: set[str]) -> set[str]:
     """Functions, also of `modules`, that are called outside compiled functions; methods of objects do not count."""
     found = set()
     for child in ast.iter_child_nodes(node):
-        if decorated(child, "njit", "cached", "_called"):
+        if decorated(child, "njit", "cached", "entry_kernel", "_called", "_entry_kernel"):
             continue
         if isinstance(child, ast.Call):
             owner, _, name = ast.unparse(child.func).rpartition(".")

@@ -9,7 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain, PublishedParameters
-from stridetwin.estimators.contact_terrain.estimate import beyond_slopes, most_likely, sloping, step_modes
+from stridetwin.estimators.contact_terrain.estimate import (
+    height_beyond_slopes,
+    mode_probabilities,
+    most_likely,
+    ramp_probability,
+)
 from stridetwin.estimators.contact_terrain.footfall import CellLoads
 from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import OFFSETS
@@ -256,17 +261,17 @@ def test_parameters_that_make_no_sense_are_refused(name, value, said):
     ],
 )
 def test_modes_follow_from_geometry(slope, height, mode):
-    beyond = beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
-    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, PARAMETERS)
+    beyond = height_beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
+    probabilities = mode_probabilities(np.radians(slope), np.radians(0.5), beyond, 0.005, PARAMETERS)
     assert sum(probabilities.values()) == pytest.approx(1.0)
     assert most_likely(probabilities, PARAMETERS.probability_min)[0] == mode
-    between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, PARAMETERS)
+    between = mode_probabilities(np.radians(2.5), np.radians(0.5), 0.0, 0.005, PARAMETERS)
     assert most_likely(between, PARAMETERS.probability_min)[0] == "unknown"
 
 
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
 def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
-    assert sloping(np.radians(slope), np.radians(0.3), PARAMETERS.ramp_rad) == pytest.approx(share, abs=1e-6)
+    assert ramp_probability(np.radians(slope), np.radians(0.3), PARAMETERS.ramp_rad) == pytest.approx(share, abs=1e-6)
 
 
 def test_an_update_that_may_not_hold_has_the_moments_of_the_mixture():

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import footfall
-from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, fixed_contact
+from stridetwin.estimators.contact_terrain.footfall import CellLoads, Footfall, contact_point
 from stridetwin.estimators.contact_terrain.offsets import OFFSETS
 from stridetwin.estimators.contact_terrain.proposed import DoubleSupport, _normal
 
@@ -89,7 +89,7 @@ def test_a_foot_is_not_flat_unloaded_rotating_or_with_a_rising_heel():
 def test_the_axes_of_a_sole_from_sums_that_are_not_orthogonal():
     rng = np.random.default_rng(0)
     up, forward = 3.0 * rng.normal(size=3), rng.normal(size=3)
-    R = footfall._axes(forward, up)
+    R = footfall._rotation_from_axes(forward, up)
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)
     np.testing.assert_allclose(R[:, 2], up / np.linalg.norm(up))
@@ -99,8 +99,8 @@ def test_the_axes_of_a_sole_from_sums_that_are_not_orthogonal():
 
 def test_the_fixed_contact_is_the_heels_edge_or_the_toe_hinge():
     sole = SimpleNamespace(heel_x=-0.05, hinge_x=0.15, hinge_z=0.02)
-    np.testing.assert_array_equal(fixed_contact(sole, True), [-0.05, 0.0, 0.0])
-    np.testing.assert_array_equal(fixed_contact(sole, False), [0.15, 0.0, 0.02])
+    np.testing.assert_array_equal(contact_point(sole, True), [-0.05, 0.0, 0.0])
+    np.testing.assert_array_equal(contact_point(sole, False), [0.15, 0.0, 0.02])
 
 
 def test_the_mean_of_double_support_and_its_spread():

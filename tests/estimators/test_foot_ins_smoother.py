@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import IGNORED, STATES, blank
+from stridetwin.estimators.foot_ins.state import IGNORED, STATES, initial_state
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
@@ -34,7 +34,7 @@ def cut(block: Block[Imu], n: int) -> Block[Imu]:
 def rauch_tung_striebel(imu: Block[Imu]) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed error (N, 19) of each filtered state, and its covariance, by gains through a real clone of the state."""
     parameters = for_sensor(FootInsParameters(), ADIS16485)
-    memory = blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+    memory = initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
     own, clone = slice(0, STATES), slice(STATES, 2 * STATES)
     P, error = memory.covariance, memory.error
     filtered, cloned, gain, found = [], [], [], []

@@ -31,7 +31,7 @@ from stridetwin.estimators.foot_ins.state import (
     SCALE,
     STATES,
     VELOCITY,
-    blank,
+    initial_state,
 )
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import with_values
@@ -50,7 +50,7 @@ def mixed(n, seed=4):
 
 def foot(states=STATES + 5, row=ROW):
     """Memory of a foot in motion with all states correlated, inside a larger filter."""
-    memory = blank(mixed(states), np.zeros(states), row)
+    memory = initial_state(mixed(states), np.zeros(states), row)
     x = memory.nominal
     x[POSITION : POSITION + 3], x[VELOCITY : VELOCITY + 3] = (1.0, -2.0, 0.5), (0.3, -0.2, 0.1)
     x[ATTITUDE : ATTITUDE + 4] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_quat(scalar_first=True)
@@ -369,7 +369,7 @@ def test_a_level_step_teaches_how_much_floors_differ(same):
     variance = (5.0 * 0.01**2 + 3e-4) / 7.0
     assert from_python(stance._floor_variance)(memory, parameters) == pytest.approx(variance)
     step, spread = 0.02, 2e-4
-    from_python(stance._note_level_step)(memory, same, step, variance, spread)
+    from_python(stance._learn_level_step)(memory, same, step, variance, spread)
     mean, left = step * variance / (variance + spread), 1.0 / (1.0 / variance + 1.0 / spread)
     np.testing.assert_allclose(memory.floor, [same, 2.0 + same, 3e-4 + same * (mean**2 + left)], rtol=1e-12)
     np.testing.assert_allclose(memory.nis[1], [same * step**2 / (variance + spread), same], rtol=1e-12)

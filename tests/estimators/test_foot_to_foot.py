@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
-from stridetwin.estimators.foot_ins.state import D_POSITION, D_VELOCITY, PHASE, POSITION, STATES, TRACKING, VELOCITY
+from stridetwin.estimators.foot_ins.state import D_POSITION, D_VELOCITY, NAVIGATING, PHASE, POSITION, STATES, VELOCITY
 from stridetwin.estimators.foot_to_foot import (
     BoardObservation,
     FootToFoot,
@@ -45,7 +45,7 @@ rewind = from_python(compiled_rewind)
 see = from_python(relative_updates.board_update)
 reduced = from_python(relative_updates.reduce_measurement)
 board_in_camera = from_python(relative_updates.board_in_camera)
-published_step = from_python(published.published_step)
+step_published = from_python(published.step_published)
 relative_position_update = from_python(published.relative_position_update)
 
 GRAVITY = FootInsParameters().gravity_mps2
@@ -80,7 +80,7 @@ def moving_pair(seed: int) -> Pair:
         moves = k[:, None] >= 40
         rate, force = moves * rng.normal(0.0, [[[3.0]], [[5.0]]], (2, 80, 3))
         take(pair.feet[foot], parameters, k * 8_000_000, rate, force + [0.0, 0.0, GRAVITY])
-        assert pair.feet[foot].clock[PHASE] == TRACKING
+        assert pair.feet[foot].clock[PHASE] == NAVIGATING
     pair.covariance[:] = 0.0
     return pair
 
@@ -444,7 +444,7 @@ def test_the_published_zero_velocity_update_stops_a_foot() -> None:
     memory.covariance[D_VELOCITY : D_VELOCITY + 3, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
     t_ns = int(memory.ring_t_ns.max()) + 8_000_000
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.4, -0.3, 0.2
-    published_step(memory, foot, parameters, t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY))
+    step_published(memory, foot, parameters, t_ns, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY))
     assert np.linalg.norm(memory.nominal[VELOCITY : VELOCITY + 3]) < 0.02
 
 

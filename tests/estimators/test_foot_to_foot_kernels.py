@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
-from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, D_POSITION, PHASE, POSITION, STATES, TRACKING
+from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, D_POSITION, NAVIGATING, PHASE, POSITION, STATES
 from stridetwin.estimators.foot_to_foot import FootToFootParameters, relative_updates, state
 from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.state import (
@@ -35,7 +35,7 @@ def pair_in_motion(seed=0):
     for foot in range(2):
         rate = (k[:, None] >= 40) * rng.normal(0.0, 3.0, (80, 3))
         take(pair.feet[foot], FOOT, k * 8_000_000, rate, np.tile([0.0, 0.0, 9.8], (80, 1)))
-        assert pair.feet[foot].clock[PHASE] == TRACKING
+        assert pair.feet[foot].clock[PHASE] == NAVIGATING
         pair.feet[foot].nominal[POSITION : POSITION + 3] = rng.normal(0, 0.3, 3)
     B = rng.normal(size=(ALL_STATES, ALL_STATES))
     pair.covariance[:] = 1e-4 * (B @ B.T / ALL_STATES + 0.1 * np.eye(ALL_STATES))

@@ -91,7 +91,7 @@ def test_small_matrices_are_numpys():
     P = F[:4] @ F[:4].T
     v, w, R = *rng.normal(size=(2, 3)), Rotation.from_rotvec([0.3, -0.4, 0.5]).as_matrix()
     for name, arguments, expected in [
-        ("mul", (A, B), A @ B), ("sparse_mul", (F, A), F @ A), ("propagated", (F, P), F @ P @ F.T),
+        ("mul", (A, B), A @ B), ("sparse_mul", (F, A), F @ A), ("transform_covariance", (F, P), F @ P @ F.T),
         ("transposed", (A,), A.T), ("identity", (3,), np.eye(3)), ("dot", (v, w), v @ w), ("rotate", (R, v), R @ v),
         ("rotate_back", (R, v), R.T @ v),
     ]:  # fmt: skip
@@ -115,8 +115,8 @@ def test_vectors_and_matrices_of_tuples_are_numpys():
     a, b, A, B = *rng.normal(size=(2, 3)), *rng.normal(size=(2, 3, 3))
     s, t, M, N = tuple(a), tuple(b), tuple(map(tuple, A)), tuple(map(tuple, B))
     for name, arguments, expected in [
-        ("dot", (s, t), a @ b), ("cross", (s, t), np.cross(a, b)), ("plus", (s, -1.7, t), a - 1.7 * b),
-        ("rotate", (M, t), A @ b), ("scaled", (-1.7, M), -1.7 * A), ("matrix_product", (M, N), A @ B),
+        ("dot", (s, t), a @ b), ("cross", (s, t), np.cross(a, b)), ("axpy", (s, -1.7, t), a - 1.7 * b),
+        ("rotate", (M, t), A @ b), ("scale_matrix", (-1.7, M), -1.7 * A), ("matrix_product", (M, N), A @ B),
         ("rows_cross", (M, t), A @ cross_matrix(b)), ("transposed", (M,), A.T),
     ]:  # fmt: skip
         np.testing.assert_allclose(
@@ -188,7 +188,7 @@ def test_a_gated_update_is_one_of_all_rows_at_once(filtered, gate):
     S = H @ P @ H.T + np.eye(3)
     length = np.sqrt(z @ np.linalg.solve(S, z))
     mean, covariance = batch_update(P, dx, H, z, max(1.0, length / gate) ** 2)
-    assert from_python(kalman.gated_update)(P, dx, work, FIRST, 3, gate) == pytest.approx(length, rel=1e-12)
+    assert from_python(kalman.apply_gated_update)(P, dx, work, FIRST, 3, gate) == pytest.approx(length, rel=1e-12)
     np.testing.assert_allclose(dx, mean, rtol=1e-9)
     np.testing.assert_allclose(P, covariance, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(P, P.T)
@@ -198,7 +198,7 @@ def test_the_solution_of_the_innovation_is_numpys(filtered):
     P, _, H, z, work = filtered
     from_python(kalman.spread_measurements)(P, work, FIRST, 3)
     np.testing.assert_allclose(np.tril(work.spread[:3, :3]), np.tril(H @ P @ H.T), rtol=1e-12)
-    from_python(kalman.normalized_innovation)(work, 3, 0.3)
+    from_python(kalman.innovation_norm)(work, 3, 0.3)
     from_python(kalman.back_substitute)(work, 3)
     np.testing.assert_allclose(work.solved[:3], np.linalg.solve(H @ P @ H.T + 0.3 * np.eye(3), z), rtol=1e-10)
     from_python(kalman.clear)(work, 2)

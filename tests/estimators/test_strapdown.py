@@ -7,7 +7,7 @@ import pytest
 
 from stridetwin.estimators.foot_ins import FootInsParameters, strapdown
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import D_VELOCITY, FILL, HEAD, blank
+from stridetwin.estimators.foot_ins.state import D_VELOCITY, FILL, HEAD, initial_state
 from tests.estimators.from_python import from_python
 
 predict = from_python(strapdown.predict)
@@ -18,7 +18,7 @@ OLDEST, BEFORE, NEWEST = (0.0, 0.0, 9.8), (1.0, -2.0, 12.8), (1.5, -2.0, 11.8)
 def velocity_variance(jerk_noise, filled):
     """(3,) of the velocity, m²/s², after one sample; the ring holds the last `filled` of the three forces."""
     parameters = replace(FootInsParameters(), accel_jerk_noise_s_rthz=jerk_noise)
-    memory = blank()
+    memory = initial_state()
     memory.ring[1:4, 3:] = OLDEST, BEFORE, NEWEST
     memory.clock[HEAD], memory.clock[FILL] = 3, filled
     predict(memory, for_sensor(parameters, None), (0.0, 0.0, 0.0), NEWEST, DT)

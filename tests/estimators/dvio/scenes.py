@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, Window, blank_window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameters, ImuNoise, WindowState, blank_window
 
 NOISE = ImuNoise(
     rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, invalid_rate=1.0, invalid_force=5.0
@@ -20,7 +20,7 @@ T_IMU_CAMERA[:3, :3] = Rotation.from_euler("xyz", [0.1, -0.2, 0.05]).as_matrix()
 T_IMU_CAMERA[:3, 3] = [0.03, -0.01, 0.02]
 
 
-def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slots: int = 4) -> Window:
+def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slots: int = 4) -> WindowState:
     """Frames a step apart that look at points, all at their true states, observations without error."""
     w = blank_window(slots, points, T_IMU_CAMERA, 0.0)
     f, marks = w.frames, w.landmarks
@@ -44,7 +44,7 @@ def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slot
     return w
 
 
-def moved(window: Window, error: np.ndarray) -> None:
+def moved(window: WindowState, error: np.ndarray) -> None:
     """Moves all states by an error, the calibration's first."""
     c, f = window.calibration, window.frames
     c.p[:] += error[:3]

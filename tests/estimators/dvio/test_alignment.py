@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import DvioParameters, initializer, kernel
 from stridetwin.estimators.dvio import structure_from_motion as sfm
-from stridetwin.estimators.dvio.initializer import Initializer, Priors, aligned, gyro_bias
+from stridetwin.estimators.dvio.initializer import Initializer, Priors, align_vision_imu, solve_gyro_bias
 from stridetwin.estimators.dvio.optimiser import preintegrate
-from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.sliding_window import SlidingWindow
 from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_of_bearings, structure_with_depth
 from stridetwin.estimators.dvio.tracker import CameraFrame
@@ -38,9 +38,9 @@ class Walk(NamedTuple):
     bias: np.ndarray
     way_m: float
 
-    def aligned(self, structure):
+    def align_vision_imu(self, structure):
         later = Preintegration(*(a[structure.first :] for a in self.preintegrations))
-        return aligned(structure, later, self.rates[structure.first :], self.priors)
+        return align_vision_imu(structure, later, self.rates[structure.first :], self.priors)
 
     def error(self, found):
         tilt = found.tilt_axes.T @ np.cross(self.up, found.up)
@@ -119,8 +119,8 @@ def test_finds_all_where_nothing_is_uncertain(method, seed):
     walk = walked(seed, noisy=False, depth=method == "depth", believed_sd=np.repeat([0.1, 10.0], 3))
     structure = METHODS[method](walk.observations)
     assert structure.misfit < 1e-6
-    found = walk.aligned(structure)
-    assert gyro_bias(structure, walk.preintegrations, walk.priors) == pytest.approx(walk.bias[:3], abs=1e-3)
+    found = walk.align_vision_imu(structure)
+    assert solve_gyro_bias(structure, walk.preintegrations, walk.priors) == pytest.approx(walk.bias[:3], abs=1e-3)
     assert found.bias[:3] == pytest.approx(walk.bias[:3], abs=1e-3)
     assert found.up == pytest.approx(walk.up, abs=5e-3)
     assert found.v[-1] == pytest.approx(walk.v, abs=5e-3)
@@ -133,7 +133,7 @@ def test_covariance_is_that_of_the_errors(method):
     for seed in range(40):
         walk = walked(seed, noisy=True, depth=method == "depth")
         structure = METHODS[method](walk.observations)
-        if structure is None or (found := walk.aligned(structure)) is None:
+        if structure is None or (found := walk.align_vision_imu(structure)) is None:
             continue
         e, P = walk.error(found), found.covariance[:11, :11]
         assert np.linalg.eigvalsh(P).min() > 0
@@ -152,7 +152,7 @@ def test_what_passes_by_is_left_out():
     by[:25] = True
     at = walk.observations.at.copy()
     at[:, by] += 0.05 * np.arange(IMAGES)[:, None, None]
-    found = walk.aligned(structure_with_depth(Observations(**{**vars(walk.observations), "at": at})))
+    found = walk.align_vision_imu(structure_with_depth(Observations(**{**vars(walk.observations), "at": at})))
     assert np.linalg.norm(found.v[-1] - walk.v) < 0.05
     assert np.linalg.norm(np.cross(found.up, walk.up)) < 0.04
 
@@ -167,7 +167,7 @@ def test_says_nothing_of_too_few_points():
 
 def test_state_covariance_turns_with_the_heading():
     walk = walked(1, noisy=True, depth=True)
-    found = walk.aligned(structure_with_depth(walk.observations))
+    found = walk.align_vision_imu(structure_with_depth(walk.observations))
     x = np.cross(found.up, [0.0, 1.0, 0.0]) / np.linalg.norm(np.cross(found.up, [0.0, 1.0, 0.0]))
     R = np.stack([x, np.cross(found.up, x), found.up])
     P = found.state_covariance(R, 0.25 * np.eye(3), 0.3)
@@ -182,7 +182,7 @@ def test_state_covariance_turns_with_the_heading():
 
 def test_products_are_summed_over_both_directions_and_the_depth():
     products = np.random.default_rng(1).normal(size=(2, 5, 3, 6, 3))
-    np.testing.assert_allclose(sfm._summed(products), products.sum(axis=2))
+    np.testing.assert_allclose(sfm._sum_residuals(products), products.sum(axis=2))
 
 
 def test_a_later_start_uses_what_is_known_of_lens_and_depth(monkeypatch):
@@ -192,16 +192,16 @@ def test_a_later_start_uses_what_is_known_of_lens_and_depth(monkeypatch):
         made = []
         monkeypatch.setattr(initializer, "structure_with_depth", lambda s: made.append(s))
         wall = Wall(lambda t: swaying(t + 3.0), 0.7, seed=7)
-        core = Core(rig().cameras["/head/color"], rig().imus["/head/imu"], np.eye(4), DvioParameters())
+        core = SlidingWindow(rig().cameras["/head/color"], rig().imus["/head/imu"], np.eye(4), DvioParameters())
         core.window.calibration.focal[:], core.window.calibration.scale[0] = focal, scale
         found = Initializer(core)
         for sample in wall.samples():
             if isinstance(sample, Imu):
-                core.inertial.take(sample)
+                core.inertial.add(sample)
             elif isinstance(sample, Image):
                 grey, t_ns = sample.pixels, sample.t_ns
-            elif core.inertial.reaches_back(t_ns):
-                found.take(CameraFrame(t_ns=t_ns, grey=grey, depth=sample.depth))
+            elif core.inertial.covers(t_ns):
+                found.process_image(CameraFrame(t_ns=t_ns, grey=grey, depth=sample.depth))
         return made[0]
 
     nominal, corrected = observations([0.0, 0.0], 1.0), observations([0.01, -0.02], 1.05)

@@ -13,7 +13,7 @@ def found(image, wanted=60):
     """(N, 2) px of the new points in an image (H, W) of grey levels, with a little noise."""
     noise = np.random.default_rng(1).normal(0.0, 1.0, SHAPE)
     tracker = Tracker(SHAPE)
-    tracker.take(np.clip(image + noise, 0, 255).astype(np.uint8))
+    tracker.set_image(np.clip(image + noise, 0, 255).astype(np.uint8))
     return tracker.find(np.zeros((0, 2), np.float32), wanted)
 
 

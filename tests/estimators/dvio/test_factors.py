@@ -17,9 +17,9 @@ from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
-view, ray = from_python(projection.view), from_python(projection.ray)
+view, ray = from_python(projection.update_views), from_python(projection.to_ray)
 observation_jacobian, project = from_python(projection.observation_jacobian), from_python(projection.project)
-motion = from_python(imu_factors.motion)
+motion = from_python(imu_factors.imu_residual)
 
 
 @settings(max_examples=10, deadline=None)

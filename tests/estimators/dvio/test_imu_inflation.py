@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.dvio import DvioMethod
 from stridetwin.estimators.dvio.imu_inflation import CONSISTENT_SHARE, ImuInflation, residuals
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, WindowState
 from stridetwin.streams.samples import Imu, Sample
 from tests.estimators.dvio.scenes import FACTORS, NOISE, seen_window
 from tests.estimators.dvio.test_dvio import errors, followed
@@ -23,7 +23,7 @@ SD = np.repeat([3e-3, 3e-3, 3e-2], 3)
 EXACT = FACTORS._replace(huber_sd=1e3)
 
 
-def noisy_increments(rng: np.random.Generator, times: float) -> Window:
+def noisy_increments(rng: np.random.Generator, times: float) -> WindowState:
     """Noisy observations, and increments whose noise is `times` what their covariances say; no planes."""
     w = seen_window(rng, FRAMES, points=30, slots=5)
     f, z, t = w.frames, w.preintegrations, STEP_S
@@ -49,7 +49,7 @@ def noisy_increments(rng: np.random.Generator, times: float) -> Window:
     sd = np.repeat([1e-6, 1e-6, 0.1, 0.01, 0.05], 3)
     w.prior.H[first, first] = sd**-2.0
     w.prior.b[first] = rng.normal(size=FRAME) / sd
-    f.held[0] = 1
+    f.in_prior[0] = 1
     f.R_first[0], f.p_first[0], f.v_first[0], f.bias_first[0] = f.R[0], f.p[0], f.v[0], f.bias[0]
     return w
 
@@ -83,7 +83,7 @@ def followed_noise(inflation: ImuInflation, noise: tuple[float, float], incremen
     """The factor after increments of a redundancy of 2 whose true noise is a multiple of the nominal one."""
     for _ in range(increments):
         used = inflation.factor
-        inflation.take(2.0 * (np.array(noise) / used) ** 2, np.full(2, 2.0), used)
+        inflation.add_residuals(2.0 * (np.array(noise) / used) ** 2, np.full(2, 2.0), used)
     return inflation.factor
 
 
@@ -112,7 +112,7 @@ def test_one_bad_image_is_no_noise():
 def test_a_redundancy_below_zero_is_none():
     """It can be so by rounding, or where the window has not converged."""
     inflation = ImuInflation(NOISE)
-    inflation.take(np.array([5.0, -1.0]), np.array([-1.0, 2.0]), np.ones(2))
+    inflation.add_residuals(np.array([5.0, -1.0]), np.array([-1.0, 2.0]), np.ones(2))
     assert (inflation.factor == 1.0).all()
 
 

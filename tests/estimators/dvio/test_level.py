@@ -16,17 +16,17 @@ from stridetwin.estimators.dvio.level import (
     LevelGround,
     Slope,
     add_level,
-    columns,
     covariance_of,
     level_weight,
     mean_slope,
     misfit,
+    slope_columns,
     slope_of,
     start_slope,
 )
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
-from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, WindowState
 from tests.estimators.dvio.scenes import FACTORS, moved, seen_window
 
 SD_RAD = DvioParameters().level_ground_sd_rad
@@ -34,7 +34,7 @@ STEP = 1e-6
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def ground(w: Window, slot: int, slope_rad: float = 0.0) -> np.ndarray:
+def ground(w: WindowState, slot: int, slope_rad: float = 0.0) -> np.ndarray:
     """(3,) 1/m: ground 1.6 m below a frame's camera that rises along x, as `read_planes` measures it."""
     normal = Rotation.from_euler("y", -slope_rad).apply(DOWN)
     return np.asarray((w.frames.R[slot] @ w.calibration.R).T @ normal) / 1.6
@@ -48,7 +48,7 @@ def test_the_jacobian_of_a_slope_is_its_derivative(seed):
     w.calibration.focal[:] = [0.01, -0.02]
     measured = ground(w, 2, 0.02) + 0.01 * rng.normal(size=3)
     slope = slope_of(w, 2, measured)
-    for column, i in enumerate(columns(2)):
+    for column, i in enumerate(slope_columns(2)):
         other, error = copy.deepcopy(w), np.zeros(CALIBRATION + FRAME * 4)
         error[i] = STEP
         moved(other, error)
@@ -141,7 +141,7 @@ def test_the_ground_of_the_start_may_be_steeper(slope_rad, at_start, later):
     assert (level_weight(slope(slope_rad), unknown, SD_RAD) > 0) == later
 
 
-def prior_of(w: Window, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
+def prior_of(w: WindowState, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
     """A prior of all states, in which the first frame's tilt is uncertain."""
     n = CALIBRATION + FRAME * 4
     w.prior.H[range(n), range(n)] = 1e6
@@ -161,7 +161,7 @@ def test_level_ground_corrects_the_tilt():
     minimise(w, FACTORS, work, 1, 1e-3)
     size = CALIBRATION + FRAME
     before = slope_of(w, 0, measured)
-    covariance = covariance_of(columns(0), work.factor, size)
+    covariance = covariance_of(slope_columns(0), work.factor, size)
     assert np.sqrt(np.diag(covariance)) == pytest.approx([5e-3] * 3 + [0.01] * 3, rel=1e-3)
     weight = level_weight(before, covariance, SD_RAD)
     assert weight > 0
@@ -171,7 +171,7 @@ def test_level_ground_corrects_the_tilt():
     assert np.linalg.norm(before.r) == pytest.approx(0.01, rel=0.01)
     expected = SD_RAD**2 / (SD_RAD**2 + 0.01**2 + 5e-3**2)
     assert np.linalg.norm(after.r) == pytest.approx(expected * 0.01, rel=0.05)
-    tilt = after.J @ covariance_of(columns(0), work.factor, size) @ after.J.T
+    tilt = after.J @ covariance_of(slope_columns(0), work.factor, size) @ after.J.T
     assert np.sqrt(np.diag(tilt)).max() < SD_RAD
 
 
@@ -190,7 +190,7 @@ def test_a_second_observation_continues_from_the_first():
     assert left == pytest.approx([0.01 * s2 / (s2 + k) for k in (1, 2, 3, 4)], rel=0.08)
 
 
-def start(w: Window, slope_rad: float) -> MountPrior:
+def start(w: WindowState, slope_rad: float) -> MountPrior:
     """The first observation of ground by a window that begins, of a calibrated mount and a tilt known to 0.6°."""
     prior_of(w)
     mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
@@ -231,14 +231,14 @@ def test_the_slope_of_a_mount_needs_planes_that_agree():
     assert start_slope([slope(0.2)], known) is None
 
 
-def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, Window]:
+def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, WindowState]:
     """A mount prior after thirty keyframes that estimate the mount off by so much, with such a standard deviation."""
     w = seen_window(np.random.default_rng(5))
     mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
     w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
     w.calibration.moved[D_ATTITUDE_IC] = off_rad
     for _ in range(30):
-        mount.follow(w, np.diag([1.0] * 3 + [spread_rad**2] * 3))
+        mount.update(w, np.diag([1.0] * 3 + [spread_rad**2] * 3))
     return mount, w
 
 
@@ -259,15 +259,15 @@ def test_the_prior_of_a_mount_begins_with_the_calibration_s_rotation_and_waits_f
     mount = MountPrior(np.array([2e-3, 5e-3]), np.array([0.03, 0.04]))
     w.prior.H[range(6), range(6)] = mount.start(w.calibration.moved[:6]) ** -2
     assert mount.sd == pytest.approx([0.03, 5e-3])
-    mount.follow(w, np.diag([0.03**2] * 3 + [5e-3**2] * 3))
+    mount.update(w, np.diag([0.03**2] * 3 + [5e-3**2] * 3))
     assert mount.sd == pytest.approx([0.03, 5e-3])
-    mount.follow(w, np.diag([1e-3**2] * 3 + [5e-3**2] * 3))
+    mount.update(w, np.diag([1e-3**2] * 3 + [5e-3**2] * 3))
     assert mount.sd[0] < 0.01
 
 
 def test_a_known_mount_stays_known():
     mount = MountPrior(np.zeros(2), np.array([0.03, 0.04]))
-    assert not mount.adapts
+    assert not mount.is_adaptive
     assert mount.start(np.zeros(6)) == pytest.approx(np.zeros(6))
 
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.dvio import DvioParameters, level, nav_state, plane_cells
 from stridetwin.estimators.dvio.filter import DvioEstimate
 from stridetwin.estimators.dvio.level import LevelGround, Slope
-from stridetwin.estimators.dvio.nav_state import Inertial, blank_nav_state
-from stridetwin.estimators.dvio.sliding_window import Core
+from stridetwin.estimators.dvio.nav_state import ImuBuffer, blank_nav_state
+from stridetwin.estimators.dvio.sliding_window import SlidingWindow
 from stridetwin.estimators.dvio.state import blank_preintegration, blank_window
 from stridetwin.estimators.dvio.tracker import Lens
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount
@@ -83,7 +83,7 @@ def test_a_pose_and_its_covariance_are_in_world_axes():
 
 
 def test_a_state_is_plausible_if_all_of_it_is_finite_and_within_its_limits():
-    plausible = from_python(nav_state.plausible)
+    plausible = from_python(nav_state.is_plausible)
     assert plausible(blank_nav_state())
     for name, at in (("p", 0), ("p", 2), ("R", (0, 0)), ("R", (1, 1)), ("R", (2, 2)), ("v", 1), ("bias", 0),
                      ("bias", 5),
@@ -100,7 +100,7 @@ def test_a_state_is_plausible_if_all_of_it_is_finite_and_within_its_limits():
 
 
 def inertial(rate_hz=100.0):
-    return Inertial(
+    return ImuBuffer(
         ImuCalibration(
             topic="/head/imu", part="", rate_hz=rate_hz, mount=Mount(body="head"), gyroscope_noise_density=2.4e-4,
             gyroscope_random_walk=5e-6, accelerometer_noise_density=1.5e-3, accelerometer_random_walk=4e-5,
@@ -116,28 +116,28 @@ def imu(t_ms, rate=(0.1, 0.2, 0.3), force=(0.0, 0.0, 9.8)):
 
 def test_samples_are_taken_in_order_and_marked_where_saturated_or_missing():
     x = inertial()
-    assert x.take(imu(0))
+    assert x.add(imu(0))
     for bad in (imu(0), imu(-5), imu(10, (101.0, 0, 0)), imu(10, force=(0, 1001.0, 0)), imu(10, (math.nan, 0, 0))):
-        assert not x.take(bad)
-    assert x.take(imu(16.9, (0.3, 0.2, 0.3)))
-    assert x.take(imu(34.0, (0.5, 0.2, 0.3)))  # more than 1.7 periods after the last one
-    assert x.take(imu(44.0, (-9.96, 0.0, 0.0)))
-    assert x.take(imu(54.0, (9.94, 0.0, 0.0)))
-    assert x.take(imu(64.0, force=(0.0, -49.8, 0.0)))
-    kept = x.kept
+        assert not x.add(bad)
+    assert x.add(imu(16.9, (0.3, 0.2, 0.3)))
+    assert x.add(imu(34.0, (0.5, 0.2, 0.3)))  # more than 1.7 periods after the last one
+    assert x.add(imu(44.0, (-9.96, 0.0, 0.0)))
+    assert x.add(imu(54.0, (9.94, 0.0, 0.0)))
+    assert x.add(imu(64.0, force=(0.0, -49.8, 0.0)))
+    kept = x.imu_samples
     assert kept.invalid.tolist() == [0, 0, 1, 1, 0, 1]
     np.testing.assert_allclose(x.samples[:6, 0], [0.1, 0.3, 0.4, -9.96, 9.94, 0.1])
     assert (x.newest_ns, x.gap_s()) == (64_000_000, pytest.approx(0.01))
     assert inertial().gap_s() == 0.0
-    assert [x.reaches_back(t) for t in (-1, 0, 5)] == [False, True, True]
-    assert not inertial().reaches_back(10**9)
+    assert [x.covers(t) for t in (-1, 0, 5)] == [False, True, True]
+    assert not inertial().covers(10**9)
     np.testing.assert_allclose(x.since(16_900_000, 44_000_000)[:, 0], [0.4, -9.96])
 
 
 def test_the_rate_between_samples_is_linear_between_the_middles_of_their_periods():
     x = inertial()
     for k in range(20):
-        x.take(imu(10 * k, (k - 0.5, 2.0 * (k - 0.5), 0.0)))  # mean of the rate t / 10 ms over the period before
+        x.add(imu(10 * k, (k - 0.5, 2.0 * (k - 0.5), 0.0)))  # mean of the rate t / 10 ms over the period before
     for t_ms in (30.0, 33.0, 35.0, 38.0, 101.0, 109.0):
         np.testing.assert_allclose(x.rate_at(round(t_ms * 1e6)), [t_ms / 10, t_ms / 5, 0.0], atol=1e-9)
     np.testing.assert_allclose(x.rate_at(190_000_000), [18.5, 37.0, 0.0])  # nothing is known beyond the last middle
@@ -156,21 +156,21 @@ def test_a_sensor_is_stationary_by_the_scatter_of_a_quarter_second(rate_sd, forc
         sign = 1.0 if k % 2 else -1.0
         wild = 50.0 if k < 60 else 1.0  # before the quarter second it moves
         along = sign * wild * np.eye(3)[axis]
-        x.take(imu(10 * k, np.array([0.1, 0.2, 0.0]) + along * rate_sd * p.stationary_rate_sd_radps,
+        x.add(imu(10 * k, np.array([0.1, 0.2, 0.0]) + along * rate_sd * p.stationary_rate_sd_radps,
                    np.array([0.0, 0.3, 9.8]) + along * force_sd * p.stationary_force_sd_mps2))  # fmt: skip
-    assert x.stationary(990_000_000) == stationary
-    assert not x.stationary(650_000_000)
-    assert not x.stationary(200_000_000)
+    assert x.is_stationary(990_000_000) == stationary
+    assert not x.is_stationary(650_000_000)
+    assert not x.is_stationary(200_000_000)
 
 
 def test_the_inverse_of_a_symmetric_matrix_is_numpys():
     B = np.random.default_rng(0).normal(size=(3, 3))
     A, out = B @ B.T, np.empty((3, 3))
     upper = A[np.triu_indices(3)]
-    assert from_python(plane_cells.inverse_of)(upper, out)
+    assert from_python(plane_cells.invert_symmetric)(upper, out)
     np.testing.assert_allclose(out, np.linalg.inv(A), rtol=1e-9)
     v = np.array([1.0, 2.0, 3.0])
-    assert not from_python(plane_cells.inverse_of)(np.outer(v, v)[np.triu_indices(3)], out)
+    assert not from_python(plane_cells.invert_symmetric)(np.outer(v, v)[np.triu_indices(3)], out)
 
 
 FOCAL = 190.0
@@ -304,7 +304,7 @@ def test_points_agree_that_one_pose_explains_wherever_it_is():
     there[:wrong] += rng.uniform(20.0, 60.0, (wrong, 2)).astype(np.float32)
     good = np.ones(count, bool)
     good[-3:] = False
-    agree = Core._agree(part, np.arange(count), there, good)
+    agree = SlidingWindow._pnp_inliers(part, np.arange(count), there, good)
     np.testing.assert_array_equal(agree, (np.arange(count) >= wrong) & good)
 
 
@@ -318,4 +318,4 @@ def test_a_frame_is_a_keyframe_if_it_moved_or_shares_few_points_or_is_late(moved
     frames.t_ns[:] = 0, round(after_s * 1e9), round(after_s * 1e9)
     marks.seen[:, 0], marks.seen[:common, 1] = 1, 1
     marks.at[:, 1] = marks.at[:, 0] + np.array([moved_px / part.lens.focal_px, 0.0])
-    assert Core._is_key(part, 1) == key
+    assert SlidingWindow._is_key(part, 1) == key

@@ -129,7 +129,7 @@ def test_the_slope_of_a_plane_is_the_gradient_of_its_inverse_depth():
 def test_a_patch_is_stored_with_its_gradients_and_their_products():
     grey, store = texture(), patches.blank_patches(3)
     points = np.array([[50.3, 40.6], [3.0, 2.0]], np.float32)
-    from_python(patches.cut)(grey, np.array([2, 0]), points, store)
+    from_python(patches.cut_patches)(grey, np.array([2, 0]), points, store)
     padded = np.pad(grey.astype(float), 20, mode="edge")
 
     def value(x, y):
@@ -151,7 +151,7 @@ def test_a_patch_is_stored_with_its_gradients_and_their_products():
         np.testing.assert_allclose(store.inverse[slot], np.linalg.inv(B.T @ B), rtol=2e-2, atol=1e-7)
         assert store.power[slot] == pytest.approx((B[:, 2] ** 2).sum(), rel=1e-3)
     assert not store.power[1]
-    from_python(patches.cut)(np.full((90, 120), 99, np.uint8), np.array([2]), points[:1], store)
+    from_python(patches.cut_patches)(np.full((90, 120), 99, np.uint8), np.array([2]), points[:1], store)
     assert not store.inverse[2].any()
     np.testing.assert_allclose(store.basis[2], 0.0, atol=1e-9)
 
@@ -164,7 +164,7 @@ def test_the_determinant_is_numpys():
 def aligned(image, at, warp=None, limits=FINE):
     """Where the patch about the middle of the texture is found in an image from a first guess; None if it is not."""
     store, point = patches.blank_patches(2), np.array([[60.0, 45.0]], np.float32)
-    from_python(patches.cut)(texture(), np.array([1]), point, store)
+    from_python(patches.cut_patches)(texture(), np.array([1]), point, store)
     found, good = np.array([at], np.float32), np.array([True])
     warps = np.eye(2)[None] if warp is None else np.array(warp, float)[None]
     from_python(patches.align)(image, store, np.array([1]), warps, limits, found, good)

@@ -43,7 +43,7 @@ def test_points_seen_row_by_row_are_moved_to_where_they_are_at_the_image_s_time(
     p_camera = R_world_imu.apply(T_imu_camera[:3, 3])
     rho = rng.uniform(0.3, 1.0, 12)
     true = rng.uniform([60, 40], [580, 320], (12, 2)).astype(np.float32)
-    points = R_world_camera.apply(np.column_stack([lens.normalised(true), np.ones(12)]) / rho[:, None]) + p_camera
+    points = R_world_camera.apply(np.column_stack([lens.to_normalized(true), np.ones(12)]) / rho[:, None]) + p_camera
 
     def seen(t_s: np.ndarray) -> np.ndarray:
         """Where the points are at a time each."""
@@ -70,5 +70,5 @@ def test_a_row_is_as_late_as_it_is_far_from_the_middle(row, v, rate):
     lens, at = Lens(camera(READOUT_S)), np.array([[319.5, row]], np.float32)
     back = lens.at_image_time(at, np.ones(1), calibration(np.eye(4)), np.eye(3), v, rate)
     late_s = (row / (HEIGHT - 1) - 0.5) * READOUT_S
-    moved = image_velocity(lens.normalised(at), np.ones(1), v, rate) * late_s
-    np.testing.assert_allclose(lens.normalised(back), lens.normalised(at) - moved, atol=1e-6, rtol=1e-5)
+    moved = image_velocity(lens.to_normalized(at), np.ones(1), v, rate) * late_s
+    np.testing.assert_allclose(lens.to_normalized(back), lens.to_normalized(at) - moved, atol=1e-6, rtol=1e-5)

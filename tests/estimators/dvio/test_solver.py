@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.optimiser import blank_work, drop_oldest, marginalize_oldest, minimise, preintegrate
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, ImuSamples, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, ImuSamples, WindowState
 from tests.estimators.dvio.scenes import FACTORS, NOISE, moved, seen_window
 
 PERIOD_NS = 5_000_000
@@ -20,7 +20,7 @@ SLOTS, POINTS = 5, 12
 QUADRATIC = FACTORS._replace(huber_sd=1e3)
 
 
-def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
+def noisy_window(rng: np.random.Generator, frames: int = 3) -> WindowState:
     """Frames 0.2 s apart, IMU samples that nearly fit, noisy observations, a prior of calibration and first frame."""
     w = seen_window(rng, frames, POINTS, SLOTS)
     f, marks = w.frames, w.landmarks
@@ -47,13 +47,13 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
     return w
 
 
-def hold_first(w: Window) -> None:
+def hold_first(w: WindowState) -> None:
     f = w.frames
-    f.held[0] = 1
+    f.in_prior[0] = 1
     f.R_first[0], f.p_first[0], f.v_first[0], f.bias_first[0] = f.R[0], f.p[0], f.v[0], f.bias[0]
 
 
-def residuals(w: Window, factors, depths: np.ndarray) -> np.ndarray:
+def residuals(w: WindowState, factors, depths: np.ndarray) -> np.ndarray:
     """All of (15), written down anew."""
     f, c, marks = w.frames, w.calibration, w.landmarks
     n = int(f.count[0])

@@ -16,7 +16,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.gait_phase import GaitPhase, GaitPhaseParameters, PhaseEstimate
 from stridetwin.estimators.gait_phase.estimate import UNKNOWN_PHASE_SD
 from stridetwin.estimators.gait_phase.stride import StrideFilter
-from stridetwin.estimators.gait_phase.template import KINDS
+from stridetwin.estimators.gait_phase.template import N_STRIDE_KINDS
 from stridetwin.outputs.gait_phase.scores import detected_touch_downs, phase_scores
 from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
 from stridetwin.sim.faults.sample_faults import Dropout, Nan, Repeat, Saturation
@@ -234,13 +234,13 @@ def test_options_and_parameters_are_checked() -> None:
 
 def test_a_sequence_of_landings_that_cannot_be_stays_finite() -> None:
     stride = StrideFilter(GaitPhaseParameters())
-    for k, kind in enumerate(reversed(range(KINDS))):
+    for k, kind in enumerate(reversed(range(N_STRIDE_KINDS))):
         stride.begin((1 + k) * 1_200_000_000)
         for i in range(1, 100):
             stride.weigh((1 + k) * 1_200_000_000 + i * 10_000_000, 0.01, 2.0)
         stride.is_walking = True
         stride._belief.walk[:] = -5000.0
         stride._belief.walk[kind] = 0.0
-    stride.begin((1 + KINDS) * 1_200_000_000)
-    stride.weigh((1 + KINDS) * 1_200_000_000 + 10_000_000, 0.01, 0.0)
+    stride.begin((1 + N_STRIDE_KINDS) * 1_200_000_000)
+    stride.weigh((1 + N_STRIDE_KINDS) * 1_200_000_000 + 10_000_000, 0.01, 0.0)
     assert np.isfinite([stride.phase, stride.phase_sd, stride.rate, stride.usual_s]).all()

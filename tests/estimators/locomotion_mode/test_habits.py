@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, foothold, habits
 from stridetwin.estimators.locomotion_mode.habits import HABITS, Habit, Habits
 from stridetwin.estimators.locomotion_mode.parameters import Settings
-from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, mixed, moments, roll_out
-from stridetwin.estimators.locomotion_mode.segments import heights, surface_along
+from stridetwin.estimators.locomotion_mode.rollout import Likelihoods, mix_chains, moments, roll_out
+from stridetwin.estimators.locomotion_mode.segments import foothold_heights, surface_along
 from stridetwin.estimators.terrain_map import Profile
 from tests.estimators.locomotion_mode.test_next_steps import RATIOS, S, foot_at, ground
 from tests.estimators.locomotion_mode.walker import footprints, samples
@@ -45,14 +45,14 @@ def flight(drop, at, *, crossed, joins, landing=None, steps=4):
 @given(shares)
 def test_a_change_of_kind_changes_neither_place_nor_crossing(values):
     joint = joint_of(values)
-    after = Habits(P).changed(joint)
+    after = Habits(P).after_habit_change(joint)
     np.testing.assert_allclose(after.sum(axis=0), joint.sum(axis=0), atol=1e-12)
     np.testing.assert_array_equal(after[:, 0], joint[:, 0])
 
 
 @given(shares)
 def test_the_probability_of_joining_lies_between_those_of_the_habits(values):
-    for _, habit in Habits(P).that_differ(joint_of(values), ground((1.0, 0.17))):
+    for _, habit in Habits(P).group_by_steps(joint_of(values), ground((1.0, 0.17))):
         for chance in habit.joins:
             assert habits._OTHER_JOINS - 1e-12 <= chance <= habits._JOINER_JOINS + 1e-12
 
@@ -60,7 +60,7 @@ def test_the_probability_of_joining_lies_between_those_of_the_habits(values):
 @given(shares, st.floats(0.2, 0.7), st.sampled_from([0.17, -0.17]))
 def test_groups_of_habits_hold_all_walkers_but_the_improbable(values, tread, drop):
     joint = 0.9 * joint_of(values) + 0.1 * joint_of(np.ones(2 * HABITS))
-    groups = Habits(P).that_differ(joint, ground(*((1.0 + tread * k, drop) for k in range(4))))
+    groups = Habits(P).group_by_steps(joint, ground(*((1.0 + tread * k, drop) for k in range(4))))
     assert len(groups) <= 1 + (habits._TWO_PACES_M < tread <= habits._ONE_PACE_M) + (drop > 0.0)
     assert sum(part.sum() for part, _ in groups) == pytest.approx(1.0, abs=2 * habits._MIN_SHARE)
 
@@ -68,7 +68,7 @@ def test_groups_of_habits_hold_all_walkers_but_the_improbable(values, tread, dro
 def test_a_habit_never_becomes_certain():
     walkers = Habits(P)
     for habit in range(HABITS):
-        changed = walkers.changed(joint_of(np.eye(2 * HABITS)[2 * habit + 1]))
+        changed = walkers.after_habit_change(joint_of(np.eye(2 * HABITS)[2 * habit + 1]))
         assert changed[habit].sum() == pytest.approx(1.0 - habits._HABIT_CHANGE * (1.0 - walkers.prior[habit]))
 
 
@@ -139,7 +139,7 @@ def test_a_habit_without_any_walker_gives_no_evidence_and_no_prediction():
         for share in (0.0, 1.0)
     )
     assert nobody.evidence == 0.0
-    np.testing.assert_allclose(mixed([nobody, somebody], np.array([0.0, 1.0])).density, somebody.density)
+    np.testing.assert_allclose(mix_chains([nobody, somebody], np.array([0.0, 1.0])).density, somebody.density)
 
 
 @pytest.mark.parametrize(("tread", "favoured"), [(1, Habit()), (2, Habit(treads=2))])
@@ -180,11 +180,11 @@ def test_a_heel_that_overhangs_an_edge_is_as_high_as_its_sole():
     s = np.linspace(0.2, 2.0, 181)
     height, *_ = surface_along(segments, s)
     profile = Profile(s=s, height=height, plane=np.zeros(len(s), np.int64), changes=())
-    found = heights(segments, profile, s, P)
+    found = foothold_heights(segments, profile, s, P)
     np.testing.assert_allclose(np.interp([0.85, 0.95, 1.25], s, found), [0.0, 0.17, 0.34], atol=1e-9)
     slope = ground((0.0, 0.0), slopes=[8.0, 8.0])
     height, *_ = surface_along(slope, s)
-    np.testing.assert_allclose(heights(slope, replace(profile, height=height), s, P), height, atol=1e-9)
+    np.testing.assert_allclose(foothold_heights(slope, replace(profile, height=height), s, P), height, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -93,8 +93,8 @@ def test_where_the_body_was_and_where_it_looks():
         R = Rotation.identity() if k < 20 else turn
         body.add(pose(round(k * dt * 1e9), np.array([0.05 * k, 0.0, 1.6]), R))
     for back in (0.0, 0.5, 1.5):
-        np.testing.assert_allclose(body.before(back), [0.05 * (39 - back / dt), 0.0, 1.6], atol=1e-9)
-    assert body.before(100.0)[0] == 0.0  # the oldest
+        np.testing.assert_allclose(body.position_before(back), [0.05 * (39 - back / dt), 0.0, 1.6], atol=1e-9)
+    assert body.position_before(100.0)[0] == 0.0  # the oldest
     # the viewing direction follows with a time constant
     settled = 0.5 * (1.0 - (1.0 - dt / _VIEW_TIME_S) ** 20)
     assert math.atan2(body._look[1], body._look[0]) == pytest.approx(settled, rel=0.1)

@@ -8,7 +8,7 @@ import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import LocomotionMode
-from stridetwin.estimators.locomotion_mode.foothold import extrapolated, measured_step, step_likelihood
+from stridetwin.estimators.locomotion_mode.foothold import extrapolate_ground, measure_step, step_likelihood
 from stridetwin.estimators.locomotion_mode.segments import Segment, mode_table
 from stridetwin.streams.samples import Depth
 from tests.estimators.locomotion_mode import walker
@@ -30,7 +30,7 @@ def step(k, place, height=0.0, mode="LG", *, before=0.0, turn=0.4):
 
 
 def test_a_step_is_as_long_as_it_goes_ahead_and_not_aside():
-    made = measured_step([step(1, 0.0), step(2, 0.6), step(3, 1.2)])
+    made = measure_step([step(1, 0.0), step(2, 0.6), step(3, 1.2)])
     assert made is not None
     assert made.length == pytest.approx(0.6)
     assert made.length_sd == pytest.approx(0.01)
@@ -45,12 +45,12 @@ def test_a_step_is_as_long_as_it_goes_ahead_and_not_aside():
     ],
 )
 def test_an_incomplete_step_is_no_measurement(predicted):
-    assert measured_step(predicted) is None
+    assert measure_step(predicted) is None
 
 
 def test_a_riser_under_the_feet_identifies_their_side_of_an_edge():
     """The foot was measured to rise by 15 cm: it stands beyond the edge, where the camera could not say."""
-    made = measured_step([step(1, 0.0), step(2, 0.5), step(3, 0.9, 0.15, "SA")])
+    made = measure_step([step(1, 0.0), step(2, 0.5), step(3, 0.9, 0.15, "SA")])
     assert made is not None
     stair = ground((2.0, 0.15))
     before, unsure = foot_at(1.62), np.exp(-0.5 * ((S - 2.0) / 0.05) ** 2)
@@ -62,13 +62,13 @@ def test_a_riser_under_the_feet_identifies_their_side_of_an_edge():
 
 
 def test_unobserved_ground_continues_as_measured():
-    up = measured_step([step(1, 0.0), step(2, 0.28, 0.15, "SA"), step(3, 0.56, 0.30, "SA", before=0.15)])
+    up = measure_step([step(1, 0.0), step(2, 0.28, 0.15, "SA"), step(3, 0.56, 0.30, "SA", before=0.15)])
     assert up is not None
-    stairs = extrapolated(up, 1.0, P)
+    stairs = extrapolate_ground(up, 1.0, P)
     assert [p.drop for p in stairs[1:]] == pytest.approx([0.15] * (len(stairs) - 1))
     assert np.diff([p.start for p in stairs[1:]]) == pytest.approx(0.28)
     assert mode_table(stairs, P)[0, 1].argmax() == 1
-    ramp = extrapolated(replace(up, mode="RD", slope=-0.2, elevation=-0.1), 1.0, P)
+    ramp = extrapolate_ground(replace(up, mode="RD", slope=-0.2, elevation=-0.1), 1.0, P)
     assert len(ramp) == 1
     assert isinstance(ramp[0], Segment)
     assert (ramp[0].mode, ramp[0].slope) == ("RD", -0.2)

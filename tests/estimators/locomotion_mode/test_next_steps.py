@@ -20,10 +20,10 @@ from stridetwin.estimators.locomotion_mode.segments import (
     CLEARANCE_SD_M,
     Segment,
     foothold_weights,
+    mix_unseen,
     mode_table,
     segments_along,
-    unseen,
-    with_unseen,
+    unseen_probability,
 )
 from stridetwin.estimators.terrain_map import (
     Change,
@@ -275,24 +275,24 @@ def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
         landing = Landing(feet=("lr"[k % 2],), measurable=True)
         line = Line(np.array([0.6 * k - BEHIND_M, 0.0]), east)
         foothold.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
-    ahead, _ = moments(position(foothold.standing(line)), foothold.s)
+    ahead, _ = moments(position(foothold.stance_density(line)), foothold.s)
     foot = line.origin + ahead * east
     body, turned = line.origin + BEHIND_M * east, math.radians(degrees)
     to = np.array([math.cos(turned), math.sin(turned)])
-    s, sd = moments(position(foothold.standing(Line(body - BEHIND_M * to, to))), foothold.s)
+    s, sd = moments(position(foothold.stance_density(Line(body - BEHIND_M * to, to))), foothold.s)
     assert s - BEHIND_M == pytest.approx((foot - body) @ to, abs=0.03)
     assert sd < 0.15
 
 
 def test_ground_that_was_not_seen_may_be_any():
     profile = way(seen=lambda s: ((s > 1.0) & (s < 2.0)) | (s > 2.6))
-    chance = unseen(profile, np.array([1.5, 2.3, 2.3, 4.0, 5.8]), 0.8, P)
+    chance = unseen_probability(profile, np.array([1.5, 2.3, 2.3, 4.0, 5.8]), 0.8, P)
     assert chance[0] < 1e-3
     assert chance[1] == pytest.approx((1.0 - math.exp(-0.3 / P.mode.change_m)) ** 2, rel=0.15)
     assert chance[3] < 1e-3 < chance[4] == pytest.approx(1.0 - math.exp(-1.02 / P.mode.change_m), rel=0.05)
-    blind = unseen(way(seen=lambda s: s < 0.0), np.array([1.2, 1.8, 2.4]), 1.2, P)
+    blind = unseen_probability(way(seen=lambda s: s < 0.0), np.array([1.2, 1.8, 2.4]), 1.2, P)
     assert blind == pytest.approx([0.0, 1.0 - math.exp(-0.6 / P.mode.change_m), 1.0 - math.exp(-1.2 / P.mode.change_m)])
-    predicted = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
+    predicted = mix_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
     assert predicted.sum(axis=1) == pytest.approx(1.0)
     assert predicted[1, 0] < 0.85
 

@@ -9,7 +9,12 @@ import pytest
 from stridetwin.estimators.locomotion_mode import changes, segments
 from stridetwin.estimators.locomotion_mode.foothold import Line
 from stridetwin.estimators.locomotion_mode.parameters import Settings
-from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between, published_steps
+from stridetwin.estimators.locomotion_mode.published import (
+    Division,
+    WalkingInformation,
+    mode_between,
+    predict_published_steps,
+)
 from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, StepFilter
 from stridetwin.estimators.locomotion_mode.segments import Segment
 from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp
@@ -23,7 +28,7 @@ def edge(s, drop, sd=0.01):
 
 
 def bounds(change, usual=None):
-    return np.array([tuple(b) for b in segments._bounds(change, usual, P)])
+    return np.array([tuple(b) for b in segments._to_bounds(change, usual, P)])
 
 
 def test_a_step_up_or_a_low_step_down_is_one_edge():
@@ -56,10 +61,10 @@ def test_a_high_drop_hides_steps_of_the_usual_size():
 
 def test_hidden_steps_are_like_those_observed_where_their_number_is_whole():
     usual = SimpleNamespace(riser=0.15, tread=0.28)
-    assert segments._hidden_steps(0.45 + 0.029, usual, P) == (0.15, 0.28, 0.05, 0.05)
-    assert segments._hidden_steps(0.45 - 0.029, usual, P) == (0.15, 0.28, 0.05, 0.05)
-    assert segments._hidden_steps(0.45 + 0.031, usual, P) == (0.18, 0.30, 0.40, 0.15)
-    assert segments._hidden_steps(0.45, None, P) == (0.18, 0.30, 0.40, 0.15)
+    assert segments._assume_steps(0.45 + 0.029, usual, P) == (0.15, 0.28, 0.05, 0.05)
+    assert segments._assume_steps(0.45 - 0.029, usual, P) == (0.15, 0.28, 0.05, 0.05)
+    assert segments._assume_steps(0.45 + 0.031, usual, P) == (0.18, 0.30, 0.40, 0.15)
+    assert segments._assume_steps(0.45, None, P) == (0.18, 0.30, 0.40, 0.15)
     found = bounds(edge(1.0, -0.45, sd=0.2), usual)
     np.testing.assert_allclose(found[:, 0] - found[0, 0], [0.0, 0.28, 0.56])
     np.testing.assert_allclose(found[:, 1:], [[0.04 + 0.05 * 0.28 * k, -0.15, 0.05 * 0.15] for k in range(3)])
@@ -110,9 +115,10 @@ def test_heels_lie_on_the_ground_under_the_middle_of_their_sole():
     s = np.array([0.1, 0.95, 1.25, 1.6, 1.95, 2.5])
     slope = [0.05, 0.0, 0.2, 0.2, -0.1, -0.1]
     expected = [height(x + half) - half * math.tan(a) + 0.7 for x, a in zip(s, slope)]
-    np.testing.assert_allclose(segments.heights(GROUND, profile, s, P), expected, atol=1e-12)
+    np.testing.assert_allclose(segments.foothold_heights(GROUND, profile, s, P), expected, atol=1e-12)
     assert (
-        segments.heights(GROUND, Profile(s=known, height=np.full(4, math.nan), plane=known, changes=()), s, P) is None
+        segments.foothold_heights(GROUND, Profile(s=known, height=np.full(4, math.nan), plane=known, changes=()), s, P)
+        is None
     )
     assert [segments.segment_under(GROUND, x, P) for x in (0.9, 0.92, 1.21, 1.22, 1.91, 1.92)] == [0, 1, 1, 2, 2, 3]
 
@@ -142,14 +148,14 @@ def test_slopes_under_footprints_are_moments_of_a_mixture():
 def test_what_is_too_high_to_step_over_blocks_the_way(change, blocks):
     """A drop may hide one more riser per tread that is occluded behind its edge: 1 + 4 · 0.05 / 0.22."""
     nothing = Profile(s=np.array([0.9, 1.1]), height=np.zeros(2), plane=np.array([0, 1]), changes=())
-    assert segments._blocks(change, nothing, None, P) == blocks
+    assert segments._is_impassable(change, nothing, None, P) == blocks
 
 
 @pytest.mark.parametrize(("planes", "blocks"), [((0, 1), False), ((0, 2), True)])
 def test_a_high_riser_of_a_flight_does_not_block(planes, blocks):
     profile = Profile(s=np.array([0.9, 1.0, 1.1, 1.2]), height=np.zeros(4), plane=np.array([0, 0, -1, 1]), changes=())
     flight = SimpleNamespace(planes=planes)
-    assert segments._blocks(edge(1.0, 0.5), profile, SimpleNamespace(stairs=(flight,)), P) == blocks
+    assert segments._is_impassable(edge(1.0, 0.5), profile, SimpleNamespace(stairs=(flight,)), P) == blocks
 
 
 def plane(gradient, sd=0.004, id_=1):
@@ -166,17 +172,17 @@ def test_the_slope_of_a_segment_is_that_of_the_plane_most_seen_on_it():
     estimate = TerrainEstimate(t_ns=0, planes=planes, terrains=(), p_camera_in_world=np.zeros(3))
     profile = Profile(s=s, height=np.zeros(20), plane=ids, changes=())
     forward = np.array([0.6, 0.8])
-    slope, sd = segments._slope(profile, estimate, forward, 0.05, 1.65, P)
+    slope, sd = segments._read_slope(profile, estimate, forward, 0.05, 1.65, P)
     assert slope == pytest.approx(math.atan(0.06 + 0.16))
     assert sd == pytest.approx(math.sqrt(0.0055**2 + planes[1].slope_sd ** 2 + (0.015 / 1.0) ** 2))  # 0.6 to 1.6 m
-    slope, sd = segments._slope(profile, estimate, forward, 0.05, 0.55, P)
+    slope, sd = segments._read_slope(profile, estimate, forward, 0.05, 0.55, P)
     assert (slope, sd) == pytest.approx((0.0, math.sqrt(0.0055**2 + planes[2].slope_sd ** 2 + (0.015 / 0.4) ** 2)))
     bent = Profile(s=s, height=np.zeros(20), plane=ids, changes=(), slope=0.1 * s, slope_sd=0.01 * s)
-    slope, sd = segments._slope(bent, estimate, forward, 0.05, 1.65, P)
+    slope, sd = segments._read_slope(bent, estimate, forward, 0.05, 1.65, P)
     assert slope == pytest.approx(0.1 * np.median(s[(s > 0.55) & (s < 1.65)]))
     assert sd == pytest.approx(math.sqrt(0.0055**2 + 0.011**2 + 0.015**2))
-    assert segments._slope(profile, None, forward, 0.0, 2.0, P) is None
-    assert segments._slope(profile, estimate, forward, 5.0, 6.0, P) is None
+    assert segments._read_slope(profile, None, forward, 0.0, 2.0, P) is None
+    assert segments._read_slope(profile, estimate, forward, 5.0, 6.0, P) is None
 
 
 def test_a_sole_may_overhang_a_free_edge_and_not_stand_in_a_riser():
@@ -217,7 +223,7 @@ def test_two_changes_are_needed_between_observed_places_and_one_from_the_foot():
         min(changed(1.0), changed(3.6)),
         min(changed(0.5), changed(0.4)),
     ]
-    np.testing.assert_allclose(segments.unseen(profile, s, 0.4, P), expected, atol=1e-12)
+    np.testing.assert_allclose(segments.unseen_probability(profile, s, 0.4, P), expected, atol=1e-12)
 
 
 def test_a_path_is_longer_where_steps_are_shorter():
@@ -321,8 +327,8 @@ def test_landings_in_order_and_their_uncertainty_grows_with_each_step():
     late = 3 * ns + 2_000_000_000  # no landing is expected in the past, nor sooner than 50 ms
     assert rhythm.times(("l",), late)[0][0] == pytest.approx(late + 50_000_000, abs=5)
     share = 0.6 * rhythm.step_s * 1e9
-    assert [rhythm.over_foot(3 * ns + int(share) + d) for d in (-1000, 1000)] == [False, True]
-    assert not Rhythm(P).over_foot(10**12)
+    assert [rhythm.is_over_foot(3 * ns + int(share) + d) for d in (-1000, 1000)] == [False, True]
+    assert not Rhythm(P).is_over_foot(10**12)
 
 
 def test_a_missed_step_counts_and_a_bounce_does_not():
@@ -334,8 +340,8 @@ def test_a_missed_step_counts_and_a_bounce_does_not():
     landing = rhythm.land("r", 5 * ns, True)  # the left foot's landing was missed
     assert (landing.feet, landing.measurable, rhythm.step) == (("l", "r"), False, 6)
     assert rhythm.step_s == pytest.approx(0.6, abs=0.003)  # two steps in that time
-    assert rhythm.overdue(5 * ns + int(1.01 * rhythm.step_s * 1e9)) == "l"
-    assert rhythm.overdue(5 * ns + int(0.99 * rhythm.step_s * 1e9)) is None
+    assert rhythm.overdue_foot(5 * ns + int(1.01 * rhythm.step_s * 1e9)) == "l"
+    assert rhythm.overdue_foot(5 * ns + int(0.99 * rhythm.step_s * 1e9)) is None
     landing = rhythm.land("l", 6 * ns, False)
     assert (landing.feet, landing.measurable, rhythm.step) == (("l",), False, 7)
     landing = rhythm.land("r", 7 * ns, True)
@@ -432,7 +438,7 @@ def test_the_published_steps_follow_each_other():
         rhythm.land(foot, k * 500_000_000, True)
     known = walking(("l", (-1.0, 0.0), (1, 0)), ("r", (-0.5, 0.0), (1, 0)), ("l", (0.0, 0.0), (1, 0)))
     ground = Ground((0.9, level(0.0), FLAT), (1.5, level(0.15), FLAT), (9.0, level(0.15), FLAT))
-    steps = published_steps(known, rhythm, ground, np.array([0.0, 0.0]), 0.5, 1_100_000_000, P)
+    steps = predict_published_steps(known, rhythm, ground, np.array([0.0, 0.0]), 0.5, 1_100_000_000, P)
     assert [s.step for s in steps] == [4, 5, 6, 7]
     assert [s.foot for s in steps] == ["r", "l", "r", "l"]
     assert [s.t_ns for s in steps] == [1_500_000_000 + 500_000_000 * k for k in range(4)]
@@ -442,8 +448,8 @@ def test_the_published_steps_follow_each_other():
         [[0.75 + 0.5 * k, -0.06 if k % 2 == 0 else 0.06, 0.15 * (k > 0)] for k in range(4)],
     )
     assert steps[1].probabilities == {"LG": 0.0, "SA": 1.0, "SD": 0.0, "RA": 0.0, "RD": 0.0}
-    late = published_steps(known, rhythm, ground, np.array([0.0, 0.0]), 0.5, 9_000_000_000, P)
+    late = predict_published_steps(known, rhythm, ground, np.array([0.0, 0.0]), 0.5, 9_000_000_000, P)
     assert [s.t_ns for s in late] == [9_000_000_000 + 50_000_000 * (k + 1) for k in range(4)]
-    unknown = published_steps(WalkingInformation(P), rhythm, ground, np.array([0.3, 0.4]), 0.5, 0, P)
+    unknown = predict_published_steps(WalkingInformation(P), rhythm, ground, np.array([0.3, 0.4]), 0.5, 0, P)
     assert {s.mode for s in unknown} == {"LG"}
     np.testing.assert_allclose(unknown[0].p_foot_in_world, [0.3, 0.4, math.nan])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import vertical
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.vertical import without_lean
+from stridetwin.estimators.locomotion_mode.vertical import remove_lean
 
 LEAN_SD_RAD = LocomotionModeParameters().lean_sd_rad
 SD = np.radians(0.4)
@@ -22,21 +22,21 @@ def apart(mapped):
 
 def slopes_deg(*mapped_deg, breaks=None):
     breaks = apart(mapped_deg) if breaks is None else np.array(breaks)
-    slope, sd = without_lean(np.radians(mapped_deg), np.full(len(mapped_deg), SD), breaks, LEAN_SD_RAD)
+    slope, sd = remove_lean(np.radians(mapped_deg), np.full(len(mapped_deg), SD), breaks, LEAN_SD_RAD)
     return np.degrees(slope), np.degrees(sd)
 
 
 @given(st.lists(st.floats(-0.3, 0.3), max_size=6))
 def test_a_mirrored_way_has_mirrored_slopes(mapped):
-    slope, sd = without_lean(np.array(mapped), np.full(len(mapped), SD), apart(mapped), LEAN_SD_RAD)
-    mirrored, mirrored_sd = without_lean(-np.array(mapped), np.full(len(mapped), SD), apart(mapped), LEAN_SD_RAD)
+    slope, sd = remove_lean(np.array(mapped), np.full(len(mapped), SD), apart(mapped), LEAN_SD_RAD)
+    mirrored, mirrored_sd = remove_lean(-np.array(mapped), np.full(len(mapped), SD), apart(mapped), LEAN_SD_RAD)
     np.testing.assert_allclose(mirrored, -slope, atol=1e-12)
     np.testing.assert_allclose(mirrored_sd, sd, atol=1e-9)
 
 
 @given(st.lists(st.floats(-0.3, 0.3), min_size=1, max_size=6))
 def test_no_slope_is_steeper_than_mapped_by_more_than_the_largest_lean(mapped):
-    slope, sd = without_lean(np.array(mapped), np.full(len(mapped), SD), apart(mapped), LEAN_SD_RAD)
+    slope, sd = remove_lean(np.array(mapped), np.full(len(mapped), SD), apart(mapped), LEAN_SD_RAD)
     assert (np.abs(slope - mapped) <= np.maximum(vertical._REACH_SD * LEAN_SD_RAD, np.abs(mapped))).all()
     assert np.isfinite(sd).all()
     assert (sd > 0.0).all()
@@ -83,5 +83,5 @@ def test_slopes_are_those_of_all_combinations_of_level_ground_and_ramps(way):
         weight = weight * np.prod(share[:, None] * np.exp(-0.5 * off**2 / variance) / np.sqrt(variance), axis=0)
         total += weight.sum()
         mean += (weight * off * built / variance).sum(axis=1)
-    slope, _ = without_lean(mapped, np.full(len(way), SD), breaks, LEAN_SD_RAD)
+    slope, _ = remove_lean(mapped, np.full(len(way), SD), breaks, LEAN_SD_RAD)
     np.testing.assert_allclose(slope, mean / total, atol=1e-9)

@@ -11,7 +11,7 @@ from scenes import FLOOR, approach, winders
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.risers import Riser
-from stridetwin.estimators.terrain_map.stairs import flights, stairs
+from stridetwin.estimators.terrain_map.stairs import find_flights, fit_stairs
 
 RISER, TREAD, STEPS, WIDE_M = 0.16, 0.30, 3, 1.2
 
@@ -30,8 +30,8 @@ def a_flight(place, heading, guess):
         )  # fmt: skip
         if k < STEPS:
             points = place + k * TREAD * up + along[:, None] * aside
-            row.append(Riser(lower=k, upper=k + 1, down=down, points=points, found=True, height=RISER))
-    return stairs(row, planes, 0, TerrainMapParameters()), up, aside
+            row.append(Riser(lower=k, upper=k + 1, down=down, points=points, in_voxels=True, height=RISER))
+    return fit_stairs(row, planes, 0, TerrainMapParameters()), up, aside
 
 
 @settings(max_examples=40, deadline=None)
@@ -53,7 +53,7 @@ def a_row(headings):
     for k, heading in enumerate(headings):
         up, aside = np.array([math.cos(heading), math.sin(heading)]), np.array([-math.sin(heading), math.cos(heading)])
         points = at + along[:, None] * aside
-        row.append(Riser(lower=k, upper=k + 1, down=-up, points=points, found=True, height=RISER))
+        row.append(Riser(lower=k, upper=k + 1, down=-up, points=points, in_voxels=True, height=RISER))
         at = at + TREAD * up
     return row
 
@@ -61,13 +61,13 @@ def a_row(headings):
 @given(st.floats(-math.pi, math.pi), st.floats(9.0, 18.0), st.sampled_from([-1, 1]), st.integers(3, 8))
 def test_risers_of_a_flight_that_winds_are_rows_of_their_own(heading, turn_deg, side, count):
     row = a_row(heading + side * math.radians(turn_deg) * np.arange(count))
-    assert flights(row, TerrainMapParameters()) == [[one] for one in row]
+    assert find_flights(row, TerrainMapParameters()) == [[one] for one in row]
 
 
 @given(st.floats(-math.pi, math.pi), st.lists(st.floats(-3.5, 3.5), min_size=3, max_size=8))
 def test_edges_that_are_seen_aslant_by_chance_are_one_flight(heading, errors_deg):
     row = a_row(heading + np.radians(errors_deg))
-    assert flights(row, TerrainMapParameters()) == [row]
+    assert find_flights(row, TerrainMapParameters()) == [row]
 
 
 def test_winding_stairs_have_edges_where_they_are():

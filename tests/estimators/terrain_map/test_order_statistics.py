@@ -44,8 +44,8 @@ def tilted(seed=0, count=50):
 def test_the_distance_from_the_best_plane_is_the_least_eigenvalue(seed):
     points = tilted(seed)
     values, vectors = np.linalg.eigh(np.cov(points.T, bias=True))
-    assert from_python(plane_fit.off_plane)(sums(points)) == pytest.approx(values[0], rel=1e-8)
-    found = from_python(plane_fit.fit)(sums(points))
+    assert from_python(plane_fit.plane_misfit)(sums(points)) == pytest.approx(values[0], rel=1e-8)
+    found = from_python(plane_fit.fit_plane)(sums(points))
     assert found[6] == pytest.approx(values[0], rel=1e-6)
     np.testing.assert_allclose(found[3:6], vectors[:, 0] * np.sign(vectors[2, 0]), atol=1e-6)
 
@@ -53,15 +53,17 @@ def test_the_distance_from_the_best_plane_is_the_least_eigenvalue(seed):
 def test_points_on_a_line_or_in_one_place_lie_on_a_plane():
     line = np.outer(np.linspace(0, 1, 9), [1.0, 0.5, 0.2])
     for points in (line, np.tile([1.0, 2.0, 3.0], (5, 1))):
-        assert from_python(plane_fit.off_plane)(sums(points)) == pytest.approx(0.0, abs=1e-12)
-        assert from_python(plane_fit.fit)(sums(points))[6] == pytest.approx(0.0, abs=1e-9)
-    assert from_python(plane_fit.fit)(sums(np.tile([1.0, 2.0, 3.0], (5, 1))))[3:6] == (0.0, 0.0, 1.0)
+        assert from_python(plane_fit.plane_misfit)(sums(points)) == pytest.approx(0.0, abs=1e-12)
+        assert from_python(plane_fit.fit_plane)(sums(points))[6] == pytest.approx(0.0, abs=1e-9)
+    assert from_python(plane_fit.fit_plane)(sums(np.tile([1.0, 2.0, 3.0], (5, 1))))[3:6] == (0.0, 0.0, 1.0)
 
 
 def test_the_height_plane_is_bayesian_least_squares():
     """With the prior slopes as further rows of the system; the covariance from its inverse."""
     points, noise, alike, slope_sd = tilted(), 0.005, 4.0, 0.5
-    centres, slopes, covariances, spreads = plane_fit.height_planes(sums(points)[None], 0.002, 0.01, alike, slope_sd)
+    centres, slopes, covariances, spreads = plane_fit.fit_height_planes(
+        sums(points)[None], 0.002, 0.01, alike, slope_sd
+    )
     middle = points.mean(axis=0)
     offset = points - middle
     sd = noise * math.sqrt(alike)  # of a point, if so many share an error
@@ -74,16 +76,16 @@ def test_the_height_plane_is_bayesian_least_squares():
     np.testing.assert_allclose(spreads[0], np.cov(points[:, :2].T, bias=True), rtol=1e-9)
     others = tilted(5) + [0.1, 0.2, 0.05]
     off = others[:, 2] - middle[2] - (others[:, :2] - middle[:2]) @ slopes[0]
-    found = plane_fit.off_height_planes(sums(others)[None], sums(points)[None], 0.002, 0.01, alike, slope_sd)
+    found = plane_fit.height_plane_misfit(sums(others)[None], sums(points)[None], 0.002, 0.01, alike, slope_sd)
     assert found == pytest.approx([np.mean(off**2)], rel=1e-9)
 
 
 def test_planes_turn_about_the_vertical():
-    centres, slopes, covariances, spreads = plane_fit.height_planes(sums(tilted())[None], 0.0, 0.0, 1.0, 1e3)
+    centres, slopes, covariances, spreads = plane_fit.fit_height_planes(sums(tilted())[None], 0.0, 0.0, 1.0, 1e3)
     c, s = math.cos(0.6), math.sin(0.6)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    expected = plane_fit.height_planes(sums(tilted() @ R.T)[None], 0.0, 0.0, 1.0, 1e3)
-    for a, b in zip(plane_fit.rotated(centres, slopes, covariances, spreads, R), expected):
+    expected = plane_fit.fit_height_planes(sums(tilted() @ R.T)[None], 0.0, 0.0, 1.0, 1e3)
+    for a, b in zip(plane_fit.rotate_planes(centres, slopes, covariances, spreads, R), expected):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-12)
 
 
@@ -97,8 +99,8 @@ def test_the_height_of_a_plane_is_read_where_it_is_well_observed(toward):
     half = math.sqrt(3.0 * unit @ spread @ unit)
     place = centre[:2] + max(0.0, min(away, half) - 0.05) * unit
     x, y = centre[:2] + toward
-    np.testing.assert_allclose(plane_fit.toward(centre, spread, x, y, 0.05), place, atol=1e-12)
-    height = plane_fit.seen_height(centre, gradient, spread, x, y, 0.05)
+    np.testing.assert_allclose(plane_fit.point_toward(centre, spread, x, y, 0.05), place, atol=1e-12)
+    height = plane_fit.height_toward(centre, gradient, spread, x, y, 0.05)
     assert height == pytest.approx(centre[2] + (place - centre[:2]) @ gradient)
 
 
@@ -110,20 +112,20 @@ def test_across_a_line_is_its_normal_on_the_side_asked_for(angle):
     _, vectors = np.linalg.eigh(np.cov(points.T))
     for side in (1.0, -1.0):
         toward = side * normal + 0.3 * along
-        found = from_python(risers.across)(points, toward, risers._DIRECTION_RATIO)
+        found = from_python(risers.normal_across)(points, toward, risers._DIRECTION_RATIO)
         expected = vectors[:, 0] * np.sign(vectors[:, 0] @ toward)
         np.testing.assert_allclose(found, expected, atol=1e-9)
     toward = 0.02 * normal + along  # the points do not lie across it
-    found = from_python(risers.across)(points, toward, 1.0)
+    found = from_python(risers.normal_across)(points, toward, 1.0)
     np.testing.assert_allclose(found, toward / np.linalg.norm(toward), atol=1e-12)
 
 
 def test_projections_and_kept_points():
     points = np.random.default_rng(0).normal(size=(9, 2))
-    np.testing.assert_allclose(from_python(risers.projected)(points, 0.6, -0.8), points @ [0.6, -0.8])
+    np.testing.assert_allclose(from_python(risers.project)(points, 0.6, -0.8), points @ [0.6, -0.8])
     keep = np.arange(9) % 2 == 0
-    np.testing.assert_array_equal(from_python(risers._kept)(points, keep, 5), points[keep])
-    assert from_python(risers._kept)(points, keep, 6).shape == (0, 2)
+    np.testing.assert_array_equal(from_python(risers._select_points)(points, keep, 5), points[keep])
+    assert from_python(risers._select_points)(points, keep, 6).shape == (0, 2)
 
 
 def test_a_column_is_as_uncertain_as_its_distance_and_weight_say():

@@ -11,12 +11,12 @@ from stridetwin.estimators.terrain_map import plane_fit
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point
 from tests.estimators.from_python import from_python
 
-fit = from_python(plane_fit.fit)
+fit = from_python(plane_fit.fit_plane)
 
 
 def height_plane(sums, *limits):
     """Centre, slopes, covariance, and spread in plan."""
-    return tuple(found[0] for found in plane_fit.height_planes(sums[None], *limits))
+    return tuple(found[0] for found in plane_fit.fit_height_planes(sums[None], *limits))
 
 
 angles = st.floats(0.0, 1.2)
