@@ -31,8 +31,8 @@ def reference_rows(name: str) -> list[dict[str, str]]:
 
 def speed_group(speed_mps: float, leg_m: float = _LEG_M) -> str:
     """The speed group of Schwartz et al. 2008 that a walker belongs to, by speed / sqrt(g leg)."""
-    equal = speed_mps * float(np.sqrt(_LEG_M / leg_m))
-    return next(name for name, below in _GROUPS if equal < below)
+    scaled_speed_mps = speed_mps * float(np.sqrt(_LEG_M / leg_m))
+    return next(name for name, below in _GROUPS if scaled_speed_mps < below)
 
 
 @cache
