@@ -12,7 +12,17 @@ from stridetwin.cli.commands import SCORED_FRAME, ScoreOptions
 from stridetwin.cli.console import table
 from stridetwin.cli.options import Outcome, Progress, check_executor
 from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scores
-from stridetwin.gate.formatting import HEAD, Failure, cells, changed, failed_lines, failures, junit, markdown, verdict
+from stridetwin.gate.formatting import (
+    HEAD,
+    ScoringFailure,
+    cells,
+    failures,
+    find_changes,
+    format_failures,
+    junit,
+    markdown,
+    verdict,
+)
 from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, TumFile
 from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
 from stridetwin.gate.walk_scores import jobs_of, score_walks
@@ -34,7 +44,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         check_level(baseline, rules)
     own = _own(arguments)
     only = estimators_of(arguments.only, "--only") if arguments.only else None
-    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": own, "only": only}
+    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "user_estimators": own, "only": only}
     jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
@@ -61,13 +71,13 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
 
 
 def printed(
-    means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
+    means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[ScoringFailure]
 ) -> list[str | Table]:
     """What `score` prints: means over some walks, failures, and the changes from the baseline."""
     lines = score_tables(means)
     if walks > 1:
         lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
-    lines += failed_lines(failed)
+    lines += format_failures(failed)
     return lines + ([] if comparison is None else _changes(comparison, failed))
 
 
@@ -115,7 +125,7 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     for text in arguments.program:
         name, words = _named(text, "--program", '"COMMAND {recording} {output}"')
         program = Program(name=name, command=words, frame=frame, timeout_s=arguments.timeout)
-        program.words()
+        program.arguments()
         own.append(program)
     frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own}
     if own and arguments.frame is not None and arguments.frame not in frames:
@@ -142,9 +152,9 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
     return table(rows, ["estimator", *columns.values()])
 
 
-def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:
+def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
     """The scores that differ from the baseline, regressions first."""
-    rows = [cells(line) for line in changed(comparison)]
+    rows = [cells(line) for line in find_changes(comparison)]
     head = f"against the baseline: {comparison.words}"
     return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict(comparison, failed)]
 

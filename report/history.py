@@ -14,7 +14,7 @@ from markupsafe import Markup
 from stridetwin.gate.compare import Comparison
 from stridetwin.gate.formatting import failures, sentence
 from stridetwin.gate.metric_policy import scale_of
-from stridetwin.gate.score_table import checked_scores, is_text
+from stridetwin.gate.score_table import check_scores, is_text
 from stridetwin.outputs.base import Scores
 from stridetwin.pages.html import multiples, page, section, table
 from stridetwin.pages.plot import PALETTE, Plot, data_range
@@ -99,7 +99,7 @@ def _check(line: object, where: Where) -> None:
         need(fits, name, f"a whole number, 0-{_MOST_WALKS}")
     worse = line.get("regressions")
     need(isinstance(worse, list) and all(map(is_text, worse)), "regressions", "a list of texts in UTF-8")
-    checked_scores(line.get("estimators"), where.key("estimators"))
+    check_scores(line.get("estimators"), where.key("estimators"))
 
 
 def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from stridetwin.gate.bootstrap import Tested, holm, paired
+from stridetwin.gate.bootstrap import BootstrapResult, compare_pairs, holm_correct
 from stridetwin.streams.samples import Array
 
 LEVEL = 0.05
@@ -64,21 +64,21 @@ def intervals(values: Array) -> list[Interval]:
     return found
 
 
-def _tested(values: Array) -> Tested:
+def _tested(values: Array) -> BootstrapResult:
     """Tests of the means of (W, C) columns."""
     count = len(values)
     if count >= _FEW:
-        return paired(values)
+        return compare_pairs(values)
     mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(count)
     half = float(stdtrit(count - 1, 0.5 + _COVERAGE / 2.0)) * error
     below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))  # equal values have no spread
-    return Tested(
+    return BootstrapResult(
         count=np.full(len(mean), count), mean=mean, low=mean - half, high=mean + half, p_above=1.0 - below,
         p_below=below,
     )  # fmt: skip
 
 
-def _ends(tested: Tested, walks: int) -> list[tuple[float | None, float | None]]:
+def _ends(tested: BootstrapResult, walks: int) -> list[tuple[float | None, float | None]]:
     """Intervals of C means over so many walks."""
     if walks < _LEAST_OF_INTERVAL:
         return [(None, None)] * len(tested.mean)
@@ -98,7 +98,7 @@ def compared(losses: Array) -> list[Pair]:
 def differences(changes: Array) -> list[Difference]:
     """Tests of the means of (W, C) differences, W of two or more, corrected for their number C."""
     tested = _tested(changes)
-    corrected = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below))).tolist()
+    corrected = holm_correct(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below))).tolist()
     enough = len(changes) >= LEAST_WALKS
     return [
         Difference(mean=mean, low=low, high=high, p=p, significant=enough and p < LEVEL)

@@ -21,8 +21,7 @@ from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_o
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import Batch, Progress
 from stridetwin.batch.versions import code_versions
-from stridetwin.gate.walk_scores import Job as ScoreJob
-from stridetwin.gate.walk_scores import score_walk, scoring_versions
+from stridetwin.gate.walk_scores import ScoringJob, score_walk, scoring_versions
 from stridetwin.scenarios.campaign.named_files import SCENARIOS
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
@@ -94,7 +93,7 @@ def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> R
         with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
             path = Path(name) / "walk.mcap"
             record(make_twin(visit.needed, visit.seed), path, lambda *_: None)
-            scored = score_walk(ScoreJob(name=config.name, path=path, lenient=bool(config.faults), only=estimators))
+            scored = score_walk(ScoringJob(name=config.name, path=path, lenient=bool(config.faults), only=estimators))
     except StrideTwinError as error:
         return row | {"failed": {"walk": _one_line(error, folder)}}
     except OSError as error:

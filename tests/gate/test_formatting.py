@@ -10,7 +10,7 @@ from score_tables import of_rows, table
 
 from stridetwin.cli.main import main
 from stridetwin.gate.compare import Line, Rules, compare_scores
-from stridetwin.gate.formatting import cells, changed, failures, junit, markdown, sentence, verdict
+from stridetwin.gate.formatting import cells, failures, find_changes, junit, markdown, sentence, verdict
 from stridetwin.report.history import append_history, history_line, history_page, read_history
 from stridetwin.streams.errors import StrideTwinError
 
@@ -55,9 +55,9 @@ def test_markdown_shows_what_changed_and_folds_the_rest(worse, fine):
 def test_the_table_names_what_is_worse_first(worse, fine):
     assert "20 walks in both tables, compared in pairs" in worse.words
     assert verdict(worse) == f"{len(worse.regressions)} of {len(worse.lines)} scores worse than the baseline"
-    assert changed(worse)[0].verdict == "worse"
+    assert find_changes(worse)[0].verdict == "worse"
     assert verdict(fine) == f"none of {len(fine.lines)} scores is worse"
-    assert changed(fine) == []
+    assert find_changes(fine) == []
     assert cells(fine.lines[0])[-1] == "not worse"
 
 
