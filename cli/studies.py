@@ -187,10 +187,10 @@ def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
         at = here.key("--scenario")
         files = NamedFiles(Path.cwd() / "command line", "the working folder")
         base = files.base(NamedBase(scenario=arguments.scenario), at, short=True)
-        for name, file in files.own.items():
-            if problem.own.get(name, file) != file:
+        for name, file in files.user_files.items():
+            if problem.user_files.get(name, file) != file:
                 raise at.error(arguments.scenario, f"a scenario without another file {name} than the placement's")
-        problem = replace(problem, bases=(base,), own=problem.own | files.own)
+        problem = replace(problem, bases=(base,), user_files=problem.user_files | files.user_files)
     if arguments.budget is not None:
         if problem.search is None:
             raise here.key("--budget").error(arguments.budget, f"no --budget, as {problem.path.stem} only sweeps")

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Fixed
-from stridetwin.scenarios.campaign.field_paths import FieldPath, put
+from stridetwin.scenarios.campaign.field_paths import FieldPath, set_value
 from stridetwin.scenarios.campaign.named_files import (
     SCENARIOS,
     Base,
@@ -141,7 +141,7 @@ class Design:
         turns: How the levels of the other factors take turns, and these levels.
         first: Seed of the walk in which each of these factors has its first level.
         seeds: Of the walks of each combination.
-        own: Files of the user's own by the names that they get in the output folder.
+        user_files: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
@@ -151,7 +151,7 @@ class Design:
     turns: Mapping[str, tuple[Turn, tuple[Level, ...]]]
     first: int
     seeds: tuple[int, ...]
-    own: Mapping[str, Path]
+    user_files: Mapping[str, Path]
 
     def levels(self, seed: int) -> dict[str, Level]:
         """Whose turn it is with a seed: a level of each factor that takes turns."""
@@ -207,7 +207,7 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
         turns=turns,
         first=file.seeds[0],
         seeds=file.seeds,
-        own=files.own,
+        user_files=files.user_files,
     )
 
 
@@ -273,7 +273,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     for variable in variables:
         value = json.loads(json.dumps(variable.distribution.at(0.0)))
         for path in variable.paths:
-            put(plain, path, _fill(value, combination.labels, variable.at), variable.at)
+            set_value(plain, path, _fill(value, combination.labels, variable.at), variable.at)
     if physics is not None:
         plain["physics"] = physics
     places = [base.at] * len(plain.get(_FAULTS, ()))  # of each fault in the file
@@ -284,7 +284,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     try:
         return scenario_of(plain, folder / SCENARIOS / f"{base.name}.yaml")
     except ConfigError as error:
-        raise errors_in_user_files(error, design.own) or _locate(error, base, variables, places) from error
+        raise errors_in_user_files(error, design.user_files) or _locate(error, base, variables, places) from error
 
 
 def _fill(value: Any, labels: Mapping[str, str], at: Where) -> Any:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path, put
+from stridetwin.scenarios.campaign.field_paths import field_path, set_value
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -82,7 +82,7 @@ class Problem:
         variables: Set at every place.
         free: What is chosen.
         search: How places are found; None for a sweep over all.
-        own: Files of the user's own by the names that they get in the output folder.
+        user_files: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
@@ -95,7 +95,7 @@ class Problem:
     seeing: Seeing
     search: Optimise | None
     confirm: Confirm | None
-    own: dict[str, Path]
+    user_files: dict[str, Path]
 
     @property
     def knobs(self) -> list[Knob]:
@@ -176,7 +176,7 @@ def read_problem(path: Path) -> Problem:
         free=tuple(_free(files, name, said, where.key("free").key(name)) for name, said in file.free.items()),
         **{name: getattr(file, name) for name in ("scores", "seeds", "seeing", "confirm")},
         search=file.method,
-        own=files.own,
+        user_files=files.user_files,
     )
     names = [knob.name for knob in problem.knobs]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -209,7 +209,7 @@ def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where)
     """A free field, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(said, Among) and names_files(paths):
-        said = Among(choice=tuple(files.own_files(list(said.choice), at)))
+        said = Among(choice=tuple(files.with_output_names(list(said.choice), at)))
     return free_field(paths, said, at)
 
 
@@ -247,13 +247,13 @@ def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
     plain = copy.deepcopy(base.scenario)
     for variable in (*problem.variables, *base.variables):
         for path in variable.paths:
-            put(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
+            set_value(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
     if place.values:
         person = _person(plain, problem.free, base)
         for free in problem.free:
             value = free.value(place.values, person)
             for path in free.paths:
-                put(plain, path, copy.deepcopy(value), free.at)
+                set_value(plain, path, copy.deepcopy(value), free.at)
     return plain
 
 
@@ -284,7 +284,7 @@ def check_ends(problem: Problem, folder: Path) -> None:
             try:
                 scenario_at(problem, base, place, folder)
             except ConfigError as error:
-                raise errors_in_user_files(error, problem.own) or _refusal(base, changed, error) from error
+                raise errors_in_user_files(error, problem.user_files) or _refusal(base, changed, error) from error
 
 
 def _refusal(base: Base, changed: tuple[Knob, Any] | None, error: ConfigError) -> StrideTwinError:

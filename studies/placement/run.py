@@ -66,7 +66,7 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
     with hold_folder(folder, (folder / ROWS).exists, _USED) as unfinished:
         _check_folder(folder, problem, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)
-        copy_files(folder, problem.own)
+        copy_files(folder, problem.user_files)
         check_ends(problem, folder)
         write_request(folder, _request(problem))
         rows = RowLines(folder / ROWS, unfinished)

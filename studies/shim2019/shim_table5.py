@@ -2,7 +2,7 @@
 
 A case is one trial of one subject: level, stair and three ramps, each walked once (stair and ramps up and down). Steps
 belong to a case of the table by their mode, which includes those onto and off a terrain. The estimators get a nominal
-exoskeleton with measurement errors (`exo_geometry.measured`).
+exoskeleton with measurement errors (`exo_geometry.simulate_measurement`).
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def run_study(study: Study, options: Options, progress: Progress) -> dict[str, A
     with hold_folder(folder, (folder / ROWS).exists) as unfinished:
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")
-        copy_files(folder, study.own)
+        copy_files(folder, study.user_files)
         walks = _list_walks(study, folder, options.physics)
         _check_sensors(study, walks)
         versions = partial(_versions, tuple(sorted({method.estimator for method in study.methods})))

@@ -16,7 +16,7 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
 from stridetwin.outputs.modes.scores import ModeScores, mode_figures
 from stridetwin.outputs.truth import true_footprints
-from stridetwin.scenarios.exo_geometry import of_recording
+from stridetwin.scenarios.exo_geometry import exo_from_recording
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.case import Case
@@ -60,7 +60,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
 def leg_steps(recording: Recording) -> list[StepEstimate]:
     """All step estimates from the legs, in time order."""
-    exo = of_recording(recording)
+    exo = exo_from_recording(recording)
     legs = ContactTerrain(recording.rig, exoskeleton=exo)
     return [step for s in recording.samples(list(exo.topics)) if (step := legs.update(s)) is not None]
 

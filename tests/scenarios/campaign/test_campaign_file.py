@@ -142,7 +142,7 @@ def test_parts_of_ones_own_are_named_as_the_output_folder_has_them(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.yaml").write_text("kind: imu\ndescription: mine\nrate_hz: 100\n")
     campaign = read_campaign(path)
-    assert campaign.own == {"mine/a.yaml": tmp_path / "mine" / "a.yaml"}
+    assert campaign.user_files == {"mine/a.yaml": tmp_path / "mine" / "a.yaml"}
     named = {walk.scenario["sensors"]["foot_imu"]["part"] for walk in plan(campaign, Extra())}
     assert named == {"../files/mine/a.yaml", "MPU-9250"}
 
@@ -173,11 +173,11 @@ def test_an_exoskeleton_and_a_mesh_come_with_all_that_they_name(tmp_path, model)
     path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [mine/walk.yaml]\n")
     campaign = read_campaign(path)
     names = {f"mine/{model}", "mine/shapes/a.stl", "mine/rig.yaml", "mine/own.yaml", "mine/ground.STL"}
-    assert campaign.own == {name: tmp_path / name for name in names}
+    assert campaign.user_files == {name: tmp_path / name for name in names}
     for walk in plan(campaign, Extra()):
         assert walk.scenario["exo"] == {"model": f"../files/mine/{model}", "rig": "../files/mine/rig.yaml"}
         assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.STL"}
-    copy_files(tmp_path / "out", campaign.own)
+    copy_files(tmp_path / "out", campaign.user_files)
     for name in names:
         assert (tmp_path / "out" / "files" / name).read_bytes() == (tmp_path / name).read_bytes()
     (mine / model).write_text((mine / model).read_text().replace("a.stl", "../../../a.stl"))
@@ -189,7 +189,7 @@ def test_the_exoskeleton_of_the_examples_walks_in_campaigns(tmp_path):
     path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [own_exo/walk.yaml]\n")
     campaign = read_campaign(path)
     check_extremes(campaign, Extra())
-    assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.own.keys()
+    assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.user_files.keys()
 
 
 def test_campaigns_are_distinguished_from_scenarios_by_their_keys(tmp_path):

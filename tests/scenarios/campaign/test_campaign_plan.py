@@ -7,7 +7,7 @@ import pytest
 from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
-from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
+from stridetwin.scenarios.campaign.manifest import assign_splits, card, manifest, varying_values
 from stridetwin.scenarios.campaign.plan import Extra, people, plan, quasi_random_points
 from stridetwin.scenarios.scenario_file import CAMERAS
 
@@ -130,14 +130,14 @@ def test_a_scenario_that_is_listed_twice_counts_as_two(tmp_path):
     write(tmp_path / "more")
     campaign = read_campaign(path)
     assert [base.name for base in campaign.bases] == ["short", "short_2", "short_3"]
-    assert ranges(campaign) == {
+    assert varying_values(campaign) == {
         "light": "uniform 0.4 to 1.3",
         "gait.speed_mps": "uniform 0.7 to 0.8",
         "short: gait.speed_mps": "uniform 0.5 to 0.6",
         "short_2: gait.speed_mps": "uniform 1.1 to 1.2",
     }
     rows = [{"person": "p", "terrain": "t", "scenario": w.base} for w in plan(campaign, Extra())]
-    assert set(split(rows, campaign.splits, 0)["terrain"]) == {"short", "short_2", "short_3"}
+    assert set(assign_splits(rows, campaign.splits, 0)["terrain"]) == {"short", "short_2", "short_3"}
 
 
 def test_listed_values_are_those_of_the_walk(tmp_path):
@@ -180,15 +180,15 @@ def test_nobody_is_in_two_parts_and_shares_hold():
         for i in range(1000)
     ]
     splits = Splits()
-    dealt = split(rows, splits, 3)
+    dealt = assign_splits(rows, splits, 3)
     for by, count in (("person", 40), ("terrain", len({r["terrain"] for r in rows}))):
         assert len(dealt[by]) == count
         for part, share in splits.shares.items():
             assert sum(p == part for p in dealt[by].values()) == pytest.approx(share * count, abs=2)
-    earlier = split(rows[:100], splits, 3)
+    earlier = assign_splits(rows[:100], splits, 3)
     assert all(dealt[by][name] == part for by in earlier for name, part in earlier[by].items())
-    assert split(rows, splits, 4) != dealt
-    by_scenario = split(rows, replace(splits, terrain_by="scenario"), 3)
+    assert assign_splits(rows, splits, 4) != dealt
+    by_scenario = assign_splits(rows, replace(splits, terrain_by="scenario"), 3)
     assert set(by_scenario["terrain"]) == {f"s{i}" for i in range(5)}
     refused = {"scenario": "s9", "status": "rejected"}
-    assert split([refused, *rows], splits, 3) == dealt
+    assert assign_splits([refused, *rows], splits, 3) == dealt
