@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from benchmarks.command import answer, command
 from benchmarks.peers.vocabulary import write_vocabulary
-from stridetwin.outputs.path.scores import Odometry, drift_figures
+from stridetwin.outputs.path.scores import OdometryPath, drift_figures
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix
@@ -117,7 +117,7 @@ def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     T_start[:3, 3] = start.p_frame_in_world[0]
     T = T_start @ np.linalg.inv(T_world_camera[first] @ T_camera_imu) @ T_world_camera @ T_camera_imu
     path = Trajectory(t_ns=t_ns, p_frame_in_world=T[:, :3, 3], q_world_frame=quat_from_matrix(T[:, :3, :3]))
-    return drift_figures(Odometry(path=path, healthy=sure), truth) | {
+    return drift_figures(OdometryPath(path=path, healthy=sure), truth) | {
         "time_ms": time_of(np.array([w[2] for w in words], float))
     }
 

@@ -113,8 +113,8 @@ class StraightenedRoute:
         """The true path of the camera within a span."""
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
-        heading, off = way.heading(s), p - way.point(s)
-        left = off[:, 1] * np.cos(heading) - off[:, 0] * np.sin(heading)
+        heading, offset = way.heading(s), p - way.point(s)
+        left = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
         is_inside = (s > span[0]) & (s < span[1])
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")
 

@@ -62,9 +62,9 @@ def _step_positions(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
 
     The first estimated position is aligned with the true one; headings are those of the AHRS.
     """
-    seen = [s for s in steps if s.seen]
-    true, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
-    return true, estimated - estimated[0] + true[0], np.array([s.estimated_slope for s in seen])
+    matched = [s for s in steps if s.is_matched]
+    true, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
+    return true, estimated - estimated[0] + true[0], np.array([s.estimated_slope for s in matched])
 
 
 def step_section(steps: Sequence[ScoredStep], scores: Scores, recording: Recording) -> str:

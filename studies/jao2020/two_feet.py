@@ -16,7 +16,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
 from stridetwin.outputs.alignment import Rigid, vertical_rotation
-from stridetwin.outputs.path.scores import CHI2_3_95, Comparison, compare, nees_position
+from stridetwin.outputs.path.scores import CHI2_3_95, PathComparison, compare, nees_position
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
@@ -143,7 +143,7 @@ def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     }
 
 
-def feet_disagree(in_world: Mapping[str, Comparison]) -> Array:
+def feet_disagree(in_world: Mapping[str, PathComparison]) -> Array:
     """(K,) m, error of the right IMU's position relative to the left one, at common stamps.
 
     Both are rotated about the vertical so that the left one's heading is correct, because a common heading drift is no

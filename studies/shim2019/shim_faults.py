@@ -52,11 +52,11 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _figures(steps: list[ScoredStep]) -> dict[str, float]:
-    seen = [s for s in steps if s.seen]
+    matched = [s for s in steps if s.is_matched]
     return {
         **step_figures(steps, []),
-        "slope_max_deg": max((abs(math.degrees(s.slope_error)) for s in seen), default=0.0),
-        "elevation_max_mm": max((abs(1e3 * s.elevation_error) for s in seen), default=0.0),
+        "slope_max_deg": max((abs(math.degrees(s.slope_error)) for s in matched), default=0.0),
+        "elevation_max_mm": max((abs(1e3 * s.elevation_error) for s in matched), default=0.0),
         "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
-        "wrong_pct": percent(s.seen and s.estimated_mode not in (s.mode, UNKNOWN) for s in steps),
+        "wrong_pct": percent(s.is_matched and s.estimated_mode not in (s.mode, UNKNOWN) for s in steps),
     }

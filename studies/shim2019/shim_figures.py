@@ -52,7 +52,7 @@ def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
     figures = []
     for walk, title in SHOWN.items():
         steps = [ScoredStep(**row) for row in case["walks"][walk][method]]
-        if any(s.seen for s in steps):
+        if any(s.is_matched for s in steps):
             figures.append(steps_from_aside(lay_out(load_scenario(walk).config.route), steps, title))
     return figures
 
@@ -79,7 +79,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
 
 def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     """Steps in the plane of normalised slope and elevation."""
-    steps = [s for case in cases for walk in case["walks"].values() for s in _seen(walk[method])]
+    steps = [s for case in cases for walk in case["walks"].values() for s in _matched_steps(walk[method])]
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
@@ -97,8 +97,8 @@ def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
 
 def _of_case(cases: Sequence[dict[str, Any]], method: str, name: str) -> list[ScoredStep]:
     walk, mode = CASES[name]
-    return [s for case in cases for s in _seen(case["walks"][walk][method]) if not mode or s.mode == mode]
+    return [s for case in cases for s in _matched_steps(case["walks"][walk][method]) if not mode or s.mode == mode]
 
 
-def _seen(rows: Sequence[dict[str, Any]]) -> Iterator[ScoredStep]:
-    return (s for s in (ScoredStep(**row) for row in rows) if s.seen)
+def _matched_steps(rows: Sequence[dict[str, Any]]) -> Iterator[ScoredStep]:
+    return (s for s in (ScoredStep(**row) for row in rows) if s.is_matched)

@@ -20,12 +20,12 @@ from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain
 from stridetwin.estimators.contact_terrain.geometry import METADATA_KEY, to_text
 from stridetwin.outputs.steps.scores import (
     ScoredStep,
+    align_yaw,
     displacement_errors,
     false_steps,
     percent,
     score_steps,
     step_figures,
-    yaw_aligned,
 )
 from stridetwin.reference.norms import reference, reference_rows
 from stridetwin.scenarios.exo_geometry import nominal_geometry
@@ -125,14 +125,14 @@ def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
     """
     machines = {}
     for who in {w for w, _ in trials}:
-        steps = [s for w, walks in trials if w != who for own in walks.values() for s in own if s.seen]
+        steps = [s for w, walks in trials if w != who for own in walks.values() for s in own if s.is_matched]
         if len({s.mode for s in steps}) > 1:
             slopes, elevations = [s.estimated_slope for s in steps], [s.estimated_elevation for s in steps]
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
     def classified(who: int, step: ScoredStep) -> ScoredStep:
         machine = machines.get(who)
-        if machine is None or not step.seen:
+        if machine is None or not step.is_matched:
             return step
         return replace(step, estimated_mode=machine.classify(step.estimated_slope, step.estimated_elevation))
 
@@ -147,7 +147,7 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
         places = [e for _, walks in trials for e in displacement_errors(walks[walk], mode)]
         rows[case] = _figures(chosen, places, classed)
-        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(yaw_aligned(walks[walk]), mode)]
+        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(align_yaw(walks[walk]), mode)]
         rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
     everything = [(who, own) for who, walks in trials for own in walks.values()]
     rows["all"] = _figures(everything, [], classed)

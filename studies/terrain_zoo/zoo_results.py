@@ -52,7 +52,7 @@ def _figures(rows: list[Row]) -> Row:
     walks = _scores(rows, _OURS)
     steps = [step for walk in walks for step in walk.steps]
     ours, theirs = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
-    right = sum(step.right for step in steps)
+    right = sum(step.is_correct for step in steps)
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
     slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD")]
     slope_rms = rms([error for error, _ in slopes])
@@ -63,7 +63,7 @@ def _figures(rows: list[Row]) -> Row:
         "strict_pct": ours["strict_accuracy_pct"],
         "low_pct": None if interval is None else 100.0 * interval.low,
         "high_pct": None if interval is None else 100.0 * interval.high,
-        "worst_pct": min(100.0 * sum(s.right for s in w.steps) / max(len(w.steps), 1) for w in walks),
+        "worst_pct": min(100.0 * sum(s.is_correct for s in w.steps) / max(len(w.steps), 1) for w in walks),
         "transitions": ours["transitions"],
         "transitions_pct": ours["transition_accuracy_pct"],
         "lead_median_s": ours["lead_time_s"]["median"],
@@ -79,7 +79,7 @@ def _figures(rows: list[Row]) -> Row:
 
 def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
     """Share of the steps with a wrong mode of a probability above 0.9, %."""
-    wrong = [not s.right and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
+    wrong = [not s.is_correct and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
     return 100.0 * sum(wrong) / len(wrong) if wrong else None
 
 

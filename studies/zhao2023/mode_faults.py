@@ -86,7 +86,7 @@ def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]
-    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
+    predicted = [(max(s.probabilities), s.is_correct) for s in steps if s.probabilities]
     right, wrong = ([p for p, right in predicted if right is which] for which in (True, False))
     return {
         **mode_figures(walks),

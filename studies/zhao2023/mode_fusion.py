@@ -95,7 +95,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     }
     seen = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
-    right = [(mode in s.allowed, s.transition) for s, mode in zip(seen, predicted, strict=True)]  # as for the camera
+    right = [(mode in s.allowed, s.is_transition) for s, mode in zip(seen, predicted, strict=True)]  # as for the camera
     summary["legs"] = {
         "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),

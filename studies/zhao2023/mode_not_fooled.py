@@ -61,7 +61,7 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),
-        "accuracy_pct": 100.0 * sum(s.right for s in steps) / max(len(steps), 1),
+        "accuracy_pct": 100.0 * sum(s.is_correct for s in steps) / max(len(steps), 1),
         "predicted": {m: predicted[m] for m in (*MODES, "")},
         "none": predicted[""],
         "least_probability": min(probabilities, default=None),

@@ -92,7 +92,7 @@ def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
 
 def _share(walk: ModeScores, *, strict: bool = False) -> float:
     """Share of its steps that are right, %."""
-    return 100.0 * sum(s.strictly_right if strict else s.right for s in walk.steps) / max(len(walk.steps), 1)
+    return 100.0 * sum(s.is_strictly_correct if strict else s.is_correct for s in walk.steps) / max(len(walk.steps), 1)
 
 
 def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, Any]:

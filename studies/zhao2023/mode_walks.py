@@ -23,7 +23,7 @@ from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMo
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.alignment import MovingAlignment
-from stridetwin.outputs.chosen_poses import given_poses
+from stridetwin.outputs.chosen_poses import find_pose_topic
 from stridetwin.outputs.modes.scores import ModeScores, score_modes
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.pose_feed import PoseFeed
@@ -176,7 +176,7 @@ def predict(
     Methods are the predictor's own, `FORGETFUL`, or names of installed estimators of modes.
     """
     rig = recording.rig
-    options = Options(poses_of=given_poses(recording, depth_calibration(rig))[1])
+    options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
     shared = SharedMap(rig, options=options)
 
     def build(name: str) -> Estimator:
@@ -211,7 +211,7 @@ def predict(
 
 def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
     """Scores of the predictions, by method; `sole_m` is the length of the walker's soles."""
-    truth = TruePath.of(recording.block(given_poses(recording, depth_calibration(recording.rig))[0]))
+    truth = TruePath.of(recording.block(find_pose_topic(recording, depth_calibration(recording.rig))[0]))
     there = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
     path = predictions.path[there]
     alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
@@ -243,7 +243,7 @@ def posed(
     """
     camera = depth_calibration(recording.rig)
     if poses == "given":
-        topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
+        topics = [find_pose_topic(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from recording.samples(topics)
         return
     odometry, pose_feed = odometer("proposed", recording.rig, mount), PoseFeed()

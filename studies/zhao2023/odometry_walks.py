@@ -17,7 +17,7 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.outputs.path.run import pose_of
-from stridetwin.outputs.path.scores import Odometry, drift_figures
+from stridetwin.outputs.path.scores import OdometryPath, drift_figures
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
@@ -59,7 +59,7 @@ class OdometryRun:
         frame_ms: (N,) processing time from one image to the next.
     """
 
-    odometry: Odometry
+    odometry: OdometryPath
     frame_ms: Array
 
 
@@ -79,7 +79,9 @@ def follow(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
             poses[pose.t_ns] = pose  # the last one at an instant uses most samples
     path = [poses[t] for t in sorted(poses)]
     healthy = np.array([pose.valid for pose in path], bool)
-    return OdometryRun(odometry=Odometry(path=trajectory_of(path), healthy=healthy), frame_ms=np.array(frame_ms[1:]))
+    return OdometryRun(
+        odometry=OdometryPath(path=trajectory_of(path), healthy=healthy), frame_ms=np.array(frame_ms[1:])
+    )
 
 
 def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from stridetwin.outputs.truth import SCORED_AHEAD_S, along_way, scored_at_ns
+from stridetwin.outputs.truth import SCORED_AHEAD_S, along_way, scoring_time_ns
 from stridetwin.sim.config import Level, Route, Turn
 from stridetwin.sim.world.route import lay_out
 
@@ -30,5 +30,5 @@ def test_a_walk_without_footprints_has_no_places():
 
 def test_a_change_is_asked_for_before_the_first_foot_beyond_it():
     t_ns, places = np.array([0, 0, 2, 3, 4]) * 10**9, np.array([0.0, 0.0, 0.6, 1.2, 1.8])
-    assert scored_at_ns(1.0, t_ns, places) == 3e9 - SCORED_AHEAD_S * 1e9
-    assert scored_at_ns(1.8, t_ns, places) == math.inf
+    assert scoring_time_ns(1.0, t_ns, places) == 3e9 - SCORED_AHEAD_S * 1e9
+    assert scoring_time_ns(1.8, t_ns, places) == math.inf
