@@ -39,7 +39,14 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Image
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.zhao2023.odometry_walks import figures, follow, odometer, odometry_samples, time_of, true_path
+from stridetwin.studies.zhao2023.odometry_walks import (
+    figures,
+    make_odometer,
+    odometry_samples,
+    run_odometry,
+    time_of,
+    true_path,
+)
 
 WALKS = ("dvio_walk", "dvio_stairs", "dvio_white")
 VOCABULARY_WALKS, VOCABULARY_SEED, VOCABULARY_EVERY = ("stroll", "room"), 900, 15
@@ -170,7 +177,7 @@ def one_walk(
     mount = "head" if "/head/color" in recording.topics else "chest"
     found: dict[str, Any] = {}
     if "proposed" in methods:
-        ride = follow(odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
+        ride = run_odometry(make_odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
         found["proposed"] = figures(ride, true_path(recording, mount))
     with TemporaryDirectory() as temporary:
         folder, file = Path(temporary) / "walk", Path(temporary) / "settings.yaml"

@@ -7,11 +7,11 @@ from typing import Any
 
 from stridetwin.sim.faults.faults import Fault, FaultPlan, check_faults
 from stridetwin.streams.rig import Rig
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 
 
 def fault_plans(
-    case: Case, rig: Rig, duration_s: float, times: Callable[[Fault], Iterable[Fault]] = lambda fault: [fault]
+    case: ExperimentCase, rig: Rig, duration_s: float, times: Callable[[Fault], Iterable[Fault]] = lambda fault: [fault]
 ) -> dict[str, FaultPlan]:
     """The faults of a case in one of its walks, by label.
 

@@ -15,7 +15,7 @@ from statistics import median
 from typing import Any
 
 from stridetwin.outputs.modes.scores import ModeScores
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.registry import key_of, read_row
 
@@ -76,7 +76,7 @@ def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: st
 
 
 def _key(name: str, case: dict[str, Any], folder: Path) -> str:
-    return key_of(name, Case(seed=case["seed"], folder=folder, physics=case.get("physics", "dynamic")))
+    return key_of(name, ExperimentCase(seed=case["seed"], folder=folder, physics=case.get("physics", "dynamic")))
 
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:

@@ -132,7 +132,7 @@ def contact_terrain(minutes: float, seed: int) -> Summary:
     """Contact terrain by each method: time of the nine samples of one instant; the walk `shim_stairs`, replayed."""
     config = replace(load_scenario("shim_stairs").config, sensors=("ahrs", "encoder", "insole"), physics="kinematic")
     twin = Twin(config, seed)
-    samples, _ = shim_table5.walked(twin)
+    samples, _ = shim_table5.simulate_walk(twin)
     exo, length_s = geometry(twin.size, twin.rig), 1e-9 * (samples[-1].t_ns - samples[0].t_ns)
     summary = {}
     for method in METHODS:
@@ -169,7 +169,7 @@ def dvio(walks: int, seed: int, scenario: str) -> Summary:
     )
     with recorded(config, seed) as walk:
         samples = odometry_walks.odometry_samples(walk, MOUNT)
-        odometry_walks.follow(
+        odometry_walks.run_odometry(
             Dvio(walk.rig, options=Options(mount=MOUNT)), takewhile(lambda s: s.t_ns < WARM_UP_NS, samples)
         )  # compiles
         return {scenario: _frame_figures(walk, max(2, walks))}

@@ -23,8 +23,8 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
-from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.walks import fell_at_s, record_walk
 
 METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
@@ -42,12 +42,12 @@ Maker = Callable[[str, Rig, str], Odometer]
 """Makes an odometry from its name, the nominal rig, and the mount of the camera."""
 
 
-def odometer(name: str, rig: Rig, mount: str) -> Odometer:
+def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
     """One of `METHODS`, or an installed estimator of paths."""
     if name in METHODS:
         return Dvio(rig, options=Options(method=name, mount=mount))
-    found = registry.estimator(name)
-    return found(rig, options=Options(method=found.declaration.methods[0], mount=mount))
+    estimator_class = registry.estimator(name)
+    return estimator_class(rig, options=Options(method=estimator_class.declaration.methods[0], mount=mount))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +63,7 @@ class OdometryRun:
     frame_ms: Array
 
 
-def follow(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
+def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
     """Runs an odometry on samples in time order."""
     poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
@@ -99,16 +99,18 @@ def figures(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
     return drift_figures(run.odometry, truth) | {"time_ms": time_of(run.frame_ms)}
 
 
-def every_method(recording: Recording, mount: str, make: Maker, others: Sequence[str] = ()) -> dict[str, Any]:
+def run_every_method(
+    recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
+) -> dict[str, Any]:
     """Figures by method, then those of other installed estimators."""
     truth = true_path(recording, mount)
     return {
-        name: figures(follow(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
-        for name in (*METHODS, *others)
+        name: figures(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
+        for name in (*METHODS, *further_names)
     }
 
 
-def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
+def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
     """One walk, by every method and by other installed estimators.
 
     Returns:
@@ -117,13 +119,13 @@ def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
     """
     (walk,) = case.walks()
     mount = walk.config.rig_mount
-    with recorded(walk, case) as recording:
+    with record_walk(walk, case) as recording:
         rate = np.linalg.norm(recording.block(f"/{mount}/imu").columns["angular_rate"], axis=1)
         return case.row(
             mount=mount,
             fell_at_s=fell_at_s(recording),
             rate_radps={"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
-            methods=every_method(recording, mount, make, case.estimators),
+            methods=run_every_method(recording, mount, make, case.estimators),
         )
 
 

@@ -40,11 +40,11 @@ def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
 
 def paper() -> dict[str, Any]:
     """Table V: drift along x, y and z, and its norm if reported."""
-    found: dict[str, Any] = {}
+    drift_of_method: dict[str, Any] = {}
     for method, xyz in reference("zhao2023")["zhao_closed_loop_drift_m"].items():
         numbers = all(isinstance(value, int | float) for value in xyz)
-        found[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
-    return found
+        drift_of_method[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
+    return drift_of_method
 
 
 _COLUMNS = (
@@ -61,13 +61,15 @@ _COLUMNS = (
 
 def table(result: dict[str, Any]) -> list[str]:
     """Each method and the paper, as lines of text; means over the walks."""
-    summary, theirs = result["summary"], result["paper"]
+    summary, paper_figures = result["summary"], result["paper"]
     time_ms = summary["time_ms"]
     rows = []
     for method in result["cases"][0]["methods"]:
-        own = summary[method]
-        rows.append((method, {**own, "paper": theirs.get(method, {}).get("loop_drift_m", "")}))
-        rows += [(f"{'':<12}{mount}", {**figures, "paper": ""}) for mount, figures in own["by_mount"].items()]
+        method_figures = summary[method]
+        rows.append((method, {**method_figures, "paper": paper_figures.get(method, {}).get("loop_drift_m", "")}))
+        rows += [
+            (f"{'':<12}{mount}", {**figures, "paper": ""}) for mount, figures in method_figures["by_mount"].items()
+        ]
     return [
         f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall",
         f"proposed: {time_ms['mean']:.1f} ms per frame, 99th percentile {time_ms['p99']:.1f}",

@@ -13,7 +13,7 @@ from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Ahrs, Footprint, Sample
-from stridetwin.studies.shim2019.shim_table5 import walked
+from stridetwin.studies.shim2019.shim_table5 import simulate_walk
 
 
 @cache
@@ -22,7 +22,7 @@ def level_walk() -> tuple[Exoskeleton, tuple[Sample, ...], tuple[Footprint, ...]
     twin = Twin(
         TwinConfig(name="level", route=Route(segments=(Level(length_m=5.0),)), sensors=("ahrs", "encoder", "insole")), 5
     )
-    samples, footprints = walked(twin)
+    samples, footprints = simulate_walk(twin)
     return geometry(twin.size, twin.rig), tuple(samples), tuple(footprints)
 
 

@@ -38,8 +38,8 @@ def test_the_method_without_depth_gets_none(monkeypatch):
     samples = [Depth(t_ns=k, topic="/head/depth", depth=np.ones((2, 2), np.uint16)) for k in range(3)]
     made = []
     monkeypatch.setattr(vio_starts, "odometry_samples", lambda recording, mount: iter([*samples, "image"]))
-    monkeypatch.setattr(vio_starts, "odometer", lambda method, rig, mount: made.append((method, rig)))
-    monkeypatch.setattr(vio_starts, "follow", lambda odometry, samples: list(samples))
+    monkeypatch.setattr(vio_starts, "make_odometer", lambda method, rig, mount: made.append((method, rig)))
+    monkeypatch.setattr(vio_starts, "run_odometry", lambda odometry, samples: list(samples))
     assert rig.cameras["/head/color"].depth_topic
     recording = SimpleNamespace(rig=rig)
     monkeypatch.setattr(vio_starts, "dropwhile", lambda before, samples: samples)

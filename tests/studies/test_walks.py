@@ -13,11 +13,11 @@ from stridetwin.estimators.foot_ins import FootInsPath
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Image, Imu
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.jao2020 import jao_faults, jao_walk
 from stridetwin.studies.jao2020.two_feet import FEET, METHODS, figures
-from stridetwin.studies.walks import recorded_shoes
+from stridetwin.studies.walks import record_shoes
 from tests.studies.short_experiment import make_case, shorten
 
 pytest.importorskip("mujoco")
@@ -33,7 +33,7 @@ sensors:
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory) -> tuple[Case, dict]:
+def short(tmp_path_factory) -> tuple[ExperimentCase, dict]:
     """A case whose recordings are kept, and its row."""
     folder = tmp_path_factory.mktemp("walk")
     case = make_case(shorten("jao_loop_126m", folder, SHORT), folder, seed=3, keep=True)
@@ -53,7 +53,7 @@ def test_every_method_has_figures_in_every_case(short) -> None:
 
 def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
     case, _ = short
-    with recorded_shoes(replace(case, resume=True)) as walk:
+    with record_shoes(replace(case, resume=True)) as walk:
         limit = walk.rig().imu("/foot_l/imu").gyroscope_range
         assert limit == pytest.approx(math.radians(450), rel=0.1)
         assert walk.rig(wide=True).imu("/foot_l/imu").gyroscope_range == 0.0
@@ -74,13 +74,13 @@ def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
 def test_recordings_are_used_again_and_go_unless_they_are_kept(short, tmp_path) -> None:
     case, _ = short
     stamps = [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")]
-    with recorded_shoes(replace(case, resume=True)):
+    with record_shoes(replace(case, resume=True)):
         pass
     assert [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")] == stamps
     other = replace(case, folder=tmp_path, resume=True, keep=False)
     for end in (".mcap", "_wide.mcap"):
         other.file(end).write_bytes(case.file(end).read_bytes())
-    with recorded_shoes(other):
+    with record_shoes(other):
         assert other.file(".mcap").exists()
     assert list(tmp_path.iterdir()) == []
 
