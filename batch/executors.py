@@ -106,7 +106,7 @@ class _Pool(Executor):
                 )
                 for group in running.values():
                     repeated = _run_alone(work, versions, group)
-                    failed_groups = [] if repeated is not None else _with_death(failed_groups, group)
+                    failed_groups = [] if repeated is not None else _add_failed_group(failed_groups, group)
                     yield from zip(group, repeated or [_DIED] * len(group))
 
 
@@ -121,7 +121,7 @@ def _run_alone(
         return None
 
 
-def _with_death(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
+def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
     """The names of the groups in a row whose worker died, with one more.
 
     Raises:
@@ -167,7 +167,7 @@ class _Cluster(Executor):
                 results: Sequence[Result | Failure] = future.result()
                 failed_groups = []
             except KilledWorker:
-                failed_groups, results = _with_death(failed_groups, group), [_DIED] * len(group)
+                failed_groups, results = _add_failed_group(failed_groups, group), [_DIED] * len(group)
             yield from zip(group, results)
             future.release()
 

@@ -40,11 +40,11 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Image
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.zhao2023.odometry_walks import (
-    figures,
     make_odometer,
     odometry_samples,
     run_odometry,
-    time_of,
+    score_odometry,
+    time_statistics,
     true_path,
 )
 
@@ -125,7 +125,7 @@ def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     T = T_start @ np.linalg.inv(T_world_camera[first] @ T_camera_imu) @ T_world_camera @ T_camera_imu
     path = Trajectory(t_ns=t_ns, p_frame_in_world=T[:, :3, 3], q_world_frame=quat_from_matrix(T[:, :3, :3]))
     return drift_figures(OdometryPath(path=path, healthy=sure), truth) | {
-        "time_ms": time_of(np.array([w[2] for w in words], float))
+        "time_ms": time_statistics(np.array([w[2] for w in words], float))
     }
 
 
@@ -178,7 +178,7 @@ def one_walk(
     found: dict[str, Any] = {}
     if "proposed" in methods:
         ride = run_odometry(make_odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
-        found["proposed"] = figures(ride, true_path(recording, mount))
+        found["proposed"] = score_odometry(ride, true_path(recording, mount))
     with TemporaryDirectory() as temporary:
         folder, file = Path(temporary) / "walk", Path(temporary) / "settings.yaml"
         folder.mkdir()

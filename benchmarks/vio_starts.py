@@ -33,11 +33,11 @@ from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.zhao2023.odometry_walks import (
     METHODS,
     OdometryRun,
-    figures,
     make_odometer,
     mean,
     odometry_samples,
     run_odometry,
+    score_odometry,
     true_path,
 )
 
@@ -104,7 +104,7 @@ def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
         truth, found = true_path(recording, "head"), {}
         for method in methods:
             run = run_of(method, recording, start.from_s)
-            own = figures(run, truth)
+            own = score_odometry(run, truth)
             if own["failure"] not in ("silent", "not finite"):
                 first = float(run.odometry.path.t_ns[run.odometry.healthy.argmax()]) * 1e-9
                 own |= {"first_pose_s": first - start.from_s, "scale": scale_of(run, truth)}

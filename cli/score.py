@@ -15,13 +15,13 @@ from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scor
 from stridetwin.gate.formatting import (
     HEAD,
     ScoringFailure,
-    cells,
-    failures,
+    collect_failures,
     find_changes,
     format_failures,
-    junit,
-    markdown,
-    verdict,
+    to_cells,
+    to_junit,
+    to_markdown,
+    verdict_line,
 )
 from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, TumFile
 from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
@@ -54,14 +54,14 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     rows = score_walks(jobs, options, progress, is_kept=arguments.resume is not None)
     means = mean_scores(row["estimators"] for row in rows)
     data = document_of(rows, means)
-    failed = failures(rows)
+    failed = collect_failures(rows)
     code, comparison = int(bool(failed)), None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
         code = 1 if comparison.regressions else code
-        for path, form in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        for path, form in ((arguments.junit, to_junit), (arguments.markdown, to_markdown)):
             if path is not None:
                 with whole_file(path) as file:
                     file.write_text(form(comparison, failed), encoding="utf-8")
@@ -154,9 +154,9 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
 
 def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
     """The scores that differ from the baseline, regressions first."""
-    rows = [cells(line) for line in find_changes(comparison)]
+    rows = [to_cells(line) for line in find_changes(comparison)]
     head = f"against the baseline: {comparison.words}"
-    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict(comparison, failed)]
+    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict_line(comparison, failed)]
 
 
 def _named(text: str, option: str, what: str) -> tuple[str, str]:

@@ -25,7 +25,7 @@ class ScoringFailure:
     why: str
 
 
-def failures(rows: Sequence[Mapping[str, Any]]) -> list[ScoringFailure]:
+def collect_failures(rows: Sequence[Mapping[str, Any]]) -> list[ScoringFailure]:
     """The failures in results of `score_walk`."""
     return [
         ScoringFailure(walk=str(row["name"]), estimator=name, why=why)
@@ -45,7 +45,7 @@ def format_failures(failed: Sequence[ScoringFailure]) -> list[str]:
     ]
 
 
-def cells(line: Line) -> list[str]:
+def to_cells(line: Line) -> list[str]:
     """A line's cells, by `HEAD`."""
     values = [f"{value:.4g}" if value is not None else "-" for value in (line.baseline, line.now)]
     unit = "pp" if line.in_points else "%"
@@ -72,7 +72,7 @@ def find_changes(comparison: Comparison) -> list[Line]:
     return sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
 
 
-def verdict(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
+def verdict_line(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
     """The result of a comparison in one line."""
     count, total = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
     missing = " or missing" if any(line.verdict == MISSING for line in comparison.regressions) else ""
@@ -82,7 +82,7 @@ def verdict(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> st
     return text + (f"{' and' if count else ', but'} {len(failed)} failed" if failed else "")
 
 
-def markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
+def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
     """The comparison as a page of Markdown: changes are visible, the rest is folded."""
     count = len(comparison.regressions)
     result = f"**{count} worse**" if count else "**nothing worse**"
@@ -104,7 +104,7 @@ def markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
 def _markdown_table(lines: Sequence[Line]) -> list[str]:
     rows = [_markdown_row(HEAD), _markdown_row(["---"] * 3 + ["---:"] * 5 + ["---"])]
     for line in lines:
-        row_cells = [_escape(cell) for cell in cells(line)]
+        row_cells = [_escape(cell) for cell in to_cells(line)]
         row_cells[-1] = f"**{row_cells[-1]}**" if line.regressed else row_cells[-1]
         rows.append(_markdown_row(row_cells))
     return rows
@@ -118,7 +118,7 @@ def _escape(text: str) -> str:
     return text.replace("_", "\\_")
 
 
-def junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
+def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
     """JUnit XML: one suite per estimator, one test case per score, one error per walk on which it failed."""
     top = ElementTree.Element("testsuites", name="stridetwin score")
     _set_counts(top, comparison.lines, len(failed))
@@ -132,9 +132,11 @@ def junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
             ElementTree.SubElement(case, "error", type="failed", message=_valid_xml(failure.why))
         for line in lines:
             case = _add_case(suite, name, line.metric)
-            details = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], cells(line)[2:-1]) if cell != "-")
+            details = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], to_cells(line)[2:-1]) if cell != "-")
             if line.regressed:
-                worse = ElementTree.SubElement(case, "failure", type=line.verdict, message=_valid_xml(sentence(line)))
+                worse = ElementTree.SubElement(
+                    case, "failure", type=line.verdict, message=_valid_xml(to_sentence(line))
+                )
                 worse.text = _valid_xml(f"{details}\n{comparison.words}")
             elif line.verdict == NEW:
                 ElementTree.SubElement(case, "skipped", message="not in the baseline")
@@ -155,14 +157,14 @@ def _set_counts(element: Any, lines: Sequence[Line], failed: int) -> None:
     element.attrib.update({name: str(count) for name, count in counts.items()})
 
 
-def sentence(line: Line) -> str:
+def to_sentence(line: Line) -> str:
     """A verdict in one sentence."""
     name = f"{line.estimator} {line.metric}"
     if line.verdict == MISSING:
         if line.metric == WALKS:
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
-    _, _, _, baseline, now, change, interval, *_ = cells(line)
+    _, _, _, baseline, now, change, interval, *_ = to_cells(line)
     result = {BETTER: "better", SAME: _NOT_WORSE}.get(line.verdict, line.verdict)
     mean = f" in the {line.mean} mean" if line.mean else ""
     return f"{name}: {result}, {baseline} to {now}{mean} ({change}, {interval})"

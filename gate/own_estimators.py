@@ -103,7 +103,7 @@ class PythonClass(OwnEstimator):
             StrideTwinError: As `load` and `estimate_path`, and for any exception of the class or a call of `sys.exit`.
         """
         estimator_class = self.load()
-        with _user_code(self.place):
+        with _catch_user_errors(self.place):
             return PathEstimate(
                 name=self.name, frame=self.own_frame, path=estimate_path(estimator_class(recording.rig), recording)
             )
@@ -184,7 +184,7 @@ def load_class(place: str, option: str) -> type[Any]:
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)  # installed modules take precedence over the working folder
-    with _user_code(f"{option}: {place}: cannot be imported"):
+    with _catch_user_errors(f"{option}: {place}: cannot be imported"):
         loaded: Any = importlib.import_module(module)
         for part in attribute.split("."):
             loaded = getattr(loaded, part)
@@ -231,7 +231,7 @@ def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
 
 
 @contextmanager
-def _user_code(where: str) -> Iterator[None]:
+def _catch_user_errors(where: str) -> Iterator[None]:
     """Redirects printed output to stderr, as stdout is for scores; any exit but Ctrl-C raises an error."""
     try:
         with redirect_stdout(sys.stderr):

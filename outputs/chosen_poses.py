@@ -16,7 +16,7 @@ from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, camera_i
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.upright import normals, upward
 from stridetwin.outputs.feeding import runnable_instances
-from stridetwin.outputs.path.files import reliable
+from stridetwin.outputs.path.files import is_reliable
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry
 from stridetwin.streams.errors import RecordingError
@@ -75,7 +75,7 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
     for output in (o for i in runnable_instances(odometry, recording) for o in run_paths(i, recording)):
         estimate = output.estimates
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
-            path = restart_poses(estimate.path[reliable(estimate)], recording.metadata)
+            path = restart_poses(estimate.path[is_reliable(estimate)], recording.metadata)
             description = f"poses estimated by {estimate.name}"
             return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
     if (recorded_poses := _find_recorded_poses(recording, body)) is not None:

@@ -91,7 +91,7 @@ class StraightenedRoute:
         count = max(1, min(_MAX_ROWS, math.ceil((span[1] - span[0]) / _ROW_M)))
         return list(pairwise(np.linspace(*span, count + 1).tolist()))
 
-    def within(self, span: Range) -> list[int]:
+    def footprints_within(self, span: Range) -> list[int]:
         """Numbers of the footprints whose middle lies within a span."""
         return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
 
@@ -106,7 +106,7 @@ class StraightenedRoute:
 
     def draw_footprints(self, plot: Plot, span: Range) -> None:
         """The true footprints within a span."""
-        outlines = [self.footprints[i] for i in self.within(span)]
+        outlines = [self.footprints[i] for i in self.footprints_within(span)]
         plot.areas(outlines, "#ffffff", stroke=_TRUE_STEP, label="true footprint")
 
     def draw_path(self, plot: Plot, span: Range) -> None:

@@ -154,7 +154,7 @@ def true_footprints(recording: Recording) -> list[Footprint]:
     return list(recording.block(FOOTPRINTS))
 
 
-def along_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
+def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
     """(F,) m along the route, from (F, 3) m: all footprints of a walk in order."""
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from stridetwin.gate.compare import Comparison
-from stridetwin.gate.formatting import failures, sentence
+from stridetwin.gate.formatting import collect_failures, to_sentence
 from stridetwin.gate.metric_policy import scale_of
 from stridetwin.gate.score_table import check_scores, is_text
 from stridetwin.outputs.base import Scores
@@ -32,7 +32,7 @@ def history_line(
     """The history entry of a run: its version or commit, the walks' rows, and the mean scores by estimator."""
     if comparison is not None and comparison.regressions:
         verdict = WORSE
-    elif failures(rows):
+    elif collect_failures(rows):
         verdict = FAILED
     else:
         verdict = ALONE if comparison is None else PASSED
@@ -40,7 +40,7 @@ def history_line(
     return {
         "label": label,
         "verdict": verdict,
-        "regressions": [] if comparison is None else [sentence(line) for line in comparison.regressions],
+        "regressions": [] if comparison is None else [to_sentence(line) for line in comparison.regressions],
         "walks": len(rows),
         "walks_digest": sha256(digests.encode()).hexdigest()[:16],
         "failed": sum(bool(row.get("failed")) for row in rows),

@@ -28,7 +28,7 @@ _SHARE_OF_RANGE = 0.999
 _MIN_PLATEAU = 5
 
 
-def range_hits(block: Block[Any], rig: Rig | None) -> float | None:
+def range_hits_pct(block: Block[Any], rig: Rig | None) -> float | None:
     """Share of an IMU's saturated samples, %, with an axis at the end of its range; None for other streams.
 
     Args:
@@ -224,7 +224,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
         findings.append(Finding(topic=topic, what=gaps, is_error=not is_image))
     row["range_hits_pct"] = None
     if block is not None and not topic.startswith("/truth/"):
-        row["range_hits_pct"] = hits = range_hits(block, recording.rig if recording.has_rig else None)
+        row["range_hits_pct"] = hits = range_hits_pct(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > CLIPPED_PCT:
             is_error = hits > RANGE_HITS_PCT
             most = RANGE_HITS_PCT if is_error else CLIPPED_PCT

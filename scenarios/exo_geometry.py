@@ -38,7 +38,7 @@ _THIGH, _KNEE, _FOOT = 5, 6, 8
 _SENSORS = {"ahrs", "encoder", "insole"}
 
 
-def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
+def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
     """Geometry of the exoskeleton on a wearer.
 
     Raises:
@@ -93,7 +93,7 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
     return low, high
 
 
-def metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
+def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
     """`nominal_geometry` for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}
@@ -111,7 +111,7 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
         seed: Of the walk.
         faults: Those of the walk; errors of links among them apply.
     """
-    exo = simulate_measurement(geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
+    exo = simulate_measurement(true_geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
     legs = dict(exo.legs)
     for fault in faults:
         for side, leg in legs.items():

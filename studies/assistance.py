@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.closed_loop.assisted_walk import (
     Recogniser,
-    costs,
+    compute_costs,
     simulate_assisted_walk,
     simulate_bare_walk,
     true_modes_of,
@@ -36,7 +36,7 @@ VARIANT_NAMES = {
 }
 _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
     "carried": (None, ()),
-    "late": (lambda rig, twin: LegRecognition(geometry(twin.size, rig)), ("ahrs", "encoder")),
+    "late": (lambda rig, twin: LegRecognition(true_geometry(twin.size, rig)), ("ahrs", "encoder")),
     "predicted": (lambda rig, twin: CameraRecognition(rig), ("head_imu", "head_camera")),
     "known": (lambda rig, twin: true_modes_of(twin), ()),
     "wrong": (lambda rig, twin: true_modes_of(twin, WRONG), ()),
@@ -48,7 +48,8 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> dict[str, Any]:
     """One walk, simulated in each variant.
 
     Returns:
-        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps (`costs`).
+        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps
+        (`compute_costs`).
     """
     (walk,) = case.walks()
     figures = {}
@@ -57,7 +58,7 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> dict[str, Any]:
             result = simulate_bare_walk(walk.config, case.seed)
         else:
             result = simulate_assisted_walk(walk.config, case.seed, *_RECOGNISERS[way])
-        figures[way] = {"fell_at_s": result.walk.fell_at, "modes": costs(result)}
+        figures[way] = {"fell_at_s": result.walk.fell_at, "modes": compute_costs(result)}
     return case.row(ways=figures)
 
 
@@ -66,7 +67,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
     Returns:
         `summary`: variant to `walks`, `fell`, `work_j` per walk, and by mode `work_j_per_step`, `more_than_none_pct`,
-        `rest_j_per_step` (`costs`), `rest_more_than_none_pct`,
+        `rest_j_per_step` (`compute_costs`), `rest_more_than_none_pct`,
         `cuff_n`; and for `predicted` the `gain_share`, its share of the truth's gain over recognition from the legs.
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]

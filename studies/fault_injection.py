@@ -33,7 +33,9 @@ def fault_plans(
     return plans
 
 
-def by_fault(results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]) -> dict[str, Any]:
+def summarize_by_fault(
+    results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]
+) -> dict[str, Any]:
     """`summary` and `paper` of a study: the figures of each fault over the rows of all cases; no paper has faults."""
     labels = results[0]["faults"]
     return {"summary": {label: figures([r["faults"][label] for r in results]) for label in labels}, "paper": {}}

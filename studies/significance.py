@@ -59,7 +59,7 @@ def intervals(values: Array) -> list[Interval]:
     result = [Interval(mean=float(np.mean(column))) for column in values.T]
     complete = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()
     if len(values) > 1 and complete:
-        for i, (low, high) in zip(complete, _ends(_test_means(values[:, complete]), len(values))):
+        for i, (low, high) in zip(complete, _interval_bounds(_test_means(values[:, complete]), len(values))):
             result[i] = Interval(mean=result[i].mean, low=low, high=high)
     return result
 
@@ -78,7 +78,7 @@ def _test_means(values: Array) -> BootstrapResult:
     )  # fmt: skip
 
 
-def _ends(result: BootstrapResult, walks: int) -> list[tuple[float | None, float | None]]:
+def _interval_bounds(result: BootstrapResult, walks: int) -> list[tuple[float | None, float | None]]:
     """Intervals of C means over so many walks."""
     if walks < _MIN_WALKS_OF_INTERVAL:
         return [(None, None)] * len(result.mean)
@@ -102,11 +102,11 @@ def differences(changes: Array) -> list[Difference]:
     enough = len(changes) >= MIN_SEEDS
     return [
         Difference(mean=mean, low=low, high=high, p=p, significant=enough and p < SIGNIFICANCE_LEVEL)
-        for mean, (low, high), p in zip(result.mean.tolist(), _ends(result, len(changes)), corrected)
+        for mean, (low, high), p in zip(result.mean.tolist(), _interval_bounds(result, len(changes)), corrected)
     ]
 
 
-def why_untested(walks: int) -> str:
+def untested_reason(walks: int) -> str:
     """Why nothing is called significant over so few walks; "" if they are enough."""
     if walks < 2:
         return "One walk: no difference can be tested for significance."
@@ -125,7 +125,7 @@ def interval_text(interval: Mapping[str, float | None] | None) -> str:
 
 def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks: int) -> list[str]:
     """The comparison of the places as text, the best one first, from `compare_places` over that many walks."""
-    if why := why_untested(walks):
+    if why := untested_reason(walks):
         return [why]
     sentences = []
     for first in sorted({pair.first for pair in pairs}):

@@ -18,7 +18,7 @@ from stridetwin.outputs.score_rows import score_rows
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.pages.html import boxes, section, table
 from stridetwin.pages.plot import ERROR, INK, MUTED, Plot, faint
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.streams.samples import Array
 
 _HEX = {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, CLASS_COLORS)}
@@ -83,7 +83,7 @@ def _draw_row(
         straight.draw_terrain_keys(plot)
     straight.draw_terrain(plot, span)
     straight.draw_footprints(plot, span)
-    shown = straight.within(span)
+    shown = straight.footprints_within(span)
     predictions = [prediction for i in shown if (prediction := predicted[i]) is not None]
     ellipses = [
         ellipse(p.mean(axis=0), covariance) for p, covariance, _ in predictions if np.isfinite(covariance).all()
@@ -184,7 +184,7 @@ def mode_section(estimates: list[ModeEstimate], modes: ModeScores, walk: Aligned
 
 
 def _score_table(scores: Scores) -> str:
-    paper = reference("zhao2023")["generality"]["accuracy_pct"]
+    paper = read_reference("zhao2023")["generality"]["accuracy_pct"]
     published = {"accuracy_pct": f"{paper['mean']:.2f} ± {paper['sd']:.2f}"}
     rows = [
         (*row, published.get(score.name, "\N{EN DASH}")) for score in SCORES for row in score_rows([score], [scores])

@@ -46,7 +46,7 @@ def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Ali
         predicted = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
         colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in predicted]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
-        outlines = [_sole(s, estimate, alignment) for s in predicted]
+        outlines = [_predicted_sole(s, estimate, alignment) for s in predicted]
         stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(outlines, colors=colors, radii=[0.006]))
         ellipses = [
             (_flat_ellipse(sole, alignment.rotation @ s.covariance @ alignment.rotation.T), c)
@@ -100,7 +100,7 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
             yield estimate
 
 
-def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
+def _predicted_sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
     """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is the odometry's floor."""
     half = 0.5 * (estimate.heading + alignment.yaw)
     place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))

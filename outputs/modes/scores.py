@@ -21,7 +21,7 @@ from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
 from stridetwin.outputs.modes.approaches import score_approaches
 from stridetwin.outputs.modes.true_steps import alternative_modes, first_predictions, predictions_by_step, slope_under
 from stridetwin.outputs.terrain.changes import ScoredChange
-from stridetwin.outputs.truth import along_way
+from stridetwin.outputs.truth import project_on_way
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import Layout
 
@@ -185,7 +185,7 @@ def score_modes(
     slopes = [math.nan for _ in landed]
     approaches: list[ScoredChange] = []
     if layout is not None:
-        all_places = along_way([f.p_foot_in_world for f in footprints], layout)
+        all_places = project_on_way([f.p_foot_in_world for f in footprints], layout)
         places, behind = all_places[2:], all_places[1:-1]
         alternatives = [alternative_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
         slopes = [slope_under(s, layout, sole_m) for s in places]

@@ -35,7 +35,7 @@ COLUMNS = (
 """Covariance of position (m) and of rotation about the world's axes (rad), its upper triangle by rows."""
 
 
-def reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
+def is_reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
     """(N,) whether a pose is trusted and at most `DEAD_RECKONING_S` after a tracked one."""
     t_ns = estimate.path.t_ns
     keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
@@ -51,12 +51,12 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
     Args:
         estimate: The path.
         file: The file.
-        dead_reckoning: Whether poses that are not `reliable` are written too.
+        dead_reckoning: Whether poses that are not `is_reliable` are written too.
 
     Returns:
         The number of poses, and a message about them.
     """
-    keep = reliable(estimate)
+    keep = is_reliable(estimate)
     is_written = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
     path = estimate.path[is_written]
     if file.suffix == TABLE:

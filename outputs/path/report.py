@@ -14,7 +14,7 @@ from stridetwin.outputs.path.scores import SCORES
 from stridetwin.outputs.score_rows import score_table
 from stridetwin.outputs.truth import FOOTPRINTS
 from stridetwin.pages.html import boxes, number_text, rendered, section, table
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.terrain_truth import terrain_layout
 
@@ -92,7 +92,7 @@ def scores_section(results: Sequence[Result]) -> str:
 
 
 def _paper_figures() -> Markup:
-    jao = reference("jao2020")
+    jao = read_reference("jao2020")
     rows = []
     for key, title, length in _PUBLISHED_WALKS:
         errors = jao[key]["mean_end_error_m"]["zupt"]

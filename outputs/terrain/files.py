@@ -21,7 +21,7 @@ COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def document(estimate: TerrainEstimate) -> dict[str, Any]:
+def terrain_document(estimate: TerrainEstimate) -> dict[str, Any]:
     """Planes and terrains for a JSON file: m, degrees, world axes; unknown values are null."""
     return {
         "t_s": estimate.t_ns * 1e-9,
@@ -52,7 +52,7 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     with whole_file(cloud) as out:
         _write_ply(points, [_terrain_name(estimate.terrain_of(int(p))) for p in plane], plane, out)
     with whole_file(file) as out:
-        out.write_text(json_text(document(estimate)), encoding="utf-8")
+        out.write_text(json_text(terrain_document(estimate)), encoding="utf-8")
     for surface, content in mesh_files.items():
         with whole_file(surface) as out:
             out.write_bytes(content)
@@ -68,7 +68,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     with needing("a mesh needs it", "twin"):
         import trimesh
     scene = trimesh.Scene()
-    scene.add_geometry(_ground(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
+    scene.add_geometry(_ground_mesh(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
     files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}
     if (surfaces := terrain_map.mesh()) is not None:
         mesh: Any = trimesh.Trimesh(*surfaces, process=False)
@@ -76,7 +76,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     return files
 
 
-def _ground(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
+def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
     """The ground as a mesh, m: one vertex per column of the map, coloured by class.
 
     Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
@@ -176,7 +176,7 @@ class LiveTerrain(LiveOutput):
 
     def add(self, estimate: Any) -> str | None:
         """The map as JSON."""
-        return None if estimate is None else json.dumps(document(estimate), allow_nan=False)
+        return None if estimate is None else json.dumps(terrain_document(estimate), allow_nan=False)
 
     def finish(self, estimator: Estimator) -> dict[Path, int]:
         """Writes the files; rows are planes."""

@@ -22,7 +22,7 @@ from stridetwin.scenarios.campaign.named_files import (
     errors_in_user_files,
     parse_scenario,
 )
-from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, effective_variables, people, scenario_of
+from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, draw_people, effective_variables, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -31,7 +31,7 @@ _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
 
 
 @contextmanager
-def _folder_of(campaign: Campaign) -> Iterator[Path]:
+def _temporary_folder(campaign: Campaign) -> Iterator[Path]:
     """A temporary output folder with the user's files, in which scenarios are tried."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -46,14 +46,14 @@ def base_scenarios(campaign: Campaign) -> list[Scenario]:
     Raises:
         StrideTwinError: One of them is invalid.
     """
-    with _folder_of(campaign) as folder:
+    with _temporary_folder(campaign) as folder:
         return [_parse_unchanged(folder, campaign, base) for base in campaign.bases]
 
 
 def valid_scenarios(campaign: Campaign, walks: Iterable[PlannedWalk]) -> list[Scenario]:
     """The scenarios of some walks, without those that are invalid with the values drawn."""
     scenarios = []
-    with _folder_of(campaign) as folder:
+    with _temporary_folder(campaign) as folder:
         for walk in walks:
             with suppress(StrideTwinError):
                 scenarios.append(parse_scenario(folder, walk.scenario))
@@ -66,10 +66,10 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     Raises:
         ConfigError: The message names file, field, value and what is valid.
     """
-    with _folder_of(campaign) as folder:
+    with _temporary_folder(campaign) as folder:
         for group in campaign.people:
             _try_people(folder, group)
-        first_person = next(iter(people(campaign)), None)
+        first_person = next(iter(draw_people(campaign)), None)
         for base in campaign.bases:
             varied = [v for v in effective_variables(campaign, base, extra) if v.varies]
             middle = {v.name: v.distribution.at(_MIDDLE) for v in varied}

@@ -47,17 +47,17 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Wher
     """
     node: Any = scenario
     for depth, key in enumerate(path.keys[:-1]):
-        _check(node, path, depth, where)
+        _check_place(node, path, depth, where)
         if isinstance(key, str):
             node.setdefault(key, {})
         if path.keys[0] == "sensors" and depth < 2:
             node[key] = _expand_short_form(node[key], of_group=depth == 1)
         node = node[key]
-    _check(node, path, len(path.keys) - 1, where)
+    _check_place(node, path, len(path.keys) - 1, where)
     node[path.keys[-1]] = value
 
 
-def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
+def _check_place(node: Any, path: FieldPath, depth: int, where: Where) -> None:
     """Whether a node has a place for the key at this depth."""
     key, node_text = path.keys[depth], _text(path.keys[:depth])
     if not isinstance(node, list if isinstance(key, int) else dict):

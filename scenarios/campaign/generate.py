@@ -23,7 +23,7 @@ from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
-from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, plan
+from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, plan_walks
 from stridetwin.scenarios.campaign.walk import (
     ACCEPTED,
     RECORDINGS,
@@ -119,7 +119,7 @@ def generate(
             key=content_key(asdict(walk), file_digests, versions),
             task=WalkTask(walk=walk, folder=folder.absolute(), quality=campaign.quality),
         )
-        for walk in plan(campaign, options.extra)
+        for walk in plan_walks(campaign, options.extra)
     ]
     with hold_folder(folder, lambda: any((folder / ROWS).glob("*.json")), _USED) as unfinished:
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
@@ -147,7 +147,7 @@ def generate(
             for job, result in zip(jobs, results)
         ]
         content = manifests.manifest(campaign, rows, versions, file_digests)
-        for name, text in ((manifests.CARD_NAME, manifests.card(content)), (manifests.NAME, json_text(content))):
+        for name, text in ((manifests.CARD_NAME, manifests.card_text(content)), (manifests.NAME, json_text(content))):
             with whole_file(folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return CampaignResult(manifest=content, generated=generated)

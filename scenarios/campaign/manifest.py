@@ -50,13 +50,13 @@ def assign_splits(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) 
     """Assigns each person and each terrain of all walks to a part: by `person` and `terrain`, name to part."""
     return {
         by: _assign_parts(
-            list(dict.fromkeys(k for row in rows if (k := group(row, by, splits)))), splits.shares, seed, by
+            list(dict.fromkeys(k for row in rows if (k := group_of(row, by, splits)))), splits.shares, seed, by
         )
         for by in _KEYS
     }
 
 
-def group(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
+def group_of(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
     """The person or the terrain of a walk; None where its scenario is invalid."""
     key = "scenario" if (by, splits.terrain_by) == ("terrain", "scenario") else by
     return row.get(key) if "person" in row else None
@@ -87,7 +87,7 @@ def manifest(
         if "person" in row:
             bodies[row["person"]] = row["body"]
         if row["status"] == ACCEPTED:
-            entry["split"] = {by: parts[by][str(group(row, by, campaign.splits))] for by in parts}
+            entry["split"] = {by: parts[by][str(group_of(row, by, campaign.splits))] for by in parts}
         walks.append(entry)
     return {
         "format": FORMAT,
@@ -121,7 +121,7 @@ def varying_values(campaign: Campaign) -> dict[str, str]:
     return texts
 
 
-def card(manifest: Mapping[str, Any]) -> str:
+def card_text(manifest: Mapping[str, Any]) -> str:
     """The card, from the campaign's manifest alone."""
     walks = manifest["walks"]
     accepted = [w for w in walks if w["status"] == ACCEPTED]

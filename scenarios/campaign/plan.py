@@ -86,7 +86,7 @@ class Extra:
         yield from (("sensors", group) for group in self.off)
 
 
-def people(campaign: Campaign) -> list[Any]:
+def draw_people(campaign: Campaign) -> list[Any]:
     """The people of a campaign, in the form of scenario files; empty where the scenarios name the walker.
 
     The members of a group are sorted by their first value, so that walks that cover the people evenly cover that value
@@ -101,14 +101,14 @@ def people(campaign: Campaign) -> list[Any]:
     return members
 
 
-def plan(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
+def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
     """The walks of a campaign, in order.
 
     The scenario of each walk is drawn first. Each scenario then has a unit cube of its own, with one dimension for the
     person and one per varying value; its walks take the points in order. So the values of a scenario fill their ranges
     jointly, independent of the other scenarios.
     """
-    members, sampling = people(campaign), campaign.sampling
+    members, sampling = draw_people(campaign), campaign.sampling
     base_numbers = [
         index_at_quantile([base.weight for base in campaign.bases], row[0])
         for row in quasi_random_points(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()

@@ -117,7 +117,7 @@ def _simulate(task: WalkTask, unfinished: Path) -> Row:
 
 def with_verdict(row: Row, quality: Quality) -> Row:
     """The row of a recorded walk with its verdict and the resulting path of its recording."""
-    why = reasons(row, quality)
+    why = rejection_reasons(row, quality)
     status, place = (REJECTS, REJECTED) if why else (ACCEPTED, RECORDINGS)
     return {**row, "status": status, "reasons": why, "recording": f"{place}/{row['walk']}.mcap"}
 
@@ -184,7 +184,7 @@ def quality_figures(recording: Recording, person: Person, fell_at_s: float | Non
     }
 
 
-def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
+def rejection_reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
     """Reasons to reject a walk by the figures of `quality_figures`; empty if it is accepted."""
     why = []
     if figures["fell_at_s"] is not None and quality.falls == "reject":

@@ -88,7 +88,7 @@ def true_modes_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
     return TrueModes(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
 
 
-def costs(result: WalkResult) -> dict[str, dict[str, float]]:
+def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
     """Cost of the steps of each mode; a step lasts from a foot's touch-down to the other foot's.
 
     Returns:

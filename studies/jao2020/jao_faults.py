@@ -16,8 +16,8 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Imu
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.fault_injection import by_fault, fault_plans
-from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.jao2020.two_feet import FEET, score_paths, true_start
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
 _OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
@@ -58,7 +58,8 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     """Figures of one fault, or `error`, the message with which the filter refuses.
 
-    `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each other).
+    `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each
+    other).
     """
     estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:
@@ -66,7 +67,7 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
     except StrideTwinError as error:
         return {"error": str(error)}
     ground = [paths[f].trajectory.covariance for f in FEET]
-    return figures(paths, truth) | {
+    return score_paths(paths, truth) | {
         "sd_max_m": max(math.sqrt(float((P[:, 0, 0] + P[:, 1, 1]).max())) for P in ground if P is not None),
         "apart_sd_mean_m": float(np.mean(estimator.apart_sd)),
         "apart_sd_max_m": max(estimator.apart_sd),
@@ -75,7 +76,7 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, means over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
-    return by_fault(results, _mean_figures)
+    return summarize_by_fault(results, _mean_figures)
 
 
 def _mean_figures(rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.estimators.foot_to_foot import BoardObservation, FootToFoot, RelativePosition
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
@@ -171,10 +171,10 @@ class JaoSimulation:
             blocks[foot] = Block(topic=imu.topic, kind=Imu, t_ns=self.t_ns[1:], columns=columns)
         return blocks, noises
 
-    def aids(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
+    def aiding_measurements(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
         """Measurements of cameras and sonars in one run."""
         sd = _RELATIVE_POSITION_SD_M
-        aids: list[BoardObservation | RelativePosition | Range] = []
+        aiding_measurements: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
             t_ns, relative, points, rays, depth = self._views[foot]
             relative = relative + rng.normal(0.0, sd, relative.shape)
@@ -182,21 +182,23 @@ class JaoSimulation:
             rays = rays + rng.standard_normal(rays.shape) * ray_sd[:, :, None]
             topic = f"/foot_{foot}/camera"
             for i, t in enumerate(t_ns.tolist()):
-                aids += [
+                aiding_measurements += [
                     RelativePosition(topic=topic, t_ns=t, p_other_in_imu=relative[i], sd=sd),
                     BoardObservation(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i]),
                 ]
         t_sonar, distance = self._echoes
         for foot in FEET:
             heard = distance + rng.normal(0.0, _SONAR_SD_M, len(distance))
-            aids += [Range(topic=f"/foot_{foot}/sonar", t_ns=t, distance=d) for t, d in zip(t_sonar.tolist(), heard)]
-        return aids
+            aiding_measurements += [
+                Range(topic=f"/foot_{foot}/sonar", t_ns=t, distance=d) for t, d in zip(t_sonar.tolist(), heard)
+            ]
+        return aiding_measurements
 
     def end_error(self, foot: str, p_imu_in_world: Array) -> Array:
         """(3,) north, west, up, m."""
         return p_imu_in_world - self.imus[foot].p_body_in_world[-1]
 
-    def floor_of(self, noises: dict[str, Array]) -> tuple[Array, float]:
+    def noise_floor_m(self, noises: dict[str, Array]) -> tuple[Array, float]:
         """End error to the west, m, from the gyros' noise: (2,) for each foot alone, and for both coupled."""
         dt = np.diff(self.t_ns)[:, None] * 1e-9
         walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
@@ -262,15 +264,15 @@ def run_seed(
     """
     simulation, rng = _simulation(SteadyWalk()), np.random.default_rng(seed)
     blocks, noises = simulation.inertial(rng, g_sensitivity)
-    aids = simulation.aids(rng)
-    alone, together = simulation.floor_of(noises)
+    aiding_measurements = simulation.aiding_measurements(rng)
+    alone, together = simulation.noise_floor_m(noises)
     figures: dict[str, Any] = {}
     for method in methods:
         estimator = FootToFoot(
             simulation.rig, options=Options(method=method), start=simulation.start(),
             earth_rate_in_world=EARTH_RATE_IN_WORLD,
         )  # fmt: skip
-        paths, errors, nees = estimator.run(blocks, aids), [], []
+        paths, errors, nees = estimator.run(blocks, aiding_measurements), [], []
         for foot in FEET:
             covariance = paths[foot].trajectory.covariance
             assert covariance is not None
@@ -297,7 +299,7 @@ def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         },
         "mean_end_error_unequal_m": unequal["mean_end_error_m"],
     }
-    paper = reference("jao2020")["jao_simulation"]
+    paper = read_reference("jao2020")["jao_simulation"]
     return {"summary": summary, "paper": {k: v for k, v in paper.items() if k in summary}}
 
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from stridetwin.outputs.truth import FOOTPRINTS
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.jao2020.two_feet import METHODS, figures, run_every_method, true_start
+from stridetwin.studies.jao2020.two_feet import METHODS, run_every_method, score_paths, true_start
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
@@ -31,7 +31,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
     Returns:
         The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
-        `two_feet.figures`.
+        `two_feet.score_paths`.
     """
     with record_shoes(case) as walk:
         truth = walk.truth()
@@ -41,13 +41,15 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
             wide = name != "clipped"
             samples = walk.samples(wide=wide)
             if name == "half_blind":
-                samples = without_every_second_step(samples, touches_ns(walk))
+                samples = without_every_second_step(samples, touch_down_times_ns(walk))
             paths, observation_count = run_every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
-            figures_of_case[name] = {m: figures(p, truth) for m, p in paths.items()} | {"sightings": observation_count}
+            figures_of_case[name] = {m: score_paths(p, truth) for m, p in paths.items()} | {
+                "sightings": observation_count
+            }
         return case.row(scenario=walk.shoes.metadata["scenario"], fell_at_s=walk.fell_at_s, cases=figures_of_case)
 
 
-def touches_ns(walk: RecordedWalk) -> Array:
+def touch_down_times_ns(walk: RecordedWalk) -> Array:
     """(N,) times of touch-downs."""
     return np.sort(walk.shoes.block(FOOTPRINTS).t_ns)
 
@@ -69,7 +71,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": reference("jao2020").get(results[0]["scenario"], {})}
+    return {"summary": summary, "paper": read_reference("jao2020").get(results[0]["scenario"], {})}
 
 
 def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:

@@ -111,7 +111,7 @@ def _record_echoes(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[S
         yield sample
 
 
-def figures(paths: FootPaths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
+def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     """Scores of the paths of both feet, ready for JSON; pairs are left and right.
 
     Returns:

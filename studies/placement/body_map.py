@@ -82,11 +82,11 @@ def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, 
     bodies = sorted({dot.body for dot in dots})
     span = min(d.loss for d in dots), max(d.loss for d in dots)
     panels = [
-        _panel(config, body, [d for d in dots if d.body == body], view, span)
+        _draw_panel(config, body, [d for d in dots if d.body == body], view, span)
         for body in bodies
         for view in _VIEWS[: 1 if len(bodies) > 2 else 2]
     ]
-    image = np.concatenate([*panels, _key(sign * span[0], sign * span[1], name)], axis=1)
+    image = np.concatenate([*panels, _draw_color_key(sign * span[0], sign * span[1], name)], axis=1)
     caption = "Sensor positions: circles are cameras and IMUs, squares are boards"
     if any(dot.origin is not None for dot in dots):
         caption += ", dots at the end of a line are viewing directions"
@@ -141,11 +141,11 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
             yield "board", board.mount, True
 
 
-def _panel(
+def _draw_panel(
     config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
     """A view (`_VIEWS`) of the dots on one opaque body; the best and the worst loss of all dots span the colours."""
-    model, data = _standing(config, body)
+    model, data = _pose_standing(config, body)
     T = data.body(body)
     rotation = T.xmat.reshape(3, 3)
     points = np.array([d.p_in_body for d in dots]) @ rotation.T + T.xpos
@@ -167,11 +167,11 @@ def _panel(
     colours = _viridis((worst - losses) / (worst - best) if worst > best else np.ones(len(dots)))
     for at, start, colour, dot in zip(uv, from_uv, colours, dots):
         cv2.line(image, np.rint(start).astype(int), np.rint(at).astype(int), colour, 1, cv2.LINE_AA)
-        _mark(image, at, _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4, colour, dot.board)
+        _draw_mark(image, at, _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4, colour, dot.board)
     return image
 
 
-def _standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The wearer with straight legs and sensors; all but one body and its parts are translucent."""
     spec = mujoco.MjSpec()
     spec.add_texture(
@@ -217,7 +217,7 @@ def _viridis(share: Array) -> list[Any]:
     return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].tolist()
 
 
-def _mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
+def _draw_mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
     """Draws a dot at a pixel, with a thick outline around the best one."""
     line = 2 if size == _BEST_PX else 1
     u, v = np.rint(16 * at).astype(int).tolist()
@@ -230,7 +230,7 @@ def _mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
             cv2.circle(image, (u, v), 16 * size, paint, thickness, cv2.LINE_AA, 4)
 
 
-def _key(best: float, worst: float, name: str) -> Rgb:
+def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
     """The colour bar with its values."""
     image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18

@@ -168,7 +168,7 @@ def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     return np.asarray(hit < length - _SHORT_OF_M)
 
 
-def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
+def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
     """What a depth camera of this range sees over a walk.
 
     Returns:
@@ -237,7 +237,7 @@ def _score_outlook(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
     topic, camera = next((topic, camera) for topic, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
     part = sensor_rig.sensors[topic].part
     assert isinstance(part, RgbdPart)
-    ahead, own_body = look_ahead(walk, camera, (part.depth.range_min, part.depth.range_max))
+    ahead, own_body = measure_outlook(walk, camera, (part.depth.range_min, part.depth.range_max))
     return {"ahead_pct": 100.0 * ahead, "own_body_pct": 100.0 * own_body}
 
 

@@ -10,7 +10,7 @@ from stridetwin.outputs.steps.scores import ScoredStep, false_steps, percent, sc
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.fault_injection import by_fault, fault_plans
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
 from stridetwin.studies.shim2019.shim_table5 import simulate_walk
 
 USUAL = "usual"
@@ -45,7 +45,9 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over the steps of all walks: errors, coverage and classes."""
-    collected = by_fault(results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows]))
+    collected = summarize_by_fault(
+        results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows])
+    )
     for name, figures in collected["summary"].items():
         figures["false_steps"] = sum(r["false_steps"][name] for r in results)
     return collected

@@ -27,7 +27,7 @@ from stridetwin.outputs.steps.scores import (
     score_steps,
     step_figures,
 )
-from stridetwin.reference.norms import reference, reference_rows
+from stridetwin.reference.norms import read_reference, read_reference_rows
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
@@ -115,7 +115,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
         by_subject[method] = {
             f"S{who}": _table([(w, walks) for w, walks in trials if w == who], classed) for who in sorted(subjects)
         }
-    return {"summary": summary, "paper": {"Shim et al. 2019": paper("Stotal")}, "by_subject": by_subject}
+    return {"summary": summary, "paper": {"Shim et al. 2019": read_paper_figures("Stotal")}, "by_subject": by_subject}
 
 
 def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
@@ -177,13 +177,13 @@ def _figures(
     )
 
 
-def paper(who: str) -> dict[str, dict[str, float]]:
+def read_paper_figures(who: str) -> dict[str, dict[str, float]]:
     """The paper's table: case to figures.
 
     Args:
         who: Subject, S1-S7, or Stotal.
     """
-    rows = [row for row in reference_rows("shim2019_table5") if row["subject"] == who]
+    rows = [row for row in read_reference_rows("shim2019_table5") if row["subject"] == who]
     return {row["case"]: {name: float(row[name]) for name in FIGURES if row[name]} for row in rows}
 
 
@@ -230,7 +230,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 def _mean_errors(summary: dict[str, Any]) -> list[str]:
     """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
-    paper_errors = reference("shim2019")
+    paper_errors = read_reference("shim2019")
     huo = paper_errors["huo_et_al"]
     quoted = [
         ("elevation_mm", "LW", ("LW",), paper_errors["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),

@@ -25,7 +25,7 @@ from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
 from stridetwin.studies.study_file.results import collect_result, csv_text
 from stridetwin.studies.study_file.study import Study
-from stridetwin.studies.study_file.walk import WALK, StudyWalk, keep_needed_sensors, run_walk, why_unfed
+from stridetwin.studies.study_file.walk import WALK, StudyWalk, keep_needed_sensors, missing_sensors_reason, run_walk
 
 STUDY_FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
 
@@ -105,7 +105,7 @@ def _check_sensors(study: Study, walks: Sequence[tuple[str, StudyWalk]]) -> None
     """Refuses a method that no combination has the sensors for."""
     first_walks = [walk for _, walk in walks[:: len(study.seeds)]]
     for method in study.methods:
-        reasons = [why_unfed(method, walk.scenario) for walk in first_walks]
+        reasons = [missing_sensors_reason(method, walk.scenario) for walk in first_walks]
         if all(reasons):
             at = Where(source=str(study.path)).key("methods").key(method.name).key("estimator")
             raise at.error(method.estimator, f"an estimator that a combination feeds ({reasons[0]})")

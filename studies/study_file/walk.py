@@ -37,7 +37,7 @@ class StudyWalk:
     methods: tuple[Method, ...]
 
 
-def why_unfed(method: Method, scenario: Scenario) -> str:
+def missing_sensors_reason(method: Method, scenario: Scenario) -> str:
     """Why the sensors of a scenario do not feed a method; "" if they do."""
     try:
         return "" if sensors_of(estimators_of([method.estimator]), scenario.config) else "needs no sensors"
@@ -47,7 +47,7 @@ def why_unfed(method: Method, scenario: Scenario) -> str:
 
 def keep_needed_sensors(scenario: Scenario, methods: Iterable[Method]) -> Scenario:
     """The scenario with the sensors alone that the methods that it feeds read; all if it feeds none."""
-    fed = [method.estimator for method in methods if not why_unfed(method, scenario)]
+    fed = [method.estimator for method in methods if not missing_sensors_reason(method, scenario)]
     return with_sensors_for(scenario, estimators_of(fed)) if fed else scenario
 
 

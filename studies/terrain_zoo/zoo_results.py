@@ -14,7 +14,7 @@ from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, inside_pct, 
 from stridetwin.pages.html import page, preformatted, section
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS
-from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion, confusion_table, lead_plot
+from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_lines, confusion_table, lead_plot
 
 _SURE = 0.9
 _OURS, _PUBLISHED = METHODS
@@ -129,10 +129,10 @@ _WIDTH = 46
 
 def table(result: Row) -> list[str]:
     """Figures by kind, of the odometry, and the confusion matrix, as lines of text."""
-    return [*overall(result), "", *odometry(result), "", *confusion(result["summary"]["confusion"])]
+    return [*overall_lines(result), "", *odometry_lines(result), "", *confusion_lines(result["summary"]["confusion"])]
 
 
-def overall(result: Row) -> list[str]:
+def overall_lines(result: Row) -> list[str]:
     """Figures by kind; `*` marks kinds outside the tuning set."""
     fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
     rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
@@ -145,7 +145,7 @@ def overall(result: Row) -> list[str]:
     ]
 
 
-def odometry(result: Row) -> list[str]:
+def odometry_lines(result: Row) -> list[str]:
     """Figures of the odometry."""
     rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
     return [
@@ -166,8 +166,9 @@ def report(result: Row) -> str:
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
     sections = [
-        section("By kind", "Steps predicted right, ours and the published method.", preformatted(overall(result))),
-        section("Odometry", "Height and tilt of the camera's path.", preformatted(odometry(result))),
+        section("By kind", "Steps predicted right, ours and the published method.",
+                preformatted(overall_lines(result))),
+        section("Odometry", "Height and tilt of the camera's path.", preformatted(odometry_lines(result))),
         section("Confusion matrix", "Steps by true mode and by the last mode predicted before touch-down.",
                 confusion_table(result["summary"]["confusion"])),
         section("Lead time", "Time from the final correct prediction to touch-down; 0 where it was wrong.",

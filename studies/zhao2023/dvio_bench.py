@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.zhao2023.odometry_walks import mean, worst_time
+from stridetwin.studies.zhao2023.odometry_walks import mean, summarize_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,9 +58,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             **{figure: _by_sequence(by_name, figure) for figure in ("ape_rmse_m", "rpe_5m_pct")},
             "failures": {name: sum(bool(w["failure"]) for w in walks) for name, walks in by_name.items()},
         }
-    summary["time_ms"] = worst_time(r["methods"]["proposed"] for r in results)
+    summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": paper()}
+    return {"summary": summary, "paper": read_paper_figures()}
 
 
 def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[str, float | None]:
@@ -70,10 +70,10 @@ def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[st
     return {**values, "mean": float(np.mean(defined)) if defined else None}
 
 
-def paper() -> dict[str, Any]:
+def read_paper_figures() -> dict[str, Any]:
     """Table IV: EuRoC, and the mean of the ten."""
     figures_of_method: dict[str, Any] = {}
-    for method, figures in reference("zhao2023")["dvio_bench"].items():
+    for method, figures in read_reference("zhao2023")["dvio_bench"].items():
         ape = figures["ape_rmse_m"]
         figures_of_method[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
     return figures_of_method

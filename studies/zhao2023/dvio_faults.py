@@ -9,18 +9,18 @@ from __future__ import annotations
 from typing import Any
 
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.fault_injection import by_fault, fault_plans
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
 from stridetwin.studies.walks import record_walk
 from stridetwin.studies.zhao2023.odometry_walks import (
     FIGURES,
     Maker,
-    figures,
     make_odometer,
     mean,
     odometry_samples,
     run_odometry,
+    score_odometry,
+    summarize_time,
     true_path,
-    worst_time,
 )
 
 DRIFT_RATIO = 3.0
@@ -32,7 +32,7 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
     """One walk, with each fault.
 
     Returns:
-        The case's row with `faults`: label to `odometry_walks.figures`.
+        The case's row with `faults`: label to `odometry_walks.score_odometry`.
     """
     (walk,) = case.walks()
     mount, figures_of_fault = walk.config.rig_mount, {}
@@ -40,7 +40,7 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
         truth = true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():
             samples = plan.samples(odometry_samples(recording, mount))
-            figures_of_fault[label] = figures(run_odometry(make("proposed", plan.rig, mount), samples), truth)
+            figures_of_fault[label] = score_odometry(run_odometry(make("proposed", plan.rig, mount), samples), truth)
     return case.row(faults=figures_of_fault)
 
 
@@ -53,10 +53,10 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             **{figure: mean(walks, figure) for figure in (*FIGURES, "unhealthy_s", "nees_within_95_pct")},
             "failures": sum(bool(w["failure"]) for w in walks),
             "borne": sum(map(_is_tolerated, walks, nominal)),
-            "time_ms": worst_time(walks),
+            "time_ms": summarize_time(walks),
         }
 
-    return by_fault(results, fault_figures)
+    return summarize_by_fault(results, fault_figures)
 
 
 def _is_tolerated(walk: dict[str, Any], nominal: dict[str, Any]) -> bool:

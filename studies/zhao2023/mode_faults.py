@@ -26,7 +26,7 @@ from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Odometry
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.fault_injection import by_fault, fault_plans
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import (
     predict,
@@ -81,7 +81,7 @@ def fault_times_s(recording: Recording) -> list[float]:
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over all walks."""
-    return by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
+    return summarize_by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:

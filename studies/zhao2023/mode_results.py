@@ -16,7 +16,7 @@ from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures
 from stridetwin.pages.html import boxes, page, preformatted, section
 from stridetwin.pages.html import table as html_table
 from stridetwin.pages.plot import INK, MUTED, PALETTE, Plot
-from stridetwin.reference.norms import reference, reference_rows
+from stridetwin.reference.norms import read_reference, read_reference_rows
 from stridetwin.studies.zhao2023.mode_walks import EDGES, FORGETFUL, HEIGHT_GROUPS, MOUNTS, combine_spreads
 
 PAPER_TERRAINS = ("stair_15cm", "stair_20cm", "stair_25cm", "ramp_11.8deg", "ramp_15.8deg", "ramp_17.8deg")
@@ -59,7 +59,7 @@ _MOUNT_NOTE = (
 
 
 def collect(results: list[dict[str, Any]], trial: str = "") -> dict[str, Any]:
-    """Figures of an experiment by method over all walks, by condition and cell; with the paper's, see `paper`."""
+    """Figures by method over all walks, by condition and cell; with the paper's, see `read_paper_figures`."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
@@ -74,7 +74,7 @@ def collect(results: list[dict[str, Any]], trial: str = "") -> dict[str, Any]:
     times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
     summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
     summary["spread"] = {q: combine_spreads([r["spread"][q] for r in results]) for q in EDGES}
-    return {"summary": summary, "paper": paper(trial)}
+    return {"summary": summary, "paper": read_paper_figures(trial)}
 
 
 def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
@@ -139,16 +139,16 @@ def _cell_name(row: dict[str, Any]) -> str:
 @cache
 def table_2() -> dict[str, float]:
     """Table II of the paper by cell, %."""
-    return {_cell_name(row): float(row["accuracy_pct"]) for row in reference_rows("zhao2023_table2")}
+    return {_cell_name(row): float(row["accuracy_pct"]) for row in read_reference_rows("zhao2023_table2")}
 
 
-def paper(trial: str = "") -> dict[str, Any]:
+def read_paper_figures(trial: str = "") -> dict[str, Any]:
     """The paper's accuracy: over all walks, by condition and by cell; its Figure 4 and its time.
 
     Args:
         trial: Key in `reference/zhao2023.yaml` of one of the three trials; "" for the test of generality.
     """
-    figures = reference("zhao2023")
+    figures = read_reference("zhao2023")
     if trial:
         published = {"accuracy_pct": figures[trial], "accuracy_by_condition_pct": {}, "cells_pct": {}}
         return {"published": published, "time_ms": figures["time_ms"]}
@@ -164,15 +164,15 @@ def paper(trial: str = "") -> dict[str, Any]:
 def table(result: dict[str, Any]) -> list[str]:
     """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
     counts = result["summary"][methods(result)[0]]["confusion"]
-    blocks = [overall(result), [*ahead(result), "", *spreads(result)], confusion(counts)]
-    if len(by_condition(result)) > 1:
-        blocks[1:1] = [[conditions_title(result), *by_condition(result)]]
-    if by_cell(result):
-        blocks[-2:-2] = [["Table II", *by_cell(result)]]
+    blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
+    if len(condition_lines(result)) > 1:
+        blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
+    if cell_lines(result):
+        blocks[-2:-2] = [["Table II", *cell_lines(result)]]
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
 
-def overall(result: dict[str, Any]) -> list[str]:
+def overall_lines(result: dict[str, Any]) -> list[str]:
     """Number of walks and steps, accuracy and lead time."""
     summary, paper_accuracy = result["summary"], result["paper"]["published"]["accuracy_pct"]
     columns, time_ms = methods(result), summary["time_ms"]
@@ -204,7 +204,7 @@ def overall(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def ahead(result: dict[str, Any]) -> list[str]:
+def ahead_lines(result: dict[str, Any]) -> list[str]:
     """Our estimates of terrain changes 1.5 s before a foot landed beyond them, and of the next footprint."""
     ours = result["summary"][methods(result)[0]]
     return [
@@ -232,20 +232,20 @@ def conditions_title(result: dict[str, Any]) -> str:
     return "Table III" if result["paper"]["published"]["accuracy_by_condition_pct"] else "By mount and group"
 
 
-def by_condition(result: dict[str, Any]) -> list[str]:
+def condition_lines(result: dict[str, Any]) -> list[str]:
     """Accuracy by condition, %."""
     summary, paper_figures = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
     names = [name for name in conditions() if name in summary[methods(result)[0]]["accuracy_by_condition_pct"]]
     return _rows(result, "accuracy_by_condition_pct", names, paper_figures)
 
 
-def by_cell(result: dict[str, Any]) -> list[str]:
+def cell_lines(result: dict[str, Any]) -> list[str]:
     """Accuracy by cell, %."""
     cells = result["summary"][methods(result)[0]]["cells_pct"]
     return _rows(result, "cells_pct", list(cells), result["paper"]["published"]["cells_pct"])
 
 
-def spreads(result: dict[str, Any]) -> list[str]:
+def spread_lines(result: dict[str, Any]) -> list[str]:
     """Figure 4: camera pitch (down positive) and speed of the walks."""
     walk_spread, paper_spread = result["summary"]["spread"], result["paper"].get("spread", {})
     return [
@@ -260,7 +260,7 @@ def spreads(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def confusion(counts: dict[str, dict[str, int]]) -> list[str]:
+def confusion_lines(counts: dict[str, dict[str, int]]) -> list[str]:
     """Steps by true and predicted mode, as lines of text."""
     lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
     return lines + [
@@ -297,14 +297,14 @@ def report(result: dict[str, Any]) -> str:
     lead_calibration = "Predicted probability and share of correct predictions, by tenths, with the number of steps."
     lead_confusion = "Steps by true mode and by the last mode predicted before touch-down."
     sections = [
-        section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall(result))),
+        section("Accuracy", "Ours, the published method, and the paper.", preformatted(overall_lines(result))),
         _conditions(result),
         _table_2(result),
         section("Confusion matrix", lead_confusion, confusion_table(result["summary"][ours]["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
-            boxes([preformatted(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
+            boxes([preformatted(spread_lines(result)), *(_spread(quantity, result) for quantity in EDGES)]),
             "stack",
         ),
         section("Lead time", lead_lead, lead_plot(steps)),

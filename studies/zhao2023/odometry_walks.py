@@ -94,9 +94,9 @@ def true_path(recording: Recording, mount: str) -> TruePath:
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
-def figures(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
+def score_odometry(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
     """`drift_figures`, and `time_ms` per frame."""
-    return drift_figures(run.odometry, truth) | {"time_ms": time_of(run.frame_ms)}
+    return drift_figures(run.odometry, truth) | {"time_ms": time_statistics(run.frame_ms)}
 
 
 def run_every_method(
@@ -105,7 +105,7 @@ def run_every_method(
     """Figures by method, then those of other installed estimators."""
     truth = true_path(recording, mount)
     return {
-        name: figures(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
+        name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
         for name in (*METHODS, *further_names)
     }
 
@@ -115,7 +115,7 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
 
     Returns:
         The case's row with `mount`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the measured angular rate
-        of head or chest), and `methods`: method to `figures`.
+        of head or chest), and `methods`: method to `score_odometry`.
     """
     (walk,) = case.walks()
     mount = walk.config.rig_mount
@@ -129,7 +129,7 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
         )
 
 
-def time_of(frame_ms: Array) -> dict[str, float]:
+def time_statistics(frame_ms: Array) -> dict[str, float]:
     """Mean and 99th percentile."""
     if not len(frame_ms):
         return {"mean": 0.0, "p99": 0.0}
@@ -142,7 +142,7 @@ def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def worst_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+def summarize_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     """Mean time per frame, and the largest 99th percentile of any walk."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import Exoskeleton
-from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Ahrs, Footprint, Sample
@@ -23,7 +23,7 @@ def level_walk() -> tuple[Exoskeleton, tuple[Sample, ...], tuple[Footprint, ...]
         TwinConfig(name="level", route=Route(segments=(Level(length_m=5.0),)), sensors=("ahrs", "encoder", "insole")), 5
     )
     samples, footprints = simulate_walk(twin)
-    return geometry(twin.size, twin.rig), tuple(samples), tuple(footprints)
+    return true_geometry(twin.size, twin.rig), tuple(samples), tuple(footprints)
 
 
 def turned(samples: tuple[Sample, ...], R_new_world: Rotation) -> list[Sample]:

@@ -148,7 +148,9 @@ def test_the_bench_lays_each_sequence_beside_one_of_euroc(walk) -> None:
 
 def test_ten_sequences_each_as_difficult_as_another_one_of_the_paper() -> None:
     assert len(dvio_bench.SEQUENCES) == 10
-    assert {s.like for s in dvio_bench.SEQUENCES.values()} == set(dvio_bench.paper()["dvio"]["ape_rmse_m"]) - {"mean"}
+    assert {s.like for s in dvio_bench.SEQUENCES.values()} == set(
+        dvio_bench.read_paper_figures()["dvio"]["ape_rmse_m"]
+    ) - {"mean"}
     for name in dvio_bench.SEQUENCES:
         assert load_scenario(name).config.fittings["head_camera"].calibration_sd.depth_scale == pytest.approx(0.005)
 
@@ -187,4 +189,4 @@ def test_calibration_errors_of_the_faults(walk) -> None:
 
 
 def test_the_methods_are_the_papers_and_ours() -> None:
-    assert set(odometry_walks.METHODS) == set(zhao_closed_loop.paper()) | {"proposed"}
+    assert set(odometry_walks.METHODS) == set(zhao_closed_loop.read_paper_figures()) | {"proposed"}

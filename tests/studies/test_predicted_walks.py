@@ -18,7 +18,7 @@ from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.pages.plot import library
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.sim.config import Turn, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
@@ -148,7 +148,7 @@ def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
         assert np.allclose(camera.mount.T_body_sensor[:3, :3], imu.mount.T_body_sensor[:3, :3])
         axis = camera.mount.T_body_sensor[:3, 2]
         pitch[degrees] = math.degrees(math.asin(-axis[2]))
-    protocol = reference("zhao2023")["protocol"]["mount_pitch_down_deg"]
+    protocol = read_reference("zhao2023")["protocol"]["mount_pitch_down_deg"]
     assert pitch == {None: pytest.approx(protocol["nominal"]), 8.0: pytest.approx(protocol["shallow"])}
 
 
@@ -230,7 +230,7 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     assert mean["over"] == len({(p["height_group"], p["member"]) for p in persons}) == 2
     assert mean["of"] == "persons"
     assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
-    assert "walks that ended by a fall: 1001" in mode_results.overall(result)
+    assert "walks that ended by a fall: 1001" in mode_results.overall_lines(result)
 
 
 def test_sizes_that_were_not_seen_are_counted() -> None:

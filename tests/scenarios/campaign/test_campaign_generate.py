@@ -20,7 +20,7 @@ from stridetwin.cli.main import main
 from stridetwin.scenarios.campaign import walk as campaign_walk
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
 from stridetwin.scenarios.campaign.generate import CampaignOptions, generate
-from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.plan import Extra, plan_walks
 from stridetwin.scenarios.campaign.walk import WalkTask
 from stridetwin.scenarios.check import check_recording
 from stridetwin.sim import parts
@@ -145,7 +145,7 @@ def tasks_of(campaign, folder: Path) -> list[WalkTask]:
     """The walks of a campaign, to be generated in a folder that exists."""
     for name in ("scenarios", "rows", "recordings", "rejected", ".unfinished"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    return [WalkTask(walk=walk, folder=folder, quality=campaign.quality) for walk in plan(campaign, Extra())]
+    return [WalkTask(walk=walk, folder=folder, quality=campaign.quality) for walk in plan_walks(campaign, Extra())]
 
 
 def test_a_failed_walk_has_the_person_and_terrain_of_a_successful_one(one, campaign, tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from stridetwin.streams.samples import Insole
 from stridetwin.studies import assistance
 from stridetwin.studies.closed_loop.assistance_controller import ASSISTANCE, AssistanceController, AssistanceObserver
 from stridetwin.studies.closed_loop.assisted_walk import (
-    costs,
+    compute_costs,
     simulate_assisted_walk,
     simulate_bare_walk,
     true_modes_of,
@@ -126,11 +126,11 @@ def test_a_stair_costs_less_with_assistance_than_with_compensation_alone() -> No
     assisted = simulate_assisted_walk(STAIR, 3, lambda rig, twin: true_modes_of(twin))
     carried = simulate_assisted_walk(STAIR, 3, None)
     assert assisted.walk.fell_at is None
-    own, more = costs(assisted)["SA"], costs(carried)["SA"]
+    own, more = compute_costs(assisted)["SA"], compute_costs(carried)["SA"]
     assert own["steps"] == more["steps"] == 3
     assert more["rest_j"] < own["work_j"] < 0.85 * more["work_j"]
     assert own["cuff_n"] > more["cuff_n"] > 1.0
-    bare = costs(simulate_bare_walk(STAIR, 3))["SA"]
+    bare = compute_costs(simulate_bare_walk(STAIR, 3))["SA"]
     assert bare["cuff_n"] == 0.0
     assert bare["work_j"] < more["work_j"]
 

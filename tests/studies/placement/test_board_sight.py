@@ -5,7 +5,7 @@ from seen_board import BOARD, EXPOSURE_S, FACING_BACK, OPTICAL, camera, walk
 
 from stridetwin.streams.rig import Board, Mount
 from stridetwin.studies.placement.scores import Seeing
-from stridetwin.studies.placement.visibility import is_in_image, look_ahead, see_board
+from stridetwin.studies.placement.visibility import is_in_image, measure_outlook, see_board
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,9 @@ def test_blur_is_the_way_that_opencv_sees_the_board_go_during_the_exposure():
 def test_a_depth_camera_sees_the_ground_within_its_image_and_range():
     down = camera(T=np.array([[0.0, -0.342, 0.9397, 0], [-1, 0, 0, 0], [0, -0.9397, -0.342, 0], [0, 0, 0, 1]]))
     there = walk(np.tile([0.4, 9.0, 0.5], (5, 1)))
-    assert look_ahead(there, down, (0.3, 6.0)) == (pytest.approx(2 / 3), 0.0)  # the third place is far aside
-    assert look_ahead(there, down, (0.3, 1.2))[0] == pytest.approx(1 / 3)
+    assert measure_outlook(there, down, (0.3, 6.0)) == (pytest.approx(2 / 3), 0.0)  # the third place is far aside
+    assert measure_outlook(there, down, (0.3, 1.2))[0] == pytest.approx(1 / 3)
     dark = walk(np.tile([0.4, 9.0, 0.5], (5, 1)), ball=(0.055, 0.0, 0.48))
-    ahead, own_body = look_ahead(dark, down, (0.3, 6.0))
+    ahead, own_body = measure_outlook(dark, down, (0.3, 6.0))
     assert own_body > 0.3
     assert ahead < 2 / 3
