@@ -120,7 +120,7 @@ def _announce_campaign(campaign: Campaign, options: CampaignOptions, missing: Se
 def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
     """Says what walks take, if it is long."""
     if cost.is_long:
-        print(f"stridetwin: note: {cost.words(workers)}{more}", file=sys.stderr, flush=True)
+        print(f"stridetwin: note: {cost.describe(workers)}{more}", file=sys.stderr, flush=True)
 
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:

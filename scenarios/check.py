@@ -78,7 +78,7 @@ class Finding:
     is_error: bool = True
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Its text with its stream."""
         return self.what if self.what.startswith(self.topic) else f"{self.topic}: {self.what}"
 
@@ -151,7 +151,7 @@ def check_table(check: Check) -> list[str]:
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
         )
     for finding in check.findings:
-        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.words}")
+        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.text}")
     lines.append("valid" if check.is_valid else "invalid: see ERROR")
     return lines
 

@@ -33,7 +33,7 @@ class Cost:
         """Whether it takes a minute or more, so that a user wants to know beforehand."""
         return _START_CPU_S + self.cpu_s > _LONG_CPU_S
 
-    def words(self, workers: int = 1) -> str:
+    def describe(self, workers: int = 1) -> str:
         """In words, such as `3 walks, about 1 minute of walking, 380 MB, 0:01:20 with 1 process`."""
         size = f"{self.size_mb / 1000:.1f} GB" if self.size_mb >= 1000 else f"{self.size_mb:.0f} MB"
         time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1 if self.is_long else 0))

@@ -147,7 +147,7 @@ class _Drawn(FileModel):
         """The group."""
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():
-            raise refused(body["bmi"].words, "either bmi or mass_kg", "bmi")
+            raise refused(body["bmi"].description, "either bmi or mass_kg", "bmi")
         for end in body["bmi"].ends if "bmi" in body else ():
             if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
                 raise refused(end, "15-45 (kg/m²)", "bmi")

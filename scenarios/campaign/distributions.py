@@ -47,7 +47,7 @@ class Distribution(FileModel, ABC):
 
     @property
     @abstractmethod
-    def words(self) -> str:
+    def description(self) -> str:
         """Description for the manifest."""
 
 
@@ -70,7 +70,7 @@ class Fixed(Distribution):
         return (self.fixed,)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `2.4`."""
         return str(self.fixed)
 
@@ -95,7 +95,7 @@ class Uniform(Distribution):
         return _round_and_clamp(low + math.floor(u * (steps + 1)) * self.step, self.uniform)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `uniform 1 to 2`."""
         return f"uniform {_span_text(self.uniform)}" + (f" in steps of {self.step:g}" if self.step else "")
 
@@ -115,7 +115,7 @@ class LogUniform(Distribution):
         return _round_and_clamp(low * (high / low) ** u, self.log_uniform)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `log-uniform 1 to 2`."""
         return f"log-uniform {_span_text(self.log_uniform)}"
 
@@ -154,7 +154,7 @@ class Normal(Distribution):
         return self.within
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `normal 1 ± 0.1 within 0.8 to 1.2`."""
         return f"normal {self.normal[0]:g} ± {self.normal[1]:g} within {_span_text(self.within)}"
 
@@ -174,7 +174,7 @@ class Integer(Distribution):
         return low + min(int(u * (high - low + 1)), high - low)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `whole number 1 to 4`."""
         return f"whole number {self.integer[0]} to {self.integer[1]}"
 
@@ -205,7 +205,7 @@ class Choice(Distribution):
         return self.weights or (1.0,) * len(self.choice)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `one of male (1), female (2)`."""
         return "one of " + ", ".join(f"{value} ({weight:g})" for value, weight in zip(self.choice, self._weights))
 

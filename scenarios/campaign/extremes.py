@@ -106,7 +106,7 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
         for variable in effective_variables(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 if variable.varies and error.value == middle.get(variable.name):  # which is not in the file
-                    raise variable.at.error(variable.distribution.words, error.valid) from error
+                    raise variable.at.error(variable.distribution.description, error.valid) from error
                 raise _campaign_error(variable, base, error.value, error) from error
         raise base.at.error(
             base.written, f"a scenario that allows the values that are set ({_error_text(error)})"

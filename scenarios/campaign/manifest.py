@@ -110,14 +110,14 @@ def manifest(
 
 def varying_values(campaign: Campaign) -> dict[str, str]:
     """Each varying value, with its distribution as text; values of one scenario begin with its name."""
-    texts = {v.name: v.distribution.words for v in campaign.variables if v.varies}
+    texts = {v.name: v.distribution.description for v in campaign.variables if v.varies}
     for base in campaign.bases:
-        texts |= {f"{base.name}: {v.name}": v.distribution.words for v in base.variables if v.varies}
+        texts |= {f"{base.name}: {v.name}": v.distribution.description for v in base.variables if v.varies}
     for i, people in enumerate(campaign.people):
         if people.names:
             texts[f"people[{i}]"] = ", ".join(people.names)
         for key, distribution in people.body.items():
-            texts[f"people[{i}].{key}"] = distribution.words
+            texts[f"people[{i}].{key}"] = distribution.description
     return texts
 
 

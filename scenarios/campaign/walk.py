@@ -179,8 +179,8 @@ def quality_figures(recording: Recording, person: Person, fell_at_s: float | Non
         "duration_s": _round(recording.duration),
         "fell_at_s": None if fell_at_s is None else _round(fell_at_s),
         "help_mean_pct": _root_help_pct(recording, person),
-        "findings": [f.words for f in errors if f.topic not in broken],
-        "expected_findings": [f.words for f in errors if f.topic in broken],
+        "findings": [f.text for f in errors if f.topic not in broken],
+        "expected_findings": [f.text for f in errors if f.topic in broken],
     }
 
 
@@ -192,7 +192,7 @@ def rejection_reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]
     if (help_pct := figures["help_mean_pct"]) > quality.help_pct:
         why.append(f"help: {help_pct:g} % of the body weight at the root, more than {quality.help_pct:g} %")
     if quality.sensors == "reject":
-        why += [f"sensors: {words}" for words in figures["findings"]]
+        why += [f"sensors: {text}" for text in figures["findings"]]
     return why
 
 
